@@ -14,10 +14,10 @@ other settings as they were live. The last column is the live run itself, locked
 COLUMNS = ("left alone", "Nelder-Mead", "own solver")
 
 
-def delta(summary):
+def correction(summary):
     """The mean correction; a dash where there is none."""
     adjust = summary["adjust"].get("motor.d")
-    return "-" if adjust is None else f"{adjust['delta_mean']:+.5f}"
+    return "-" if adjust is None else f"{adjust['correction_mean']:+.5f}"
 
 
 def rows(free, nelder_mead, live):
@@ -27,7 +27,7 @@ def rows(free, nelder_mead, live):
     yield "MAX deviation, rad/s", [f"{one['match']['motor.omega']['max']:.2f}" for one in three]
     yield "executions of components (N)", [f"{one['executions']['total']}" for one in three]
     yield "evaluations", [f"{one['evaluations']}" for one in three]
-    yield "mean Δu of motor.d, N.m.s/rad", [delta(one) for one in three]
+    yield "mean Δu of motor.d, N.m.s/rad", [correction(one) for one in three]
     yield "ticks / skipped", ["-", "-", f"{live['ticks']} / {live['skipped']}"]
     yield "missed deadlines", ["-", "-", f"{live['deadline_misses']}"]
 

@@ -187,6 +187,8 @@ static const tl_option OPTIONS[] = {
     {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events, not only the last ten"},
     {REPLAY, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object instead of a table"},
     {SHOW, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object", .alone = true},
+    {REPLAY | RUN | SHOW, "verbose", NULL, tl_option_switch, SETS(verbose),
+     .help = "also outcomes, executions, the ledger and MSEs"},
     {REPLAY, "db", "FILE", tl_option_text, SETS(database), .help = "record into a SQLite database, as `run` does"},
     {RUN, "db", "FILE", tl_option_text, SETS(database),
      .help = "record into this SQLite database; default: as configured"},

@@ -48,6 +48,7 @@ typedef struct tl_options {
     bool unconfined;
     const char *recording;
     uint64_t run; /* 0: the last run */
+    bool verbose;
     bool json;
     const char *database;
     const char *trajectory; /* --csv FILE */

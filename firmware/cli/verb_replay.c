@@ -37,7 +37,7 @@ static tl_status print_summary(const replayer *self, tl_error *error) {
         return tl_summary_print_json(&self->summary, &job->config, &self->account, job->output, error);
     }
     if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
-        tl_summary_print_table(&self->summary, &job->config, &self->account, job->output);
+        tl_summary_print_table(&self->summary, &job->config, &self->account, job->options->verbose, job->output);
     }
     return TL_OK;
 }

@@ -41,6 +41,7 @@ static int run(const tl_options *options, const tl_config *config, tl_process_tr
         .config = config,
         .database = options->database,
         .duration = tl_time_of_seconds(options->duration_s),
+        .verbose = options->verbose,
         .json = options->json,
         .status = options->status,
         .unconfined = options->unconfined || tl_config_is_unconfined(config),

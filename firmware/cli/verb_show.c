@@ -52,8 +52,10 @@ static tl_status choose_since(tl_show_request *request, const tl_options_since *
 /* ---- The verb -------------------------------------------------------------------------------- */
 
 static tl_status show(const tl_options *options, tl_error *error) {
-    tl_show_request request = {
-        .path = options->subject, .all_events = options->events, .style = tl_show_style_of(stdout)};
+    tl_show_request request = {.path = options->subject,
+                               .all_events = options->events,
+                               .verbose = options->verbose,
+                               .style = tl_show_style_of(stdout)};
     tl_status status = tl_history_open(options->subject, &request.history, error);
     if (status == TL_OK) {
         status = tl_history_find(request.history, (int64_t)options->run, &request.run, error);

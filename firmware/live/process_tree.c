@@ -525,7 +525,7 @@ static tl_status print_summary(tl_process_tree *self, tl_error *error) {
     if (self->settings->json) {
         status = tl_summary_print_json(&summary, &self->config, &account, self->output, error);
     } else {
-        tl_summary_print_table(&summary, &self->config, &account, self->output);
+        tl_summary_print_table(&summary, &self->config, &account, self->settings->verbose, self->output);
     }
     bool asked = self->settings->require_lock > 0.0 || !self->settings->supervised;
     return status == TL_OK && asked

@@ -17,6 +17,7 @@ typedef struct tl_process_tree_settings {
     const tl_config *config; /* as read; not changed */
     const char *database;    /* NULL: as configured */
     tl_time duration;        /* ns; 0: as configured */
+    bool verbose;            /* prints outcomes, executions and MSEs too */
     bool json;               /* prints the summary as JSON at the end */
     bool status;             /* shows a status line also if standard error is no terminal */
     bool unconfined;         /* FMUs have all rights of the user */

@@ -613,12 +613,12 @@ static bool close_part(tl_lock_monitor *judge) {
 
 /* Returns true for a stroke whose search has ended, but not for one at nominal without a search. */
 static bool is_stroke(const tl_record *record) {
-    return record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP &&
+    return record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_CAUGHT_UP &&
            (record->outcome != TL_NOMINAL || isfinite(record->objective));
 }
 
 static bool counts(const tl_lock_monitor *judge, const tl_record *record) {
-    return judge->config->adjust_count != 0 && record->outcome != TL_FOLLOWED &&
+    return judge->config->adjust_count != 0 && record->outcome != TL_RESUMED &&
            (!has_strokes(judge->config) || is_stroke(record));
 }
 

@@ -60,27 +60,32 @@ bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
     return least > 0.0 ? tl_lock_tally_percent(tally) >= least : was_within && tally->ran_away == 0;
 }
 
-void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]) {
+void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]) {
     uint64_t total = tl_lock_tally_total(tally);
     if (total == 0) {
-        (void)snprintf(text, TL_LOCK_SENTENCE, "free: there was no step to judge");
+        (void)snprintf(text, TL_LOCK_SENTENCE, "not known: there were no %s", unit);
         return;
     }
     if (tally->steps[TL_LOCK_FREE] == total) {
-        (void)snprintf(text, TL_LOCK_SENTENCE, "never locked: no matched signal was ever good for long enough");
+        (void)snprintf(text, TL_LOCK_SENTENCE, "never: no matched signal was good for long enough");
         return;
     }
     bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING] != 0;
-    int length = snprintf(text, TL_LOCK_SENTENCE, "%s at the end; %s%.1f %% locked", tl_lock_state_name(tally->state),
-                          ever ? "" : "never locked, ", percent(tally, tally->steps[TL_LOCK_LOCKED]));
+    int length =
+        ever ? snprintf(text, TL_LOCK_SENTENCE, "%.1f %% of %" PRIu64 " %s", tl_lock_tally_percent(tally), total, unit)
+             : snprintf(text, TL_LOCK_SENTENCE, "never in %" PRIu64 " %s", total, unit);
+    length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), ", at the end %s",
+                       tl_lock_state_name(tally->state));
+    const char *before = "; ";
     for (int i = 0; i < TL_LOCK_STATES && length < TL_LOCK_SENTENCE; i++) {
         if (i != TL_LOCK_LOCKED && tally->steps[i] != 0) {
-            length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), ", %.1f %% %s",
-                               percent(tally, tally->steps[i]), tl_lock_state_name((tl_lock_state)i));
+            length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "%s%s %.1f %%", before,
+                               tl_lock_state_name((tl_lock_state)i), percent(tally, tally->steps[i]));
+            before = ", ";
         }
     }
     if (tally->ran_away != 0 && length < TL_LOCK_SENTENCE) {
-        (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "; ran away in %" PRIu64 " steps",
+        (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "; ran away in %" PRIu64 " of them",
                        tally->ran_away);
     }
 }

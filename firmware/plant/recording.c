@@ -392,9 +392,9 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     /* After a handover, a run contains steps that it searched itself as a shadow of the run before.
      * Only the other ones are followed. */
     tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
-                     (!read.has_step || read.step.outcome == TL_FOLLOWED);
+                     (!read.has_step || read.step.outcome == TL_RESUMED);
     memcpy(tick->u, read.u, sizeof tick->u);
-    tick->made_up = repeat && read.step.outcome == TL_MADE_UP;
+    tick->caught_up = repeat && read.step.outcome == TL_CAUGHT_UP;
     tick->resets = repeat && (read.step.flags & TL_FLAG_RESET) != 0;
     bool without_nominal = (read.step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.step.stop == TL_STOP_TIME || without_nominal);

@@ -27,7 +27,7 @@ typedef struct tl_recording_tick {
     uint32_t evaluations;    /* if cut_short: its evaluations; may be 0 */
     bool cut_short;          /* the run's search at this tick timed out, */
     bool without_nominal;    /* before it evaluated nominal u */
-    bool made_up;            /* the run missed this tick and caught up */
+    bool caught_up;          /* the run missed this tick and caught up */
     bool resets;             /* the FMUs were reset before its step */
     bool followed;           /* the tick belongs to the earlier run that this one resumes; */
     double u[TL_MAX_ADJUST]; /* the earlier run committed these values */

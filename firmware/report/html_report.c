@@ -192,7 +192,7 @@ static void put_signal(const tl_recorder_signal *signal, FILE *file) {
 }
 
 static void put_match(const tl_html_report *report, size_t match, FILE *file) {
-    static const char *const keys[] = {"y", "measured", "delta"};
+    static const char *const keys[] = {"simulated", "measured", "error"};
     const tl_html_settings *settings = &report->settings;
     size_t channel = match_channel(match);
     (void)fputs(match == 0 ? "" : ",", file);
@@ -208,7 +208,7 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
 }
 
 static void put_data(const filling *page) {
-    static const char *const keys[] = {"u", "nominal", "delta"};
+    static const char *const keys[] = {"applied", "nominal", "correction"};
     const tl_html_report *report = page->report;
     FILE *file = page->file;
     const tl_html_settings *settings = &report->settings;
@@ -411,7 +411,7 @@ static void put_lock_tile(const tl_html_report *report, const tl_run_figures *fi
     uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
     bool strokes = outcomes[TL_HELD] > 0;
     uint64_t all =
-        strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded - outcomes[TL_FOLLOWED];
+        strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded - outcomes[TL_RESUMED];
     begin_tile(file, strokes ? "Strokes within tolerance" : "Steps within tolerance");
     if (report->settings.adjust_count == 0) {
         (void)fputs("–</p><p class=\"sub\">not synchronised", file);
@@ -510,7 +510,7 @@ static void put_adjusted(const tl_html_report *report, const tl_run_figures *fig
         put_value_cell(file, "adjust", i, "first", adjusted->count > 0 ? adjusted->first : (double)NAN, false);
         put_value_cell(file, "adjust", i, "last", adjusted->count > 0 ? adjusted->last : (double)NAN, false);
         put_value_cell(file, "adjust", i, "mean", tl_run_figures_mean(figures, i), false);
-        put_value_cell(file, "adjust", i, "delta_mean", tl_run_figures_delta_mean(figures, i), true);
+        put_value_cell(file, "adjust", i, "correction_mean", tl_run_figures_correction_mean(figures, i), true);
         put_unit_cell(file, tl_show_unit(report->settings.adjust[i].unit));
         (void)fputs("</tr>\n", file);
     }

@@ -7,7 +7,7 @@
 /* ---- run figures ---- */
 
 void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *step, tl_time period) {
-    figures->steps += step->outcome == TL_MADE_UP || step->outcome == TL_FOLLOWED ? 0 : 1;
+    figures->steps += step->outcome == TL_CAUGHT_UP || step->outcome == TL_RESUMED ? 0 : 1;
     figures->evaluations += (uint64_t)step->evaluations;
     figures->optimised_steps += step->evaluations > 1 ? 1 : 0;
     figures->rested += (step->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
@@ -27,7 +27,7 @@ void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double 
     adjusted->last = u;
     adjusted->count++;
     adjusted->sum += u;
-    adjusted->delta_sum += u - nominal;
+    adjusted->correction_sum += u - nominal;
 }
 
 void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *account) {
@@ -39,13 +39,13 @@ void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *acco
     for (size_t i = 0; i < account->components; i++) {
         const tl_account_component *entry = &account->component[i];
         figures->ledger[i] = (tl_run_component){
-            entry->name, {entry->plain, entry->predicted, entry->executions, entry->caught_up, entry->unstored}};
+            entry->name, {entry->plain, entry->predicted, entry->executions, entry->repeated, entry->uncached}};
         figures->nodes_peak = entry->nodes_peak > figures->nodes_peak ? entry->nodes_peak : figures->nodes_peak;
     }
 }
 
 uint64_t tl_run_figures_committed(const tl_run_figures *figures) {
-    return figures->steps + figures->outcomes[TL_MADE_UP] + figures->outcomes[TL_FOLLOWED];
+    return figures->steps + figures->outcomes[TL_CAUGHT_UP] + figures->outcomes[TL_RESUMED];
 }
 
 bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file) {
@@ -81,8 +81,8 @@ double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust) {
     return mean(&figures->adjust[adjust], figures->adjust[adjust].sum);
 }
 
-double tl_run_figures_delta_mean(const tl_run_figures *figures, size_t adjust) {
-    return mean(&figures->adjust[adjust], figures->adjust[adjust].delta_sum);
+double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adjust) {
+    return mean(&figures->adjust[adjust], figures->adjust[adjust].correction_sum);
 }
 
 tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {
@@ -92,8 +92,8 @@ tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {
         total.plain += counts->plain;
         total.predicted += counts->predicted;
         total.executions += counts->executions;
-        total.caught_up += counts->caught_up;
-        total.unstored += counts->unstored;
+        total.repeated += counts->repeated;
+        total.uncached += counts->uncached;
     }
     return total;
 }
@@ -103,7 +103,7 @@ double tl_run_component_saved(const tl_recorder_component *counts) {
 }
 
 int64_t tl_run_component_difference(const tl_recorder_component *counts) {
-    return (int64_t)(counts->executions - counts->caught_up - counts->predicted);
+    return (int64_t)(counts->executions - counts->repeated - counts->predicted);
 }
 
 /* ---- figures json ---- */
@@ -133,8 +133,8 @@ static void add_component(tl_json_writer *json, const char *name, const tl_recor
     tl_json_add_count(json, "predicted", counts->predicted);
     tl_json_add_count(json, "executions", counts->executions);
     tl_json_add_number(json, "saved", tl_run_component_saved(counts));
-    tl_json_add_count(json, "caught_up", counts->caught_up);
-    tl_json_add_count(json, "unstored", counts->unstored);
+    tl_json_add_count(json, "repeated", counts->repeated);
+    tl_json_add_count(json, "uncached", counts->uncached);
     tl_json_add_number(json, "difference", (double)tl_run_component_difference(counts));
     tl_json_close(json);
 }

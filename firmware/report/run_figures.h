@@ -28,8 +28,8 @@
 typedef struct tl_run_adjusted {
     uint64_t count; /* committed steps with a u */
     double first, last;
-    double sum;       /* of u */
-    double delta_sum; /* of Δu = u − û */
+    double sum;            /* of u */
+    double correction_sum; /* of Δu = u − û */
 } tl_run_adjusted;
 
 /* Starts as zeros. */
@@ -76,7 +76,7 @@ double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
 
 /* Return the means of u and of Δu; NaN if there is no step. */
 double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust);
-double tl_run_figures_delta_mean(const tl_run_figures *figures, size_t adjust);
+double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adjust);
 
 /* Returns the sum of all components. */
 tl_recorder_component tl_run_figures_total(const tl_run_figures *figures);

@@ -25,6 +25,7 @@ typedef struct tl_show_request {
     int64_t from_step;         /* earlier steps and ticks are left out */
     char from_at[TL_UTC_TEXT]; /* earlier events are left out; "": none is left out */
     bool all_events;           /* else only the last ones */
+    bool verbose;              /* the page has outcomes, executions and MSEs too */
     tl_show_style style;       /* of the page */
 } tl_show_request;
 

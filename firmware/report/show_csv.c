@@ -273,13 +273,13 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
                              TL_HISTORY_MATCH,
                              "step",
                              4,
-                             {{false, ""}, {true, ""}, {false, " delta"}, {true, " quality"}},
+                             {{false, " simulated"}, {true, " measured"}, {false, " error"}, {true, " quality"}},
                              {.output = take_output}},
         [TL_SHOW_ADJUSTMENTS] = {TL_HISTORY_ADJUSTMENTS,
                                  TL_HISTORY_ADJUST,
                                  "step",
                                  3,
-                                 {{false, ""}, {false, " nominal"}, {false, " delta"}},
+                                 {{false, " applied"}, {false, " nominal"}, {false, " correction"}},
                                  {.adjustment = take_adjustment}},
         [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, TL_HISTORY_ADJUST,
                            "step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held",
@@ -311,12 +311,12 @@ tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *co
     }
     (void)fputs("time,step,outcome,evaluations,J", *file);
     for (size_t i = 0; i < config->match_count; i++) {
-        put_name(*file, config->match[i].variable, "");
-        put_name(*file, config->match[i].to, "");
+        put_name(*file, config->match[i].variable, " simulated");
+        put_name(*file, config->match[i].to, " measured");
         put_name(*file, config->match[i].to, " quality");
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
-        put_name(*file, config->adjust[i].variable, "");
+        put_name(*file, config->adjust[i].variable, " applied");
         put_name(*file, config->adjust[i].variable, " nominal");
     }
     (void)fputc('\n', *file);

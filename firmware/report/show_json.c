@@ -86,7 +86,7 @@ static void add_windows(tl_json_writer *json, const tl_show_request *request, co
             tl_json_add_text(json, "from", utc);
         }
         tl_json_add_count(json, "steps", adjust->windows[i].count);
-        tl_json_add_number(json, "delta_mean", tl_show_part_mean(&adjust->windows[i]));
+        tl_json_add_number(json, "correction_mean", tl_show_part_mean(&adjust->windows[i]));
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -102,7 +102,7 @@ static void add_adjusted(tl_json_writer *json, const tl_show_request *request, c
         tl_json_add_number(json, "first", any ? adjusted->first : (double)NAN);
         tl_json_add_number(json, "last", any ? adjusted->last : (double)NAN);
         tl_json_add_number(json, "mean", tl_run_figures_mean(&summary->figures, i));
-        tl_json_add_number(json, "delta_mean", tl_run_figures_delta_mean(&summary->figures, i));
+        tl_json_add_number(json, "correction_mean", tl_run_figures_correction_mean(&summary->figures, i));
         tl_json_add_number(json, "min", any ? detail->least : (double)NAN);
         tl_json_add_number(json, "max", any ? detail->largest : (double)NAN);
         tl_json_add_text(json, "unit", summary->adjust[i].unit);

@@ -18,10 +18,8 @@ typedef struct show_page {
     const tl_show_request *request;
     FILE *file;
     tl_show_summary summary;
-    const char *delta;  /* "Δ" */
-    const char *until;  /* "…" */
-    const char *arrow;  /* "→" */
-    const char *square; /* "MSE (unit²)" */
+    const char *until; /* "…" */
+    const char *arrow; /* "→" */
 } show_page;
 
 bool tl_show_is_live(const tl_history_run *run) {
@@ -113,15 +111,18 @@ static void add_run(tl_show_table *table, const show_page *page, const tl_histor
     tl_show_table_add(table, "%s", short_time(started));
     tl_show_table_add(table, "%s", duration(seconds_between(started, run->committed)));
     tl_show_table_add(table, "%s", run->verb);
-    tl_show_table_add(table, "%s", run->name);
-    tl_show_table_add(table, "%.*s", HASH_SHOWN, run->configuration_hash);
-    tl_show_table_add(table, "%llu", (unsigned long long)run->steps);
     tl_show_table_add(table, "%s", run->ended == NULL ? "is being written" : run->ended_reason);
+    if (page->request->verbose) {
+        tl_show_table_add(table, "%llu", (unsigned long long)run->steps);
+        tl_show_table_add(table, "%.*s", HASH_SHOWN, run->configuration_hash);
+        tl_show_table_add(table, "%s", run->name);
+    }
 }
 
 static tl_status print_runs(const show_page *page, tl_error *error) {
-    static const char *const names[] = {"",     "run",           "started (UTC)", "lasted", "verb",
-                                        "name", "configuration", "steps",         "end",    NULL};
+    static const char *const few[] = {"", "run", "started (UTC)", "lasted", "verb", "end", NULL};
+    static const char *const all[] = {"",    "run",   "started (UTC)", "lasted", "verb",
+                                      "end", "steps", "configuration", "name",   NULL};
     const tl_history_run *runs = NULL;
     size_t count = 0;
     tl_show_table table;
@@ -134,7 +135,7 @@ static tl_status print_runs(const show_page *page, tl_error *error) {
     if (first > 0) {
         (void)fprintf(page->file, "  (%zu older ones: --json lists them)\n", first);
     }
-    begin_table(&table, page, "lrlrlllrl", names);
+    begin_table(&table, page, page->request->verbose ? "lrlrllrll" : "lrlrll", page->request->verbose ? all : few);
     for (size_t i = first; i < count; i++) {
         add_run(&table, page, &runs[i]);
     }
@@ -158,21 +159,22 @@ static void print_steps(const show_page *page) {
     uint64_t steps = tl_run_figures_committed(figures);
     bool strokes = figures->outcomes[TL_HELD] > 0;
     double step = tl_seconds(run->step);
-    (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %s%u %s%s (%s)\n",
-                  (unsigned long long)steps, duration(step), duration(step * (double)steps),
-                  strokes ? "at strokes of at most " : "", (unsigned)run->prediction,
-                  run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
-                  tl_pairing_names[run->measurements]);
-    if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
-        (void)fputc('\n', page->file);
+    (void)fprintf(page->file, "  steps          %llu of %s: %s of the plant\n", (unsigned long long)steps,
+                  duration(step), duration(step * (double)steps));
+    if (page->request->verbose) {
+        (void)fprintf(page->file, "                 horizon %s%u %s, pairing %s\n", strokes ? "at most " : "",
+                      (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps",
+                      tl_pairing_names[run->measurements]);
+        if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
+            (void)fputc('\n', page->file);
+        }
     }
     if (figures->time_limited > 0) {
         (void)fprintf(page->file, "                 the search ran out of time in %llu of them\n",
                       (unsigned long long)figures->time_limited);
     }
     if (figures->rested > 0) {
-        (void)fprintf(page->file,
-                      "                 u rested at nominal in %llu of them: the twin left alone was nearer\n",
+        (void)fprintf(page->file, "                 at nominal in %llu of them: the free-running twin was nearer\n",
                       (unsigned long long)figures->rested);
     }
 }
@@ -186,9 +188,9 @@ static void print_ledger(const show_page *page) {
     (void)fprintf(page->file, "  executions     %llu, predicted %llu; without saving %llu (%.1f %% saved)\n",
                   (unsigned long long)total.executions, (unsigned long long)total.predicted,
                   (unsigned long long)total.plain, 100.0 * (1.0 - (double)total.executions / (double)total.plain));
-    if (total.caught_up + total.unstored > 0) {
-        (void)fprintf(page->file, "                 %llu caught up, %llu results found no room\n",
-                      (unsigned long long)total.caught_up, (unsigned long long)total.unstored);
+    if (total.repeated + total.uncached > 0) {
+        (void)fprintf(page->file, "                 %llu repeated, %llu not cached\n",
+                      (unsigned long long)total.repeated, (unsigned long long)total.uncached);
     }
 }
 
@@ -204,7 +206,7 @@ static void print_recorded(const show_page *page) {
     }
     (void)fputc('\n', page->file);
     if (run->resumption.from != TL_RESUMED_NOT) {
-        (void)fprintf(page->file, "  goes on with   run %lld, from tick %lld on\n", (long long)run->resumption.run,
+        (void)fprintf(page->file, "  resumed        run %lld, from tick %lld on\n", (long long)run->resumption.run,
                       (long long)run->resumption.tick);
     }
     if (page->request->from_step > 0) {
@@ -221,43 +223,56 @@ static void print_run(const show_page *page) {
     print_steps(page);
     if (tl_lock_tally_total(&page->summary.lock) > 0) {
         char text[TL_LOCK_SENTENCE];
-        tl_lock_tally_write(&page->summary.lock, text);
-        (void)fprintf(page->file, "  lock           %s\n", text);
+        tl_lock_tally_write(&page->summary.lock, page->summary.figures.outcomes[TL_HELD] > 0 ? "strokes" : "steps",
+                            text);
+        (void)fprintf(page->file, "  in lock        %s\n", text);
     }
-    print_ledger(page);
+    if (page->request->verbose) {
+        print_ledger(page);
+    }
     print_recorded(page);
 }
 
 /* ---- Errors ---------------------------------------------------------------------------------- */
 
-/* Adds the MSE at the plant's own readings, and the numbers of readings and of rejected ones. */
-static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
+/* Adds the details of --verbose. */
+static void add_details(tl_show_table *table, const tl_run_figures *figures, size_t match) {
     const tl_metrics *readings = &figures->readings[match];
+    tl_show_table_add(table, "%llu", (unsigned long long)figures->match[match].pairs);
+    tl_show_table_add(table, "%s", number(tl_run_figures_mse(figures, match), false));
     tl_show_table_add(table, "%s", number(tl_run_figures_mse_readings(figures, match), false));
     tl_show_table_add(table, "%llu", (unsigned long long)readings->pairs);
     tl_show_table_add(table, "%llu", (unsigned long long)readings->left_out);
 }
 
+static const char *unit_of(const tl_recorder_signal *signal) {
+    return signal->type == TL_BOOLEAN ? "0 off, 1 on" : signal->unit[0] == '\0' ? "-" : signal->unit;
+}
+
 static tl_status print_match(const show_page *page, tl_error *error) {
-    const char *const names[] = {"output",          "compared with", "pairs",    "left out", page->square, "MAX",
-                                 "MSE at readings", "readings",      "rejected", "unit",     NULL};
+    static const char *const names[] = {"simulated", "measured", "rms", "largest", "unit", "left out", NULL};
+    static const char *const details[] = {"pairs", "MSE", "MSE at the sensor's instants", "readings", "rejected"};
     tl_show_table table;
     if (page->summary.match_count == 0) {
         return TL_OK;
     }
-    heading(page, "How well the twin followed the plant");
-    begin_table(&table, page, "llrrrrrrrl", names);
+    heading(page, "Error: simulated minus measured");
+    begin_table(&table, page, page->request->verbose ? "llrrlrrrrrr" : "llrrlr", names);
+    for (size_t i = 0; page->request->verbose && i < sizeof details / sizeof details[0]; i++) {
+        tl_show_table_add(&table, "%s", details[i]);
+    }
     for (size_t i = 0; i < page->summary.match_count; i++) {
         const tl_recorder_signal *signal = &page->summary.match[i];
         const tl_run_figures *figures = &page->summary.figures;
         tl_show_table_add(&table, "%s", signal->name);
         tl_show_table_add(&table, "%s", signal->to == NULL ? "" : signal->to);
-        tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].pairs);
-        tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
-        tl_show_table_add(&table, "%s", number(tl_run_figures_mse(figures, i), false));
+        tl_show_table_add(&table, "%s", number(sqrt(tl_run_figures_mse(figures, i)), false));
         tl_show_table_add(&table, "%s", number(tl_run_figures_maximum(figures, i), false));
-        add_readings(&table, figures, i);
-        tl_show_table_add(&table, "%s", signal->unit);
+        tl_show_table_add(&table, "%s", unit_of(signal));
+        tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
+        if (page->request->verbose) {
+            add_details(&table, figures, i);
+        }
     }
     return tl_show_table_end(&table, page->file, error);
 }
@@ -268,31 +283,25 @@ static void add_numbers(tl_show_table *table, const tl_show_summary *summary, si
     enum { NUMBERS = 6 };
     const tl_run_adjusted *adjusted = &summary->figures.adjust[adjust];
     const tl_show_adjust *detail = &summary->detail[adjust];
-    double delta = tl_run_figures_delta_mean(&summary->figures, adjust);
+    double correction = tl_run_figures_correction_mean(&summary->figures, adjust);
     double scale = fmax(fabs(detail->least), fabs(detail->largest));
-    const double values[NUMBERS] = {adjusted->first,
+    const double values[NUMBERS] = {fabs(correction) < 1e-12 * scale ? 0.0 : correction, /* only rounding */
+                                    adjusted->first,
                                     adjusted->last,
                                     tl_run_figures_mean(&summary->figures, adjust),
                                     detail->least,
-                                    detail->largest,
-                                    fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* a smaller value is only rounding */
+                                    detail->largest};
     for (size_t i = 0; i < NUMBERS; i++) {
-        tl_show_table_add(table, "%s", number(adjusted->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS));
+        tl_show_table_add(table, "%s", number(adjusted->count == 0 ? (double)NAN : values[i], i == 0));
     }
 }
 
-/* A Boolean has no unit; its values are explained instead. */
-static const char *unit_of(const tl_recorder_signal *signal) {
-    return signal->type == TL_BOOLEAN ? "0 off, 1 on" : signal->unit;
-}
-
 static tl_status print_adjust(const show_page *page, tl_error *error) {
-    static const char *const names[] = {"variable", "first", "last", "mean", "least", "largest", NULL};
+    static const char *const names[] = {"variable", "correction", "first", "last", "mean",
+                                        "least",    "largest",    "unit",  NULL};
     tl_show_table table;
-    heading(page, "What had to be corrected");
+    heading(page, "Mean correction, and applied values");
     begin_table(&table, page, "lrrrrrrl", names);
-    tl_show_table_add(&table, "mean %su", page->delta);
-    tl_show_table_add(&table, "unit");
     for (size_t i = 0; i < page->summary.adjust_count; i++) {
         tl_show_table_add(&table, "%s", page->summary.adjust[i].name);
         add_numbers(&table, &page->summary, i);
@@ -314,10 +323,10 @@ static void print_curve(const show_page *page, size_t adjust) {
     }
     tl_show_curve(page->request->style, means, page->summary.points, curve, sizeof curve);
     if (largest > least) {
-        (void)fprintf(page->file, "  %s: %su from %s to %s\n    |%s|\n", name, page->delta, number(least, true),
+        (void)fprintf(page->file, "  %s: correction from %s to %s\n    |%s|\n", name, number(least, true),
                       number(largest, true), curve);
     } else {
-        (void)fprintf(page->file, "  %s: %su %s throughout\n", name, page->delta, number(least, true));
+        (void)fprintf(page->file, "  %s: correction %s throughout\n", name, number(least, true));
     }
 }
 
@@ -342,7 +351,7 @@ static const char *instant(const show_page *page, int64_t step) {
 static tl_status print_windows(const show_page *page, tl_error *error) {
     const tl_show_summary *summary = &page->summary;
     tl_show_table table;
-    heading(page, "What has changed since when: mean %su", page->delta);
+    heading(page, "Mean correction over time");
     tl_show_table_begin(&table, page->request->style, "rrrrrrrrr");
     table.columns = 1 + summary->adjust_count;
     tl_show_table_add(&table, "from");
@@ -364,10 +373,10 @@ static void print_change(const show_page *page, size_t adjust) {
     size_t window = tl_show_largest_change(&page->summary, adjust);
     const char *name = clean(page, signal->name);
     if (window == 0) {
-        (void)fprintf(page->file, "  %s: no change stands out\n", name);
+        (void)fprintf(page->file, "  %s: no change larger than the scatter\n", name);
         return;
     }
-    (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s%s%s\n", name,
+    (void)fprintf(page->file, "  %s: largest change at %s, %s %s %s%s%s\n", name,
                   instant(page, tl_show_window_start(&page->summary, window)),
                   number(tl_show_part_mean(&windows[window - 1]), true), page->arrow,
                   number(tl_show_part_mean(&windows[window]), true), signal->unit[0] == '\0' ? "" : " ",
@@ -407,7 +416,7 @@ static tl_status print_tunings(show_page *page, tl_error *error) {
     size_t count = 0;
     tl_status status = tl_history_tunings(page->request->history, page->request->run, &tunings, &count, error);
     if (status == TL_OK && count != 0) {
-        heading(page, "Retuned while it ran (UTC)");
+        heading(page, "Tunings during the run (UTC)");
         for (size_t i = 0; i < count; i++) {
             print_tuning(page, &tunings[i]);
         }
@@ -459,12 +468,7 @@ static void print_title(const show_page *page) {
 
 tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error) {
     bool unicode = request->style.unicode;
-    show_page page = {.request = request,
-                      .file = file,
-                      .delta = unicode ? "Δ" : "d",
-                      .until = unicode ? "…" : "to",
-                      .arrow = unicode ? "→" : "->",
-                      .square = unicode ? "MSE (unit²)" : "MSE (unit^2)"};
+    show_page page = {.request = request, .file = file, .until = unicode ? "…" : "to", .arrow = unicode ? "→" : "->"};
     tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &page.summary, error);
     if (status != TL_OK) {
         return status;

@@ -103,22 +103,23 @@ int64_t tl_show_window_start(const tl_show_summary *summary, size_t window) {
 }
 
 double tl_show_part_mean(const tl_show_part *part) {
-    return part->count == 0 ? (double)NAN : part->delta_sum / (double)part->count;
+    return part->count == 0 ? (double)NAN : part->correction_sum / (double)part->count;
 }
 
 /* Returns the variance of Δu within the windows. */
 static double variance_within(const tl_show_summary *summary, size_t adjust) {
     const tl_show_adjust *detail = &summary->detail[adjust];
-    double squares = detail->delta_squares;
+    double squares = detail->correction_squares;
     double freedom = (double)summary->figures.adjust[adjust].count;
     for (size_t i = 0; i < summary->windows; i++) {
         if (detail->windows[i].count > 0) {
-            squares -= detail->windows[i].delta_sum * detail->windows[i].delta_sum / (double)detail->windows[i].count;
+            squares -= detail->windows[i].correction_sum * detail->windows[i].correction_sum /
+                       (double)detail->windows[i].count;
             freedom -= 1.0;
         }
     }
     /* The difference of the squares may be rounding only. */
-    return freedom < 1.0 || squares < 1e-12 * detail->delta_squares ? 0.0 : squares / freedom;
+    return freedom < 1.0 || squares < 1e-12 * detail->correction_squares ? 0.0 : squares / freedom;
 }
 
 size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
@@ -132,7 +133,7 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
         if (before->count > 0 && after->count > 0) {
             double change = fabs(tl_show_part_mean(after) - tl_show_part_mean(before));
             double chance = sqrt(variance * (1.0 / (double)before->count + 1.0 / (double)after->count));
-            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(detail->delta_squares);
+            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(detail->correction_squares);
             found = stands_out && change > most ? i : found;
             most = stands_out && change > most ? change : most;
         }
@@ -143,7 +144,7 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
 static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
     tl_run_figures_add_step(&summary->figures, step, summary->period);
-    summary->own = step->outcome == TL_FOLLOWED ? step->step + 1 : summary->own;
+    summary->own = step->outcome == TL_RESUMED ? step->step + 1 : summary->own;
 }
 
 static void take_output(void *context, const tl_history_output *output) {
@@ -158,7 +159,7 @@ static void take_output(void *context, const tl_history_output *output) {
 
 static void add_part(tl_show_part *part, double delta) {
     part->count++;
-    part->delta_sum += delta;
+    part->correction_sum += delta;
 }
 
 static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
@@ -175,7 +176,7 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     bool first = summary->figures.adjust[index].count == 0;
     adjust->least = first || u < adjust->least ? u : adjust->least;
     adjust->largest = first || u > adjust->largest ? u : adjust->largest;
-    adjust->delta_squares += delta * delta;
+    adjust->correction_squares += delta * delta;
     tl_run_figures_add_adjusted(&summary->figures, index, u, nominal);
     add_part(&adjust->windows[part_of(summary, step, summary->windows)], delta);
     add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
@@ -215,6 +216,6 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
         .adjustment = take_adjustment,
     };
     status = tl_history_rows(history, run, summary->range, &visitor, error);
-    summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
+    summary->figures.skipped = summary->figures.outcomes[TL_CAUGHT_UP];
     return status == TL_OK ? tl_show_lock(history, run, summary->range, summary->own, &summary->lock, error) : status;
 }

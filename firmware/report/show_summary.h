@@ -17,13 +17,13 @@ enum { TL_SHOW_WINDOWS = 8, TL_SHOW_POINTS = 64 };
 /* Sum of Δu = u − û over one of several equal parts of the steps. */
 typedef struct tl_show_part {
     uint64_t count;
-    double delta_sum;
+    double correction_sum;
 } tl_show_part;
 
 /* Details of an adjusted variable, in addition to its run figures. */
 typedef struct tl_show_adjust {
     double least, largest; /* of u */
-    double delta_squares;
+    double correction_squares;
     tl_show_part windows[TL_SHOW_WINDOWS];
     tl_show_part points[TL_SHOW_POINTS];
 } tl_show_adjust;

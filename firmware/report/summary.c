@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <stdarg.h>
 #include <string.h>
 
 #include "firmware/base/json.h"
@@ -76,11 +77,13 @@ typedef struct printing {
     const tl_config *config;
     const tl_account *account;
     tl_run_figures figures; /* including what the twin itself counts */
+    FILE *file;             /* of a table for people */
+    int width;              /* of its first column */
 } printing;
 
 static void begin_printing(printing *page, const tl_summary *summary, const tl_config *config,
                            const tl_account *account) {
-    *page = (printing){summary, config, account, summary->figures};
+    *page = (printing){summary, config, account, summary->figures, NULL, 0};
     tl_run_figures_take_account(&page->figures, account);
 }
 
@@ -139,7 +142,8 @@ static void add_adjusted(tl_json_writer *json, const printing *page) {
         tl_json_add_number(json, "first", adjusted->first);
         tl_json_add_number(json, "last", adjusted->last);
         tl_json_add_number(json, "mean", or_zero(adjusted, tl_run_figures_mean(&page->figures, i)));
-        tl_json_add_number(json, "delta_mean", or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
+        tl_json_add_number(json, "correction_mean",
+                           or_zero(adjusted, tl_run_figures_correction_mean(&page->figures, i)));
         tl_json_add_text(json, "unit", page->account->adjust[i].unit);
         tl_json_close(json);
     }
@@ -216,7 +220,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_open_object(&json, "cache");
     tl_json_add_number(&json, "saved", tl_run_component_saved(&total));
     tl_json_add_count(&json, "nodes_peak", page.figures.nodes_peak);
-    tl_json_add_count(&json, "full", total.unstored);
+    tl_json_add_count(&json, "full", total.uncached);
     tl_json_close(&json);
     tl_json_open_object(&json, "ledger");
     tl_json_add_truth(&json, "complete", account->complete != 0);
@@ -231,7 +235,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     if (summary->tunings != 0) {
         tl_json_open_object(&json, "tunings");
         tl_json_add_count(&json, "recorded", summary->tunings);
-        tl_json_add_count(&json, "followed", summary->tunings - summary->tunings_left_out);
+        tl_json_add_count(&json, "applied", summary->tunings - summary->tunings_left_out);
         tl_json_close(&json);
     }
     tl_json_add_number(&json, "wall_s", summary->wall_s);
@@ -240,26 +244,24 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     return status;
 }
 
-static void print_free_twin(const tl_run_figures *figures, const tl_account *account, FILE *file) {
-    uint64_t steps = tl_run_figures_committed(figures);
-    const tl_free_twin_counts *beside = &account->free_twin;
-    if (account->has_free_twin != 0 && steps != 0) {
-        (void)fprintf(file,
-                      "  free twin    was the nearer one in %.1f %% of the steps; u came to rest at nominal %" PRIu64
-                      " times; %" PRIu64 " executions beside\n",
-                      100.0 * (double)figures->rested / (double)steps, beside->turns, beside->executions);
-    }
+/* ---- table for people ---- */
+
+enum { NARROWEST = 12, WIDEST = 32 }; /* of its first column */
+
+static void widen(printing *page, const char *name) {
+    int length = (int)strlen(name);
+    page->width = length > page->width && length <= WIDEST ? length : page->width;
 }
 
-static void print_ledger(const tl_run_figures *figures, const tl_account *account, FILE *file) {
-    tl_recorder_component total = tl_run_figures_total(figures);
-    (void)fprintf(file, "  ledger       predicted %s%" PRIu64 ", without saving %" PRIu64 ", saved %.0f\n",
-                  account->complete != 0 ? "" : "at most ", total.predicted, total.plain,
-                  tl_run_component_saved(&total));
-    if (total.caught_up + total.unstored != 0) {
-        (void)fprintf(file, "               %" PRIu64 " caught up, %" PRIu64 " results found no room\n",
-                      total.caught_up, total.unstored);
-    }
+static void print_line(const printing *page, const char *label, const char *format, ...) TL_PRINTF(3, 4);
+
+static void print_line(const printing *page, const char *label, const char *format, ...) {
+    va_list arguments;
+    (void)fprintf(page->file, "  %-*s  ", page->width, label);
+    va_start(arguments, format);
+    (void)vfprintf(page->file, format, arguments);
+    va_end(arguments);
+    (void)fputc('\n', page->file);
 }
 
 /* Writes a dash where JSON has null. Even the MSE of finite values may be infinite. */
@@ -271,58 +273,35 @@ static void write_measure(double value, int digits, char *text, size_t size) {
     }
 }
 
-/* Writes for example " mm²" or " (rad/s)²"; nothing if there is no unit. */
+/* Writes for example "mm²" or "(rad/s)²"; nothing if there is no unit. */
 static void write_square(const char *unit, char *text, size_t size) {
     bool compound = strpbrk(unit, "./*^ 0123456789") != NULL;
-    (void)snprintf(text, size, "%s%s%s%s", unit[0] == '\0' ? "" : " ", compound ? "(" : "", unit,
-                   compound          ? ")\302\262"
-                   : unit[0] == '\0' ? ""
-                                     : "\302\262");
+    (void)snprintf(text, size, "%s%s%s%s%s", unit[0] == '\0' ? "" : " ", compound ? "(" : "", unit, compound ? ")" : "",
+                   unit[0] == '\0' ? "" : "\302\262");
 }
 
 static const char *space_before(const char *unit) {
     return unit[0] == '\0' ? "" : " ";
 }
 
-/* Prints the errors at the times of the readings, between the steps of the twin. */
-static void print_readings(const printing *page, size_t match, FILE *file) {
-    const tl_metrics *readings = &page->figures.readings[match];
-    char mse[32];
-    char square[128];
-    if (readings->pairs > 1) {
-        write_measure(tl_run_figures_mse_readings(&page->figures, match), 5, mse, sizeof mse);
-        write_square(tl_show_unit(page->account->match[match].unit), square, sizeof square);
-        (void)fprintf(file, "  %-12s MSE %s%s at its %" PRIu64 " readings\n", "", mse, square, readings->pairs);
+static void print_match(const printing *page, size_t match) {
+    const char *name = page->config->match[match].variable;
+    bool is_compared_only = page->config->match[match].weight <= 0.0 && page->config->adjust_count != 0;
+    const tl_metrics *metrics = &page->figures.match[match];
+    const char *unit = tl_show_unit(page->account->match[match].unit);
+    char rms[32];
+    char most[32];
+    write_measure(sqrt(tl_run_figures_mse(&page->figures, match)), 3, rms, sizeof rms);
+    write_measure(metrics->maximum, 3, most, sizeof most);
+    if (metrics->pairs < 2) {
+        print_line(page, name, "fewer than two good measurements: nothing to compare");
+    } else {
+        print_line(page, name, "error %s%s%s rms, at most %s%s%s%s", rms, space_before(unit), unit, most,
+                   space_before(unit), unit, is_compared_only ? "; compared only" : "");
     }
-    if (readings->left_out != 0) {
-        (void)fprintf(file, "  %-12s %" PRIu64 " readings were rejected\n", "", readings->left_out);
-    }
-}
-
-static void print_matches(const printing *page, FILE *file) {
-    const tl_config *config = page->config;
-    for (size_t i = 0; i < config->match_count; i++) {
-        const tl_metrics *metrics = &page->figures.match[i];
-        const char *unit = tl_show_unit(page->account->match[i].unit);
-        if (metrics->pairs < 2) {
-            (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
-                          config->match[i].variable);
-        } else {
-            char mse[32];
-            char maximum[32];
-            char square[128];
-            write_measure(tl_run_figures_mse(&page->figures, i), 5, mse, sizeof mse);
-            write_measure(metrics->maximum, 4, maximum, sizeof maximum);
-            write_square(unit, square, sizeof square);
-            (void)fprintf(file, "  %-12s MSE %s%s, MAX %s%s%s%s\n", config->match[i].variable, mse, square, maximum,
-                          space_before(unit), unit,
-                          config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
-        }
-        print_readings(page, i, file);
-        if (metrics->left_out != 0) {
-            (void)fprintf(file, "  %-12s %" PRIu64 " of %" PRIu64 " measurements were not good and are left out\n", "",
-                          metrics->left_out, metrics->left_out + metrics->pairs);
-        }
+    if (metrics->left_out != 0) {
+        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements were not good and are left out",
+                   metrics->left_out, metrics->left_out + metrics->pairs);
     }
 }
 
@@ -336,91 +315,170 @@ static bool is_matched(const tl_config *config, size_t signal) {
     return false;
 }
 
-/* Matched signals are skipped, because print_matches() has printed them. */
-static void print_inputs(const tl_summary *summary, const tl_config *config, FILE *file) {
-    for (size_t i = 0; i < config->signal_count; i++) {
-        if (summary->not_good[i] != 0 && !is_matched(config, i)) {
-            (void)fprintf(file,
+/* Matched signals are skipped, because print_match() has printed them. */
+static void print_inputs(const printing *page) {
+    for (size_t i = 0; i < page->config->signal_count; i++) {
+        uint64_t bad = page->summary->not_good[i];
+        if (bad != 0 && !is_matched(page->config, i)) {
+            (void)fprintf(page->file,
                           "  plant.%s: %" PRIu64 " of %" PRIu64
-                          " samples were not good; its last good value was held meanwhile\n",
-                          config->signals[i].plan.name, summary->not_good[i], summary->samples);
+                          " samples were not good: the last good value was held\n",
+                          page->config->signals[i].plan.name, bad, page->summary->samples);
         }
     }
 }
 
 /* Prints for a Boolean the share of steps in which u and û were on. */
-static void print_boolean(const tl_run_adjusted *adjusted, const char *name, FILE *file) {
+static void print_boolean(const printing *page, size_t adjust) {
+    const tl_run_adjusted *adjusted = &page->figures.adjust[adjust];
     double steps = (double)adjusted->count;
     double on = or_zero(adjusted, adjusted->sum / steps);
-    double nominal = or_zero(adjusted, (adjusted->sum - adjusted->delta_sum) / steps);
-    (void)fprintf(file, "  %-12s on in %.1f %% of the steps, last %s; nominal in %.1f %%\n", name, 100 * on,
-                  adjusted->last > 0.5 ? "on" : "off", 100 * nominal);
+    double nominal = or_zero(adjusted, (adjusted->sum - adjusted->correction_sum) / steps);
+    print_line(page, page->config->adjust[adjust].variable, "on in %.1f %% of the steps (nominal %.1f %%), last %s",
+               100 * on, 100 * nominal, adjusted->last > 0.5 ? "on" : "off");
 }
 
-static void print_adjusted(const printing *page, FILE *file) {
-    for (size_t i = 0; i < page->config->adjust_count; i++) {
-        const tl_run_adjusted *adjusted = &page->figures.adjust[i];
-        const char *name = page->config->adjust[i].variable;
-        const char *unit = tl_show_unit(page->account->adjust[i].unit);
-        if (page->account->adjust[i].type == TL_BOOLEAN) {
-            print_boolean(adjusted, name, file);
-        } else {
-            (void)fprintf(file, "  %-12s mean %.5g, last %.5g%s%s; mean \316\224u %+.4g\n", name,
-                          or_zero(adjusted, tl_run_figures_mean(&page->figures, i)), adjusted->last, space_before(unit),
-                          unit, or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
-        }
-    }
-}
-
-static void print_delays(const tl_config *config, const tl_account *account, FILE *file) {
-    if (config->delays == NULL || !config->delays->measure) {
+static void print_adjusted(const printing *page, size_t adjust) {
+    const tl_run_adjusted *adjusted = &page->figures.adjust[adjust];
+    const char *unit = tl_show_unit(page->account->adjust[adjust].unit);
+    if (page->account->adjust[adjust].type == TL_BOOLEAN) {
+        print_boolean(page, adjust);
         return;
     }
-    const tl_twin_delay *found = &account->delay;
+    double correction = or_zero(adjusted, tl_run_figures_correction_mean(&page->figures, adjust));
+    double nominal = or_zero(adjusted, tl_run_figures_mean(&page->figures, adjust)) - correction;
+    print_line(page, page->config->adjust[adjust].variable, "corrected by %+.3g%s%s on average (nominal %.5g)",
+               correction, space_before(unit), unit, nominal);
+}
+
+static void print_delays(const printing *page) {
+    const tl_twin_delay *found = &page->account->delay;
+    if (page->config->delays == NULL || !page->config->delays->measure) {
+        return;
+    }
     if (found->state == TL_DELAY_UNKNOWN) {
-        (void)fprintf(file, "  delay        not found: confidence %.2f\n", found->confidence);
+        print_line(page, "delay", "not found: confidence %.2f", found->confidence);
     } else {
-        (void)fprintf(file, "  delay        measured \316\224o = %.4g ms, confidence %.2f%s\n",
-                      measured_delay(config, found) * 1e3, found->confidence,
-                      found->state == TL_DELAY_LOST ? ": lost" : "");
+        print_line(page, "delay", "measured \316\224o = %.4g ms, confidence %.2f%s",
+                   measured_delay(page->config, found) * 1e3, found->confidence,
+                   found->state == TL_DELAY_LOST ? ": lost" : "");
     }
 }
 
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file) {
+/* ---- details for --verbose ---- */
+
+static void print_effort(const printing *page) {
+    const tl_run_figures *figures = &page->figures;
+    const tl_account *account = page->account;
+    tl_recorder_component total = tl_run_figures_total(figures);
+    uint64_t executions = tl_account_executions(account);
+    uint64_t free_executions = tl_run_figures_committed(figures) * account->components;
+    print_line(page, "executions", "%" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations", executions,
+               free_executions == 0 ? 0.0 : (double)executions / (double)free_executions, figures->evaluations);
+    if (page->config->adjust_count != 0) {
+        print_line(page, "ledger", "predicted %s%" PRIu64 ", without saving %" PRIu64 ", saved %.0f",
+                   account->complete != 0 ? "" : "at most ", total.predicted, total.plain,
+                   tl_run_component_saved(&total));
+    }
+    if (total.repeated + total.uncached != 0) {
+        print_line(page, "", "%" PRIu64 " repeated, %" PRIu64 " not cached", total.repeated, total.uncached);
+    }
+}
+
+static void print_free_twin(const printing *page) {
+    const tl_free_twin_counts *beside = &page->account->free_twin;
+    uint64_t steps = tl_run_figures_committed(&page->figures);
+    if (page->account->has_free_twin != 0 && steps != 0) {
+        print_line(page, "free twin", "nearer in %.1f %% of the steps, so u rested at nominal, %" PRIu64 " times",
+                   100.0 * (double)page->figures.rested / (double)steps, beside->turns);
+        print_line(page, "", "%" PRIu64 " executions of its own", beside->executions);
+    }
+}
+
+static void print_mse(const printing *page, size_t match) {
+    const tl_metrics *readings = &page->figures.readings[match];
+    char mse[32];
+    char square[128];
+    if (page->figures.match[match].pairs < 2) {
+        return;
+    }
+    write_square(tl_show_unit(page->account->match[match].unit), square, sizeof square);
+    write_measure(tl_run_figures_mse(&page->figures, match), 5, mse, sizeof mse);
+    print_line(page, page->config->match[match].variable, "MSE %s%s over the steps", mse, square);
+    if (readings->pairs > 1) {
+        write_measure(tl_run_figures_mse_readings(&page->figures, match), 5, mse, sizeof mse);
+        print_line(page, "", "MSE %s%s at the %" PRIu64 " instants of the sensor, %" PRIu64 " readings rejected", mse,
+                   square, readings->pairs, readings->left_out);
+    }
+}
+
+static void print_values(const printing *page, size_t adjust) {
+    const tl_run_adjusted *adjusted = &page->figures.adjust[adjust];
+    if (page->account->adjust[adjust].type != TL_BOOLEAN) {
+        print_line(page, page->config->adjust[adjust].variable, "first %.5g, mean %.5g, last %.5g", adjusted->first,
+                   or_zero(adjusted, tl_run_figures_mean(&page->figures, adjust)), adjusted->last);
+    }
+}
+
+static void print_details(const printing *page) {
+    (void)fprintf(page->file, "  %-*s  ", page->width, "steps");
+    (void)tl_run_figures_print_outcomes(&page->figures, "", page->file);
+    (void)fputc('\n', page->file);
+    print_effort(page);
+    print_free_twin(page);
+    for (size_t i = 0; i < page->config->match_count; i++) {
+        print_mse(page, i);
+    }
+    for (size_t i = 0; i < page->config->adjust_count; i++) {
+        print_values(page, i);
+    }
+}
+
+static void print_lock(const printing *page) {
+    char text[TL_LOCK_SENTENCE];
+    if (page->config->adjust_count == 0) {
+        print_line(page, "free-running", "%" PRIu64 " steps of %g s; nothing is adjusted", page->figures.steps,
+                   tl_seconds(page->config->step));
+    } else {
+        tl_lock_tally_write(&page->summary->lock, page->figures.outcomes[TL_HELD] > 0 ? "strokes" : "steps", text);
+        print_line(page, "in lock", "%s", text);
+    }
+}
+
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
+                            FILE *file) {
     printing page;
     begin_printing(&page, summary, config, account);
+    page.file = file;
+    page.width = NARROWEST;
+    for (size_t i = 0; i < config->match_count; i++) {
+        widen(&page, config->match[i].variable);
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        widen(&page, config->adjust[i].variable);
+    }
     (void)fprintf(file, "%s\n", config->name);
-    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
-    (void)tl_run_figures_print_outcomes(&page.figures, "", file);
-    (void)fputc('\n', file);
-    if (config->adjust_count != 0) {
-        char text[TL_LOCK_SENTENCE];
-        tl_lock_tally_write(&summary->lock, text);
-        (void)fprintf(file, "  lock         %s\n", text);
+    print_lock(&page);
+    for (size_t i = 0; i < config->match_count; i++) {
+        print_match(&page, i);
     }
-    print_free_twin(&page.figures, account, file);
-    uint64_t executions = tl_account_executions(account);
-    uint64_t free_executions = tl_run_figures_committed(&page.figures) * account->components;
-    (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
-                  free_executions == 0 ? 0.0 : (double)executions / (double)free_executions, page.figures.evaluations);
-    if (config->adjust_count != 0) {
-        print_ledger(&page.figures, account, file);
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        print_adjusted(&page, i);
     }
-    print_matches(&page, file);
-    print_inputs(summary, config, file);
-    print_adjusted(&page, file);
-    print_delays(config, account, file);
+    print_inputs(&page);
+    print_delays(&page);
     if (summary->tunings != 0) {
-        (void)fprintf(
-            file, "  tunings      %" PRIu64 " taken while it ran%s\n", summary->tunings,
-            summary->tunings_left_out == 0 ? "" : ", and not followed: this is another configuration than the run's");
+        print_line(&page, "tunings", "%" PRIu64 " during the run%s", summary->tunings,
+                   summary->tunings_left_out == 0 ? "" : ", not applied: the run had another configuration");
     }
     if (summary->ticks != 0) {
-        (void)fprintf(file,
-                      "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64
-                      " deadlines missed, longest cycle %.3f ms\n",
-                      summary->ticks, page.figures.skipped, summary->deadline_misses,
-                      tl_seconds(page.figures.longest) * 1e3);
+        print_line(&page, "real time", "%" PRIu64 " ticks, %" PRIu64 " missed and caught up", summary->ticks,
+                   page.figures.skipped);
+        print_line(&page, "", "%" PRIu64 " deadlines missed, longest cycle %.3f ms", summary->deadline_misses,
+                   tl_seconds(page.figures.longest) * 1e3);
     }
-    (void)fprintf(file, "  took         %.3f s\n", summary->wall_s);
+    if (verbose) {
+        print_details(&page);
+    }
+    print_line(&page, "took", "%.3f s", summary->wall_s);
 }

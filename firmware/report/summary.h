@@ -51,8 +51,10 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 FILE *file, tl_error *error);
 
-/* Prints a table for people. */
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file);
+/* Prints a table for people: the lock, the errors and the corrections. `verbose`: also outcomes,
+ * executions, the ledger and MSEs. */
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
+                            FILE *file);
 
 /* ---- Validation of the run end that a twin reports.
  *

@@ -855,14 +855,14 @@ static outcome begin_probation(tl_activation *self) {
     bool is_handover = self->way == TL_ACTIVATION_BY_HANDOVER;
     write_changes(self, changes, sizeof changes);
     (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s", active->number, active->hash,
-                   is_return ? is_handover ? ": returned, by a flip: " : ": returned, " : changes,
+                   is_return ? is_handover ? ": returned, by a handover: " : ": returned, " : changes,
                    is_return ? self->reason : "");
     tell(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
     if (is_handover) {
         end_handover(self);
     }
     if (is_return) {
-        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_handover ? "by a flip: " : "", self->reason);
+        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_handover ? "by a handover: " : "", self->reason);
         say_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
     } else if (self->cause == TL_ACTIVATION_CANDIDATE) {
         self->unsaved = 0;

@@ -152,7 +152,7 @@ static void write_work(const char *who, const tl_run_status *work, char text[TL_
     tl_comparison_write_lock(&work->lock, lock);
     (void)snprintf(text, TL_COMPARISON_TEXT,
                    "%s: %.3g evaluations, %.3g executions, %.3g ms a step; of %" PRIu64 " steps %" PRIu64
-                   " cut short by time, %" PRIu64 " made up, %" PRIu64 " deadlines missed; %s",
+                   " cut short by time, %" PRIu64 " caught up, %" PRIu64 " deadlines missed; %s",
                    who, share((double)work->evaluations, work->steps), share((double)work->executions, work->steps),
                    1e3 * share(tl_seconds(work->used), work->steps), work->steps, work->timed_out, work->skipped,
                    work->deadline_misses, lock);

@@ -44,7 +44,7 @@ static void print_state(const tl_control_state *state, FILE *output) {
     } else if (state->step != TL_CONTROL_IDLE) {
         (void)fprintf(output, "  a change is under way: %s\n", tl_control_step_name((tl_control_step)state->step));
     }
-    (void)fprintf(output, "  %llu ticks of %g s: %llu steps, %llu made up, %llu deadlines missed, %.1f %% in lock\n",
+    (void)fprintf(output, "  %llu ticks of %g s: %llu steps, %llu caught up, %llu deadlines missed, %.1f %% in lock\n",
                   (unsigned long long)state->ticks, state->step_s, (unsigned long long)state->steps,
                   (unsigned long long)state->skipped, (unsigned long long)state->deadline_misses, state->in_lock);
     if (state->line[0] != '\0') {

@@ -91,10 +91,10 @@ static const char *const schema[] = {
     "  run INTEGER NOT NULL,"
     "  step INTEGER NOT NULL,"
     "  signal INTEGER NOT NULL,"
-    "  y,"
-    "  y_hat,"
+    "  simulated,"
+    "  measured,"
     "  quality INTEGER NOT NULL,"
-    "  delta AS (y - y_hat),"
+    "  error AS (simulated - measured),"
     "  readings INTEGER," /* always written, except that squares is NULL if not finite */
     "  squares,"
     "  rejected INTEGER,"
@@ -104,9 +104,9 @@ static const char *const schema[] = {
     "  run INTEGER NOT NULL,"
     "  step INTEGER NOT NULL,"
     "  signal INTEGER NOT NULL,"
-    "  u,"
-    "  u_hat,"
-    "  delta AS (u - u_hat),"
+    "  applied,"
+    "  nominal,"
+    "  correction AS (applied - nominal),"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
 
     "CREATE TABLE components ("
@@ -116,8 +116,8 @@ static const char *const schema[] = {
     "  plain INTEGER NOT NULL DEFAULT 0,"
     "  predicted INTEGER NOT NULL DEFAULT 0,"
     "  executions INTEGER NOT NULL DEFAULT 0,"
-    "  caught_up INTEGER NOT NULL DEFAULT 0,"
-    "  unstored INTEGER NOT NULL DEFAULT 0,"
+    "  repeated INTEGER NOT NULL DEFAULT 0,"
+    "  uncached INTEGER NOT NULL DEFAULT 0,"
     "  PRIMARY KEY (run, component)) WITHOUT ROWID",
 
     /* Data that a restart needs to resume a run. */
@@ -190,7 +190,7 @@ static const char *const schema[] = {
     "  CASE r.verb WHEN 'run' THEN"
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', (s.step + 1) * r.step_ns / 1e9))"
     "  END AS at,"
-    "  n.name, s.y, n.compared_with, s.y_hat, s.delta, n.unit, coalesce(q.name, s.quality) AS quality"
+    "  n.name, s.simulated, n.compared_with, s.measured, s.error, n.unit, coalesce(q.name, s.quality) AS quality"
     "  FROM outputs s JOIN runs r USING (run)"
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'match' AND n.signal = s.signal"
     "  LEFT JOIN qualities q ON q.code = s.quality",
@@ -198,7 +198,7 @@ static const char *const schema[] = {
     "CREATE VIEW v_corrections AS SELECT s.run, s.step, s.step * r.step_ns / 1e9 AS time_s,"
     "  CASE r.verb WHEN 'run' THEN"
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.step * r.step_ns / 1e9)) END AS at,"
-    "  n.name, s.u, s.u_hat AS nominal, s.delta, n.unit"
+    "  n.name, s.applied, s.nominal, s.correction, n.unit"
     "  FROM adjustments s JOIN runs r USING (run)"
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'adjust' AND n.signal = s.signal",
 
@@ -206,8 +206,8 @@ static const char *const schema[] = {
     "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
 
     "CREATE VIEW v_ledger AS SELECT c.run, c.name AS component, c.plain, c.predicted, c.executions,"
-    "  c.plain - c.executions AS saved, c.caught_up, c.unstored,"
-    "  c.executions - c.caught_up - c.predicted AS difference"
+    "  c.plain - c.executions AS saved, c.repeated, c.uncached,"
+    "  c.executions - c.repeated - c.predicted AS difference"
     "  FROM components c ORDER BY c.run, c.component",
 
     "CREATE VIEW v_tunings AS SELECT t.run, t.tick, t.tick * r.step_ns / 1e9 AS time_s, t.at,"
@@ -467,8 +467,8 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
  * Creating:    under an unused name, then renamed. So a power cut leaves a complete database or
  *              none, and the header is always in the file itself, not in its write-ahead log.
  *              Renaming replaces no file.
- * Formats:     only one is read. SQL reads user_version again, because that of another program may
- *              still be in the write-ahead log.
+ * Formats:     SQL reads user_version again, because that of another program may still be in the
+ *              write-ahead log.
  */
 
 enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68, JOURNAL = sizeof "-journal" };
@@ -478,14 +478,68 @@ static uint32_t big_endian(const unsigned char *bytes) {
 }
 
 static tl_status check_version(const char *path, int64_t version, tl_error *error) {
+    if (version >= TL_DATABASE_OLDEST && version <= TL_DATABASE_VERSION) {
+        return TL_OK;
+    }
+    return tl_database_refuse(TL_DATABASE_OTHER, error, TL_BAD_DATA,
+                              "%s: the database has format %lld, and this program reads formats %d to %d: use the "
+                              "version of twinlock that wrote it, or move the file away",
+                              path, (long long)version, TL_DATABASE_OLDEST, TL_DATABASE_VERSION);
+}
+
+/* ---- Format 5 has the same rows under other column names. A reader gets views in memory, because
+ * it must not change the file. A writer renames the columns, which changes the schema only.
+ */
+
+static const char read_format_5[] =
+    "CREATE TEMP VIEW outputs AS SELECT run, step, signal, y AS simulated, y_hat AS measured, quality, readings,"
+    "  squares, rejected FROM main.outputs;"
+    "CREATE TEMP VIEW adjustments AS SELECT run, step, signal, u AS applied, u_hat AS nominal FROM main.adjustments;"
+    "CREATE TEMP VIEW components AS SELECT run, component, name, plain, predicted, executions, caught_up AS repeated,"
+    "  unstored AS uncached FROM main.components;";
+
+static tl_status migrate(sqlite3 *database, tl_error *error) {
+    static const char rename[] = "ALTER TABLE outputs RENAME COLUMN y TO simulated;"
+                                 "ALTER TABLE outputs RENAME COLUMN y_hat TO measured;"
+                                 "ALTER TABLE outputs RENAME COLUMN delta TO error;"
+                                 "ALTER TABLE adjustments RENAME COLUMN u TO applied;"
+                                 "ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal;"
+                                 "ALTER TABLE adjustments RENAME COLUMN delta TO correction;"
+                                 "ALTER TABLE components RENAME COLUMN caught_up TO repeated;"
+                                 "ALTER TABLE components RENAME COLUMN unstored TO uncached;";
+    static const char view[] = "CREATE VIEW ";
+    char text[128];
+    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
+    if (status != TL_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
+        if (strncmp(schema[i], view, strlen(view)) == 0) {
+            const char *name = schema[i] + strlen(view);
+            (void)snprintf(text, sizeof text, "DROP VIEW IF EXISTS %.*s", (int)strcspn(name, " "), name);
+            status = tl_database_execute(database, text, error);
+        }
+    }
+    status = status == TL_OK ? tl_database_execute(database, rename, error) : status;
+    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
+        if (strncmp(schema[i], view, strlen(view)) == 0) {
+            status = tl_database_execute(database, schema[i], error);
+        }
+    }
+    (void)snprintf(text, sizeof text, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
+    status = status == TL_OK ? tl_database_execute(database, text, error) : status;
+    if (status != TL_OK) {
+        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
+    }
+    return status;
+}
+
+/* Makes the names of the current format valid on this connection. */
+static tl_status convert(sqlite3 *database, int64_t version, bool write, tl_error *error) {
     if (version == TL_DATABASE_VERSION) {
         return TL_OK;
     }
-    return tl_database_refuse(
-        TL_DATABASE_OTHER, error, TL_BAD_DATA,
-        "%s: the database has format %lld (this program reads and writes format %d only): use the "
-        "version of twinlock that wrote it, or move the file away",
-        path, (long long)version, TL_DATABASE_VERSION);
+    return write ? migrate(database, error) : tl_database_execute(database, read_format_5, error);
 }
 
 static tl_status judge_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
@@ -634,6 +688,9 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     }
     if (status == TL_OK) {
         status = check_schema(*database, error);
+    }
+    if (status == TL_OK) {
+        status = convert(*database, strtoll(version, NULL, 10), write, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);

@@ -88,7 +88,8 @@ int64_t tl_database_size(sqlite3 *database, int which);
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
-    TL_DATABASE_VERSION = 5,                 /* SQLite's user_version; no other is read */
+    TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
+    TL_DATABASE_OLDEST = 5,                  /* read, and migrated before it is written */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row; a checkpoint: at most half */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes that tl_database_diagnose() checks */
 };
@@ -111,7 +112,8 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error);
  * Thread:  one at a time for each connection.
  */
 
-/* Opens an existing file of the current format. Reading creates, recovers and changes nothing
+/* Opens an existing file. One of format 5 is migrated to the current format if `write` is true, and
+ * otherwise read by means of temporary views. Reading creates, recovers and changes nothing
  * except SQLite's own -wal and -shm files, and works on a read-only medium. `write`: fails with
  * TL_TRY_AGAIN if the file is read-only. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);

@@ -447,13 +447,13 @@ static void read_component(tl_history *history, const tl_history_run *run, table
     component->counts.plain = take_count(row);
     component->counts.predicted = take_count(row);
     component->counts.executions = take_count(row);
-    component->counts.caught_up = take_count(row);
-    component->counts.unstored = take_count(row);
+    component->counts.repeated = take_count(row);
+    component->counts.uncached = take_count(row);
 }
 
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error) {
-    static const row_list list = {"SELECT component, name, plain, predicted, executions, caught_up, unstored"
+    static const row_list list = {"SELECT component, name, plain, predicted, executions, repeated, uncached"
                                   " FROM components WHERE run = ?1 ORDER BY component",
                                   "components", TL_RECORDER_COMPONENTS, sizeof(tl_run_component), read_component};
     void *items = NULL;
@@ -638,9 +638,10 @@ static const struct {
                           " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
                           give_step},
     [TL_HISTORY_OUTPUTS] = {"the output of step", ASK_RANGE("outputs", "step"),
-                            ASK_ROWS("outputs", "step", "y, y_hat, quality, readings, squares, rejected"), give_output},
+                            ASK_ROWS("outputs", "step", "simulated, measured, quality, readings, squares, rejected"),
+                            give_output},
     [TL_HISTORY_ADJUSTMENTS] = {"u of step", ASK_RANGE("adjustments", "step"),
-                                ASK_ROWS("adjustments", "step", "u, u_hat"), give_adjustment},
+                                ASK_ROWS("adjustments", "step", "applied, nominal"), give_adjustment},
 };
 
 static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t number,

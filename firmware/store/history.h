@@ -140,7 +140,7 @@ typedef struct tl_history_step {
 typedef struct tl_history_tick {
     tl_sample sample;        /* stamps relative to t_start; absent signals: no link */
     bool has_step;           /* false for the first ticks, and if the step was lost */
-    tl_history_step step;    /* if has_step; codes are known. TL_MADE_UP: the run missed this tick */
+    tl_history_step step;    /* if has_step; codes are known. TL_CAUGHT_UP: the run missed this tick */
     double u[TL_MAX_ADJUST]; /* of the adjusted variables */
     size_t adjusted;         /* number of valid elements of u */
 } tl_history_tick;

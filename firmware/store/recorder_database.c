@@ -140,11 +140,13 @@ static const char *const sql_of[STATEMENTS] = {
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [STEP] = "INSERT OR REPLACE INTO steps (run, step, t_ns, outcome, stop, J, J_nominal, evaluations, executions,"
              " used_ns, predicted, flags, held) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
-    [OUTPUT] = "INSERT OR REPLACE INTO outputs (run, step, signal, y, y_hat, quality, readings, squares, rejected)"
-               " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
-    [ADJUSTMENT] = "INSERT OR REPLACE INTO adjustments (run, step, signal, u, u_hat) VALUES (?1, ?2, ?3, ?4, ?5)",
+    [OUTPUT] =
+        "INSERT OR REPLACE INTO outputs (run, step, signal, simulated, measured, quality, readings, squares, rejected)"
+        " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+    [ADJUSTMENT] =
+        "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-    [LEDGER] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, caught_up = ?6, unstored = ?7"
+    [LEDGER] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, repeated = ?6, uncached = ?7"
                " WHERE run = ?1 AND component = ?2",
     [TOTALS] = "UPDATE runs SET samples_written = ?2, steps_written = ?3, events_written = ?4, entries_lost = ?5,"
                " committed = ?6 WHERE run = ?1",
@@ -818,7 +820,7 @@ int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorde
         const tl_recorder_component *component = &database->ledger[i];
         const cell row[] = {cell_whole((int64_t)i),           cell_count(component->plain),
                             cell_count(component->predicted), cell_count(component->executions),
-                            cell_count(component->caught_up), cell_count(component->unstored)};
+                            cell_count(component->repeated),  cell_count(component->uncached)};
         code = write_row(database, LEDGER, row);
     }
     if (code == SQLITE_OK) {

@@ -29,8 +29,8 @@ typedef struct tl_recorder_component {
     uint64_t plain;
     uint64_t predicted;
     uint64_t executions;
-    uint64_t caught_up;
-    uint64_t unstored;
+    uint64_t repeated;
+    uint64_t uncached;
 } tl_recorder_component;
 
 typedef struct tl_run_component {

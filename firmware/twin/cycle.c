@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -196,8 +197,8 @@ static void count_anew(tl_cycle *cycle) {
  * different ticks. */
 static void tell_late_handover(const tl_cycle *cycle) {
     if (cycle->next_tick > cycle->handover.tick) {
-        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
-                         "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
+        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "handover",
+                         "handover at tick %" PRId64 ": announced too late, and done at tick %" PRId64
                          "; ticks around it may be missing or in both runs",
                          cycle->handover.tick, cycle->next_tick);
     }
@@ -253,7 +254,7 @@ static void take_over(tl_cycle *cycle) {
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
     count_anew(cycle);
-    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
+    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "handover",
                      "has taken over from tick %" PRId64 " on%s", cycle->resumption.tick,
                      is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
     tell_late_handover(cycle);
@@ -409,7 +410,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     if (!ahead) {
         put_sample(cycle, &sample);
     }
-    tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
+    tl_status status = budget == NULL ? tl_twin_catch_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (!cycle->has_begun) { /* in its first tick the twin initialises and proves the FMUs */
         cycle->has_begun = true;
@@ -609,32 +610,48 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
 
 /* ---- status line ---- */
 
+/* Appends a part if the line then still fits into a terminal. */
+static void add_part(char line[TL_STATUS_LINE], const char *format, ...) TL_PRINTF(2, 3);
+
+static void add_part(char line[TL_STATUS_LINE], const char *format, ...) {
+    char part[TL_STATUS_LINE];
+    size_t length = strlen(line);
+    va_list arguments;
+    va_start(arguments, format);
+    int added = vsnprintf(part, sizeof part, format, arguments);
+    va_end(arguments);
+    if (added >= 0 && length + (size_t)added < TL_STATUS_LINE) {
+        memcpy(line + length, part, (size_t)added + 1);
+    }
+}
+
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
-    /* At nominal because the synchroniser chose so permanently, not because it found no correction.
-     */
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
-    int length =
-        snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
-    for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
-        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
-                           config->adjust[i].variable, record->u[i] - record->nominal[i]);
+    bool is_adjusted = config->adjust_count != 0;
+    line[0] = '\0';
+    add_part(line, "%8.2f s  %s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)),
+             is_adjusted ? tl_lock_state_name(status->lock.state) : "free-running");
+    if (status->skipped != 0) {
+        add_part(line, "  %llu ticks missed", (unsigned long long)status->skipped);
     }
-    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s",
-                       rests ? "rests" : tl_outcome_name(record->outcome));
-    if (config->adjust_count != 0) {
-        length +=
-            snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));
+    for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
+        const char *name = config->adjust[i].variable;
+        if (rests) {
+            add_part(line, "  %s at nominal", name);
+        } else {
+            add_part(line, "  %s corrected by %+.3g", name, record->u[i] - record->nominal[i]);
+        }
     }
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
-        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
-                           record->measured_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
-                                                                  : "  %.63s %.4g (plant %.4g, %s)",
-                           config->match[i].variable, record->y[i], record->measured[i],
-                           tl_quality_name((tl_quality)record->measured_quality[i]));
+        tl_quality quality = (tl_quality)record->measured_quality[i];
+        if (quality == TL_GOOD) {
+            add_part(line, "  %s %.4g (plant %.4g)", config->match[i].variable, record->y[i], record->measured[i]);
+        } else {
+            add_part(line, "  %s %.4g (plant: %s)", config->match[i].variable, record->y[i], tl_quality_name(quality));
+        }
     }
-    (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
-                   tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
+    add_part(line, "  %.2f ms", tl_seconds(record->used) * 1e3);
 }
 
 /* ---- safe hold ---- */

@@ -122,11 +122,10 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
  * twin's last step, or TL_OK if the stop was requested. */
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error);
 
-enum { TL_STATUS_LINE = 512 };
+enum { TL_STATUS_LINE = 80 }; /* bytes with the NUL: a line of a terminal */
 
-/* Writes the state of the twin in one line, for a terminal and the service manager. The most
- * important part comes first, because the line is cut at its capacity. Valid UTF-8. Main thread
- * only. */
+/* Writes the state of the twin in one line, for a terminal and the service manager. A part that
+ * does not fit is left out. Main thread only. */
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]);
 
 /* ---- Safe hold: records the plant without a twin, after a restart loop or until the twin may

@@ -114,7 +114,7 @@ static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings 
  * caught up before a regular one, if it has reported them. */
 static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
     const tl_sample *sample = &tick->sample;
-    if (tick->made_up) {
+    if (tick->caught_up) {
         ++*missed;
     } else {
         tl_time instant = tl_time_of_step(0, replay->config->step, sample->tick);
@@ -139,7 +139,7 @@ static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t 
         take_tunings(replay, sample->tick, tunings);
         take_sample(replay, fed->tick, missed);
         tl_summary_sample(summary, replay->config, sample);
-        summary->figures.skipped += ready && fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+        summary->figures.skipped += ready && fed->result->record.outcome == TL_CAUGHT_UP ? 1 : 0;
     } else if (ready && replay->recorder != NULL) {
         tl_recorder_put_sample(replay->recorder, sample);
     }

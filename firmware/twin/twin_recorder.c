@@ -57,7 +57,7 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
     for (size_t i = 0; i < count; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
         counts[i] = (tl_recorder_component){
-            entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored,
+            entry.plain, entry.predicted, entry.executions, entry.repeated, entry.uncached,
         };
     }
     return count;
@@ -86,14 +86,14 @@ void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *he
     for (size_t i = 0; i < account->components; i++) {
         char text[320];
         const tl_account_component *entry = &account->component[i];
-        const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->caught_up,
-                                              entry->unstored};
+        const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->repeated,
+                                              entry->uncached};
         int64_t difference = tl_run_component_difference(&counts);
         if (difference > 0) {
             (void)snprintf(text, sizeof text,
                            "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
                            ", see saving.nodes), or a committed step failed and was repeated",
-                           entry->name, difference, entry->unstored);
+                           entry->name, difference, entry->uncached);
             hear(context, text);
         }
     }

@@ -53,8 +53,8 @@ static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick
         return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
     }
     tl_budget budget = budget_of(&assembly->config, tick, tells);
-    return tick->made_up ? tl_twin_make_up(assembly->twin, &tick->sample, record, ready, error)
-                         : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
+    return tick->caught_up ? tl_twin_catch_up(assembly->twin, &tick->sample, record, ready, error)
+                           : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
 }
 
 static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {

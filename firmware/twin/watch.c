@@ -122,7 +122,7 @@ static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *recor
 /* A step that was caught up gives no information. */
 static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
-    if (rests == watch->rests || record->outcome == TL_MADE_UP || record->outcome == TL_FREE_RUN) {
+    if (rests == watch->rests || record->outcome == TL_CAUGHT_UP || record->outcome == TL_FREE_RUN) {
         return;
     }
     watch->rests = rests;
@@ -134,7 +134,7 @@ static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
 
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_ROLLBACK) == 0;
-    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
+    if (free_run == watch->free_run || record->outcome == TL_CAUGHT_UP) {
         return;
     }
     watch->free_run = free_run;
@@ -245,7 +245,7 @@ static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *recor
 
 /* Event horizon: reports the result of a stroke. */
 static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
+    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_CAUGHT_UP;
     bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
     watch->stroke_evaluations += record->evaluations;
     if (record->step == 0) {
@@ -312,7 +312,7 @@ static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
 }
 
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
-    if (record->outcome == TL_FOLLOWED) {
+    if (record->outcome == TL_RESUMED) {
         return; /* reported by the run that was resumed */
     }
     watch_way_back(watch, tick, record);
@@ -369,7 +369,7 @@ void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now
         return;
     }
     watch->skipped_since = now;
-    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "cycle", "%llu ticks missed and made up without a search",
-                     (unsigned long long)watch->skipped);
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "cycle",
+                     "%llu ticks missed, then caught up without a search", (unsigned long long)watch->skipped);
     watch->skipped = 0;
 }

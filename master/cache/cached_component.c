@@ -226,7 +226,7 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
         tl_ports_write(&cached->component->inputs, tl_sequence_cache_key(tree, next));
         status = execute(cached, step - (int64_t)missing, error);
         cached->at = status == TL_OK ? next : TL_NO_NODE;
-        cached->caught_up++;
+        cached->repeated++;
     }
     tl_ports_write(&cached->component->inputs, cached->key);
     return status;
@@ -262,7 +262,7 @@ static void store(tl_cached_component *cached) {
         tl_ports_read(&cached->component->outputs, cached->value);
         added = tl_sequence_cache_add(&cached->tree, cached->position, cached->key, cached->value);
     }
-    cached->unstored += added == TL_NO_NODE;
+    cached->uncached += added == TL_NO_NODE;
     cached->position = added;
     cached->at = added;
 }

@@ -48,8 +48,8 @@ typedef struct tl_cached_component {
     bool is_kept_from;    /* the owner keeps a state that is older than the root, and will restore it */
     uint32_t states;      /* most handles, ≥ 2 */
     uint32_t made;        /* handles created */
-    uint64_t caught_up;   /* executions repeated to bring the FMU to a node */
-    uint64_t unstored;    /* executions whose result was not stored */
+    uint64_t repeated;    /* executions repeated to bring the FMU to a node */
+    uint64_t uncached;    /* executions whose result was not stored */
 } tl_cached_component;
 
 /* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2. Returns false if

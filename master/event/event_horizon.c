@@ -894,7 +894,7 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
         status = search(self, budget, begun, record, error);
     }
     fill_record(self, record);
-    record->outcome = budget == NULL ? TL_MADE_UP : record->outcome;
+    record->outcome = budget == NULL ? TL_CAUGHT_UP : record->outcome;
     return status;
 }
 
@@ -902,7 +902,7 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
     self->own_course = self->own_course && is_u(self, u);
     self->u = u;
     tl_status status = tl_event_horizon_step(self, step, NULL, record, error);
-    record->outcome = TL_FOLLOWED;
+    record->outcome = TL_RESUMED;
     return status;
 }
 

@@ -385,8 +385,8 @@ static void count_from_0(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         exchange->components[i].executions = 0;
         if (exchange->cached != NULL) {
-            exchange->cached[i].caught_up = 0;
-            exchange->cached[i].unstored = 0;
+            exchange->cached[i].repeated = 0;
+            exchange->cached[i].uncached = 0;
         }
     }
 }

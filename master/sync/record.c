@@ -21,7 +21,7 @@ void tl_record_begin(tl_record *record, int64_t step) {
 
 const char *tl_outcome_name(tl_outcome outcome) {
     static const char *const names[] = {"free",     "first guess", "optimised", "best so far", "nominal",
-                                        "free run", "made up",     "held",      "searching",   "followed"};
+                                        "free run", "caught up",   "held",      "searching",   "resumed"};
     return names[outcome];
 }
 
@@ -45,11 +45,11 @@ const char *tl_flag_name(tl_flag flag) {
     case TL_FLAG_RESET:
         return "reset";
     case TL_FLAG_DIFFERED:
-        return "differed";
+        return "rollback differed";
     case TL_FLAG_NO_ROLLBACK:
-        return "no way back";
+        return "no rollback";
     case TL_FLAG_RESTS:
-        return "rests";
+        return "resting";
     }
     return "unknown";
 }

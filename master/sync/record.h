@@ -37,13 +37,13 @@ typedef enum tl_outcome {
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, but better than nominal by the margin */
     TL_NOMINAL,     /* the search found nothing better than nominal: nominal u committed */
     TL_FREE_RUN,    /* no matched signal was good, or TL_FLAG_NO_ROLLBACK: nominal u committed, nothing evaluated */
-    TL_MADE_UP,     /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
+    TL_CAUGHT_UP,   /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
     TL_HELD, /* event horizon: the last u is held; the outcomes above are those of a stroke, when its search has ended */
     TL_SEARCHING, /* event horizon: the same, while a stroke is searched */
-    TL_FOLLOWED   /* the u of an earlier run, to resume where that run ended */
+    TL_RESUMED    /* the u of an earlier run, to resume where that run ended */
 } tl_outcome;
 
-enum { TL_OUTCOMES = TL_FOLLOWED + 1 };
+enum { TL_OUTCOMES = TL_RESUMED + 1 };
 
 /* Why the search ended. */
 typedef enum tl_stop {

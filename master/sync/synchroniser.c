@@ -527,7 +527,7 @@ static tl_status commit_found(tl_step_search *search, const double *u, tl_record
     const double *nominal = synchroniser->memory.nominal;
     tl_status status = commit(search, u, record);
     if (status == TL_FMU_FAILED && !is_nominal(synchroniser, u)) {
-        bool unsearched = record->outcome == TL_MADE_UP || record->outcome == TL_FOLLOWED;
+        bool unsearched = record->outcome == TL_CAUGHT_UP || record->outcome == TL_RESUMED;
         record->outcome = unsearched ? record->outcome : TL_NOMINAL;
         record->objective = record->objective_nominal;
         u = nominal;
@@ -689,13 +689,13 @@ static tl_status step_unsearched(tl_synchroniser *synchroniser, int64_t step, tl
     return commit_found(&search, synchroniser->memory.guess, record);
 }
 
-tl_status tl_synchroniser_make_up(tl_synchroniser *synchroniser, int64_t step, tl_record *record, tl_error *error) {
-    return step_unsearched(synchroniser, step, TL_MADE_UP, NULL, record, error);
+tl_status tl_synchroniser_catch_up(tl_synchroniser *synchroniser, int64_t step, tl_record *record, tl_error *error) {
+    return step_unsearched(synchroniser, step, TL_CAUGHT_UP, NULL, record, error);
 }
 
 tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, const double *u, tl_record *record,
                                  tl_error *error) {
-    return step_unsearched(synchroniser, step, TL_FOLLOWED, u, record, error);
+    return step_unsearched(synchroniser, step, TL_RESUMED, u, record, error);
 }
 
 static void forget(const tl_optimiser_class *solver, tl_optimiser *optimiser) {

@@ -60,7 +60,7 @@ void tl_synchroniser_refresh(tl_synchroniser *synchroniser, int64_t step);
 tl_time tl_synchroniser_end_step(tl_synchroniser *synchroniser, const tl_budget *budget);
 
 /* Commits step i without a search, with nominal plus the Δu committed last. */
-tl_status tl_synchroniser_make_up(tl_synchroniser *synchroniser, int64_t step, tl_record *record, tl_error *error);
+tl_status tl_synchroniser_catch_up(tl_synchroniser *synchroniser, int64_t step, tl_record *record, tl_error *error);
 
 /* Commits step i without a search, with this u of an earlier run. */
 tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, const double *u, tl_record *record,

@@ -32,8 +32,8 @@ static void take_component(const tl_twin *twin, size_t index, tl_account_compone
     component->plain = entry.plain;
     component->predicted = entry.predicted;
     component->executions = entry.executions;
-    component->caught_up = entry.caught_up;
-    component->unstored = entry.unstored;
+    component->repeated = entry.repeated;
+    component->uncached = entry.uncached;
     component->nodes_peak = entry.nodes_peak;
 }
 

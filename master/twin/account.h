@@ -27,8 +27,8 @@ typedef struct tl_account_component {
     uint64_t plain;
     uint64_t predicted;
     uint64_t executions;
-    uint64_t caught_up;
-    uint64_t unstored;
+    uint64_t repeated;
+    uint64_t uncached;
     uint32_t nodes_peak;
 } tl_account_component;
 

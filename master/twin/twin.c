@@ -119,10 +119,10 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         entry.state_size = exchange->rooms[component].size;
         entry.states = exchange->rooms[component].kept;
         entry.nodes_peak = cached->tree.peak;
-        entry.caught_up = cached->caught_up;
-        entry.unstored = cached->unstored;
+        entry.repeated = cached->repeated;
+        entry.uncached = cached->uncached;
     }
-    entry.difference = (int64_t)(entry.executions - entry.caught_up - entry.predicted);
+    entry.difference = (int64_t)(entry.executions - entry.repeated - entry.predicted);
     return entry;
 }
 
@@ -546,7 +546,7 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     if (way->follows) {
         return tl_synchroniser_follow(&twin->synchroniser, step, way->u, record, error);
     }
-    return way->budget == NULL ? tl_synchroniser_make_up(&twin->synchroniser, step, record, error)
+    return way->budget == NULL ? tl_synchroniser_catch_up(&twin->synchroniser, step, record, error)
                                : tl_synchroniser_step(&twin->synchroniser, step, way->budget, record, error);
 }
 
@@ -690,9 +690,9 @@ tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *
     return tick(twin, sample, &searched, record, ready, error);
 }
 
-tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error) {
-    const tick_way made_up = {0};
-    return tick(twin, sample, &made_up, record, ready, error);
+tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error) {
+    const tick_way caught_up = {0};
+    return tick(twin, sample, &caught_up, record, ready, error);
 }
 
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,

@@ -77,9 +77,9 @@ typedef struct tl_twin_ledger {
     uint64_t plain;        /* executions if nothing were saved */
     uint64_t predicted;    /* by the graph for the same evaluations */
     uint64_t executions;   /* done */
-    uint64_t caught_up;    /* executions repeated so that an FMU catches up (TL_KEEP_OUTPUTS) */
+    uint64_t repeated;     /* executions repeated so that an FMU catches up (TL_KEEP_OUTPUTS) */
     tl_fmi2_replay replay; /* rollback by replay: no other count includes its steps; zeroed: not used */
-    uint64_t unstored;     /* results that found no room; their repetition is not predicted */
+    uint64_t uncached;     /* results that found no room; their repetition is not predicted */
     int64_t
         difference; /* executions that were neither predicted nor to catch up. Positive: results found no room, or a failed committed step was repeated. Negative: another u gave the same inputs, or the ledger is not complete. Else 0 */
     tl_time
@@ -128,11 +128,11 @@ tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *
 
 /* As tl_twin_step() for a missed tick: one step without search, with nominal plus the last Δu (a
  * Boolean: the last u). */
-tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
+tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
 
-/* As tl_twin_make_up() for a tick of an earlier run with its committed u: a value for each adjusted
+/* As tl_twin_catch_up() for a tick of an earlier run with its committed u: a value for each adjusted
  * variable, undefined if no step is due at this tick; NULL if nothing is adjusted. The outcome is
- * TL_FOLLOWED. */
+ * TL_RESUMED. */
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
                          tl_error *error);
 

@@ -212,7 +212,7 @@ static int64_t next_step(const tl_twin *twin, int64_t tick) {
 /* Mode ahead: the waiting step and its cost belong to the earlier run. */
 static void disown_pending(tl_twin *twin) {
     tl_record *pending = &twin->pending;
-    pending->outcome = TL_FOLLOWED;
+    pending->outcome = TL_RESUMED;
     pending->stop = TL_STOP_NONE;
     pending->evaluations = 0;
     pending->executions = 0;

@@ -83,7 +83,7 @@ class Bench:
 
     def true_mse(self, rows):
         settled = [row for row in rows if float(row["time"]) > SETTLED_S and round(float(row["time"]) / STEP_S) in self.true]
-        return sum((float(row["motor.omega"]) - self.true[round(float(row["time"]) / STEP_S)]) ** 2 for row in settled) / len(settled)
+        return sum((float(row["motor.omega simulated"]) - self.true[round(float(row["time"]) / STEP_S)]) ** 2 for row in settled) / len(settled)
 
     def measure(self, edits):
         """Means over the recordings."""
@@ -139,7 +139,7 @@ def draw_between(bench):
     panel.legend([("true", PLANT), ("by the last message", ALONE), ("on the line, low-pass", LOCKED)])
     panel.line(*zip(*shown), PLANT, 4)
     for edits, colour in ((of_match(**BY_LAST), ALONE), ({}, LOCKED)):
-        rows = [(float(row["time"]) - SHOWN_FROM_S, float(row["motor.omega"])) for row in bench.replay(edits, recording)[1]]
+        rows = [(float(row["time"]) - SHOWN_FROM_S, float(row["motor.omega simulated"])) for row in bench.replay(edits, recording)[1]]
         panel.line(*zip(*[row for row in rows if 0 <= row[0] <= SHOWN_S]), colour, 1.8)
     for time, value in bench.readings(recording):
         if 0 <= time - SHOWN_FROM_S <= SHOWN_S and low <= value <= high:

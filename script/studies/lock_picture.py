@@ -65,23 +65,23 @@ def smoothed(values, half=10):
 def draw(free, lock):
     """The whole SVG text."""
     times = [float(row["time"]) for row in lock]
-    plant = [float(row["plant.omega"]) for row in lock]
-    alone = [float(row["motor.omega"]) for row in free]
-    locked = [float(row["motor.omega"]) for row in lock]
-    delta = [float(row["motor.d"]) - float(row["motor.d nominal"]) for row in lock]
+    plant = [float(row["plant.omega measured"]) for row in lock]
+    alone = [float(row["motor.omega simulated"]) for row in free]
+    locked = [float(row["motor.omega simulated"]) for row in lock]
+    correction = [float(row["motor.d applied"]) - float(row["motor.d nominal"]) for row in lock]
     speed = Panel(44, 250, 40, 85, times[-1])
     speed.axes((40, 50, 60, 70, 80), "motor speed, rad/s", False)
     speed.legend([("plant, measured", PLANT), ("twin left alone", ALONE), ("twin locked", LOCKED)])
     speed.line(times, alone, ALONE, 1.6)
     speed.line(times, plant, PLANT, 3.6)
     speed.line(times, locked, LOCKED, 1.4)
-    bound = 1.1 * max(map(abs, delta))
+    bound = 1.1 * max(map(abs, correction))
     corrected = Panel(344, 90, -bound, bound, times[-1])
     step = float(f"{bound / 1.6:.1g}")
     corrected.axes((-step, 0, step), "what had to be corrected: Δu of the friction d, N·m·s/rad", True)
     corrected.legend([("each step", PALE), ("mean of 0.2 s", LOCKED)])
-    corrected.line(times, delta, PALE, 0.8)
-    corrected.line(times, smoothed(delta), LOCKED, 1.6)
+    corrected.line(times, correction, PALE, 0.8)
+    corrected.line(times, smoothed(correction), LOCKED, 1.6)
     body = "\n".join(speed.parts + corrected.parts)
     return (f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} 464" font-family="sans-serif" '
             f'font-size="12" fill="{INK}">\n<rect width="{WIDTH}" height="464" fill="white"/>\n{body}\n</svg>\n')

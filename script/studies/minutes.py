@@ -68,7 +68,7 @@ class Plant:
         with open(read, encoding="utf-8", newline="") as steps, open(self.true, encoding="utf-8", newline="") as true:
             there, truly = csv.reader(steps), csv.reader(true)
             names, true_names = next(there), next(truly)
-            places = [(variable, names.index(variable), true_names.index(column)) for variable, column in columns.items()]
+            places = [(variable, names.index(f"{variable} simulated"), true_names.index(column)) for variable, column in columns.items()]
             next(truly)  # of t = 0, where no step ends
             for row, values in zip(there, truly):
                 for variable, place, true_place in places:

@@ -98,7 +98,7 @@ def ledger_off(summary):
     ledger, executions = summary["ledger"], summary["executions"]
     if not ledger["complete"]:
         return math.inf
-    return max((executions[name] - entry["predicted"] - entry["caught_up"]
+    return max((executions[name] - entry["predicted"] - entry["repeated"]
                 for name, entry in ledger["components"].items()), key=abs)
 
 

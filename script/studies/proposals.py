@@ -134,7 +134,7 @@ class Recording:
         config.write_text(json.dumps(document), encoding="utf-8")
         self._run((0, NOT_LOCKED), "replay", config, "--recording", self.path, "--csv", table)
         with open(table, encoding="utf-8", newline="") as file:
-            squares = [(float(row["motor.omega"]) - self.truth[round(float(row["time"]) / STEP_S)]) ** 2
+            squares = [(float(row["motor.omega simulated"]) - self.truth[round(float(row["time"]) / STEP_S)]) ** 2
                        for row in csv.DictReader(file) if round(float(row["time"]) / STEP_S) in self.truth]
         return sum(squares) / len(squares)
 

@@ -112,7 +112,7 @@ static void print(const tl_config *config) {
     cJSON *document = cJSON_Parse(text);
     tl_fuzz_hold(document != NULL);
     cJSON_Delete(document);
-    tl_summary_print_table(&summary, config, &account, file);
+    tl_summary_print_table(&summary, config, &account, true, file);
     (void)fclose(file);
     for (size_t i = 0; i < size; i++) {
         tl_fuzz_hold(((unsigned char)text[i] >= ' ' && text[i] != '\x7f') || text[i] == '\n' || text[i] == '\t');

@@ -46,7 +46,7 @@ def wait_for_strokes(live, database):
     """Until a stroke was searched and has told the throttle, and another one is over as well."""
     def there():
         expect(live.process.poll() is None, f"the run has ended\n{live.log()}")
-        ended = query(database, "SELECT outcome FROM v_steps WHERE outcome NOT IN ('held', 'searching', 'made up')")
+        ended = query(database, "SELECT outcome FROM v_steps WHERE outcome NOT IN ('held', 'searching', 'caught up')")
         return "optimised" in [outcome for outcome, in ended[:-1]]
     wait_for_steps(live, database, 1)
     wait_until(there, "two strokes", live.log)

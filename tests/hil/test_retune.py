@@ -112,11 +112,11 @@ def test_taken_and_repeated():
         shown = json.loads(run_well(["show", database, "--json"]))["tunings"]
         expect([(one["tick"], one["configuration"][:12], one["who"], one["origin"], one["why"]) for one in shown] == rows, f"{shown}")
         again = expect_repeated(config, database, 1)
-        expect(again["tunings"] == {"recorded": 2, "followed": 2}, f"{again.get('tunings')}")
+        expect(again["tunings"] == {"recorded": 2, "applied": 2}, f"{again.get('tunings')}")
         page = run_well(["replay", config, "--recording", database], wells=(0, 3))
         expect("tunings      2 taken while it ran\n" in page, page)
         left_out = json.loads(run_well(["replay", first, "--recording", database, "--json"], wells=(0, 3)))
-        expect(left_out["tunings"] == {"recorded": 2, "followed": 0}, f"{left_out.get('tunings')}")
+        expect(left_out["tunings"] == {"recorded": 2, "applied": 0}, f"{left_out.get('tunings')}")
         page = run_well(["replay", first, "--recording", database], wells=(0, 3))
         expect("2 taken while it ran, and not followed: this is another configuration than the run's" in page, page)
 

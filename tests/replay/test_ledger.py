@@ -29,7 +29,7 @@ def expect_as_predicted(told, behind=()):
         least = -0.01 * entry["predicted"] if name in behind else 0
         expect(least <= entry["difference"] <= 0, f"{name} was executed otherwise than predicted: {entry}")
     for name, entry in {**ledger["components"], "total": ledger["total"]}.items():
-        expect(entry["predicted"] + entry["caught_up"] + entry["difference"] == entry["executions"], f"{entry}")
+        expect(entry["predicted"] + entry["repeated"] + entry["difference"] == entry["executions"], f"{entry}")
         expect(entry["saved"] == entry["plain"] - entry["executions"], f"{name}: {entry}")
         expect(entry["executions"] == told["executions"][name], f"{name}: {entry}, {told['executions']}")
     return ledger
@@ -65,11 +65,11 @@ def test_catching_up():
     chosen = config({"motor": {"keep": "outputs"}}, horizon=horizon(3), free_twin=False)
     ledger = expect_as_predicted(replay_json(chosen), ("drive",))
     motor = ledger["components"]["motor"]
-    expect(motor["caught_up"] > 0, f"{motor}")
-    expect(ledger["components"]["drive"]["caught_up"] == 0, f"{ledger}")
+    expect(motor["repeated"] > 0, f"{motor}")
+    expect(ledger["components"]["drive"]["repeated"] == 0, f"{ledger}")
     expect(filecmp.cmp(steps(chosen), steps(chosen, "--plain"), False), "results depend on what is kept")
     out = run_well(["replay", chosen])
-    expect(f"{motor['caught_up']} caught up, 0 results found no room" in out, out)
+    expect(f"{motor['repeated']} caught up, 0 results found no room" in out, out)
 
 
 def test_no_room():
@@ -77,16 +77,16 @@ def test_no_room():
     chosen, database = config(horizon=horizon(3), saving={"nodes": 2}), scratch() / "run.db"
     told = replay_json(chosen)
     motor = told["ledger"]["components"]["motor"]
-    expect(motor["difference"] > 0 and motor["unstored"] > 0, f"{motor}")
-    expect(told["cache"]["full"] == told["ledger"]["total"]["unstored"], f"{told['cache']}")
+    expect(motor["difference"] > 0 and motor["uncached"] > 0, f"{motor}")
+    expect(told["cache"]["full"] == told["ledger"]["total"]["uncached"], f"{told['cache']}")
     code, _, err = run(["replay", chosen, "--db", database])
-    words = f"motor: {motor['difference']} executions more than predicted: results found no room ({motor['unstored']}, see"
+    words = f"motor: {motor['difference']} executions more than predicted: results found no room ({motor['uncached']}, see"
     expect(code == 0 and f"warning: {words}" in err, f"it ended with {code}\n{err}")
     with closing(sqlite3.connect(database)) as connection:
         found = connection.execute("SELECT severity, source FROM v_events WHERE text LIKE ?", (f"{words}%",))
         expect(found.fetchall() == [("warning", "twin")], "the database has no such event")
-        found = connection.execute("SELECT difference, unstored FROM v_ledger WHERE component = 'motor'").fetchall()
-        expect(found == [(motor["difference"], motor["unstored"])], f"the database has {found}")
+        found = connection.execute("SELECT difference, uncached FROM v_ledger WHERE component = 'motor'").fetchall()
+        expect(found == [(motor["difference"], motor["uncached"])], f"the database has {found}")
     expect(filecmp.cmp(steps(chosen), steps(chosen, "--plain"), False), "results depend on the room")
 
 

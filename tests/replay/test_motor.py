@@ -85,7 +85,7 @@ def test_keys():
     for key in ("steps", "evaluations", "optimised_steps", "deadline_misses"):
         expect(isinstance(result[key], int), f"{key}: {result[key]!r}")
     expect({"mse", "max", "unit"} <= set(result["match"]["motor.omega"]), f"{result['match']}")
-    expect({"first", "last", "mean", "delta_mean"} <= set(result["adjust"][U]), f"{result['adjust']}")
+    expect({"first", "last", "mean", "correction_mean"} <= set(result["adjust"][U]), f"{result['adjust']}")
     expect(result["cache"]["saved"] > 0 and result["cache"]["full"] == 0, f"{result['cache']}")
     expect(result["wall_s"] > 0, f"wall_s: {result['wall_s']}")
 
@@ -98,7 +98,7 @@ def test_json_and_csv_agree():
     expect(sum(rows["evaluations"]) == result["evaluations"], "evaluations differ")
     expect(adjust["first"] == rows[U][0] and adjust["last"] == rows[U][-1], "first or last u differs")
     expect(abs(adjust["mean"] - sum(rows[U]) / STEPS) <= 1e-12, "the mean of u differs")
-    expect(abs(adjust["delta_mean"] - sum(corrections) / STEPS) <= 1e-12, "the mean correction differs")
+    expect(abs(adjust["correction_mean"] - sum(corrections) / STEPS) <= 1e-12, "the mean correction differs")
     expect(set(rows[f"{U} nominal"]) == {0.0031}, "the nominal is not the configured one")
     for J, y, y_hat, outcome in zip(rows["J"], rows["motor.omega"], rows["plant.omega"], rows["outcome"]):
         expect(abs(J - (y - y_hat) ** 2) <= 1e-9, f"J is {J}, but the difference is {y - y_hat}")

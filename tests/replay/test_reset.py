@@ -54,7 +54,7 @@ def test_a_run_is_repeated_to_the_bit():
         expect(again == now, f"{name}: the run with resets is not repeated")
         expect(was[:40] == now[:40] and was[40] != now[40], f"{name}: it does not begin anew at step 40")
         expect([row[0] for row in now if row[1] & RESET] == [40, 41, 200], f"{name}: other steps are flagged")
-        ledger = ask(marked, "SELECT predicted, executions - caught_up FROM components")
+        ledger = ask(marked, "SELECT predicted, executions - repeated FROM components")
         expect(all(predicted == done for predicted, done in ledger), f"{name}: {ledger}")
         words = ask(marked, "SELECT count(*) FROM v_steps WHERE flags LIKE '%reset%'")
         expect(words == [(3,)], f"{name}: the view does not name the flag")

@@ -88,7 +88,7 @@ def test_windows_are_what_the_database_holds():
                 "SELECT avg(delta), count(*) FROM adjustments JOIN signals USING (run, signal)"
                 " WHERE kind = 'adjust' AND name = ? AND step >= ? AND step < ?", (name, window["from_step"], end))
             expect(count == window["steps"], f"{window}: {count} steps")
-            expect(math.isclose(mean, window["delta_mean"], rel_tol=1e-9, abs_tol=1e-15), f"{window}: {mean}")
+            expect(math.isclose(mean, window["correction_mean"], rel_tol=1e-9, abs_tol=1e-15), f"{window}: {mean}")
 
 
 def test_a_recorded_run_replays_to_the_same_bits():

@@ -53,7 +53,7 @@ def test_followed():
     take(database, AT, text_of(config, tolerance=0.3))
     take(database, AT + 100, config.read_text(encoding="utf-8"))
     told, again = replay(config, database)
-    expect(told["tunings"] == {"recorded": 2, "followed": 2}, f"{told['tunings']}")
+    expect(told["tunings"] == {"recorded": 2, "applied": 2}, f"{told['tunings']}")
     before, after = query(untouched, STEPS), query(again, STEPS)
     # Step i is computed at tick i + 1.
     expect([bits(row) for row in before[:AT - 1]] == [bits(row) for row in after[:AT - 1]], "another step before the tick")
@@ -76,7 +76,7 @@ def test_not_followed_with_another_configuration():
     before = replay(other, database)[1]
     take(database, AT, text_of(config, tolerance=0.3))
     told, again = replay(other, database)
-    expect(told["tunings"] == {"recorded": 1, "followed": 0}, f"{told['tunings']}")
+    expect(told["tunings"] == {"recorded": 1, "applied": 0}, f"{told['tunings']}")
     expect([bits(row) for row in query(before, STEPS)] == [bits(row) for row in query(again, STEPS)], "it was followed")
     expect(query(again, "SELECT count(*) FROM tunings") == [(0,)], "it was recorded")
 

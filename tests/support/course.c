@@ -138,7 +138,7 @@ void tl_course_search(tl_course *course, int64_t last, tl_record_queue *queue) {
             tl_twin_reset(twin);
         }
         tl_status status = course->next % MISSED == MISSED - 1
-                               ? tl_twin_make_up(twin, &sample, &record, &ready, &error)
+                               ? tl_twin_catch_up(twin, &sample, &record, &ready, &error)
                                : tl_twin_step(twin, &sample, &budget, &record, &ready, &error);
         TEST_ASSERT_EQUAL_INT(TL_OK, status);
         if (ready) {
@@ -205,7 +205,7 @@ static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
         course->samples++;
         break;
     case TL_ENTRY_STEP:
-        TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, entry->record.outcome);
+        TEST_ASSERT_EQUAL_INT(TL_RESUMED, entry->record.outcome);
         course->part.records[entry->record.step] = entry->record;
         course->part.there[entry->record.step] = true;
         break;

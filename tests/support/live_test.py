@@ -150,19 +150,19 @@ def check_ledger(told, candidate_steps):
         plain = candidate_steps * (len(ledger["components"]) if name == "total" else 1)
         expect(entry["plain"] == plain, f"{name}: {entry['plain']} executions without saving, wanted {plain}")
         expect(entry["executions"] == executions[name], f"{name}: {executions[name]} executions, ledger {entry}")
-        expect(entry["predicted"] == entry["executions"] - entry["caught_up"] and entry["difference"] == 0,
+        expect(entry["predicted"] == entry["executions"] - entry["repeated"] and entry["difference"] == 0,
                f"{name} was executed otherwise than predicted: {entry}")
         expect(entry["saved"] == entry["plain"] - entry["executions"], f"{name}: what was saved is wrong: {entry}")
     expect(told["cache"]["saved"] == ledger["total"]["saved"], f"{told['cache']} and {ledger['total']}")
 
 
-LEDGER = "SELECT component, plain, predicted, executions, caught_up, difference FROM v_ledger WHERE run = ?"
+LEDGER = "SELECT component, plain, predicted, executions, repeated, difference FROM v_ledger WHERE run = ?"
 
 
 def check_recorded_ledger(told, database, run):
     """The database has the ledger that --json told, of each component and in the sum of the steps."""
     components = told["ledger"]["components"]
-    wanted = [(name, *(entry[key] for key in ("plain", "predicted", "executions", "caught_up", "difference")))
+    wanted = [(name, *(entry[key] for key in ("plain", "predicted", "executions", "repeated", "difference")))
               for name, entry in components.items()]
     found = query(database, LEDGER, run)
     expect(found == wanted, f"the ledger in the database is {found}, told was {wanted}")
@@ -171,19 +171,19 @@ def check_recorded_ledger(told, database, run):
 def check_summary(told, database, prediction=1, components=3, run=1):
     """What --json told about a `run` that lost nothing, against itself and the database: how many rows."""
     rows = check_rows(database, run)
-    made_up = told["outcomes"]["made up"]
+    caught_up = told["outcomes"]["caught up"]
     total = told["ledger"]["total"]
     expect(told["steps"] + told["skipped"] == told["ticks"],
            f"{told['steps']} steps + {told['skipped']} skipped are not {told['ticks']} ticks")
-    expect(made_up == told["skipped"], f"{made_up} made up, but {told['skipped']} skipped")
-    expect(sum(told["outcomes"].values()) == rows == told["steps"] + made_up,
+    expect(caught_up == told["skipped"], f"{caught_up} made up, but {told['skipped']} skipped")
+    expect(sum(told["outcomes"].values()) == rows == told["steps"] + caught_up,
            f"{rows} rows, told {told['outcomes']}")
     expect(len(told["ledger"]["components"]) == components, f"components: {told['ledger']}")
     check_ledger(told, rows + prediction * told["evaluations"])
     check_recorded_ledger(told, database, run)
     counted = query(database, "SELECT sum(evaluations), sum(executions), sum(predicted), sum(outcome = ?) "
                     "FROM steps WHERE run = ?", MADE_UP, run)[0]
-    wanted = (told["evaluations"], total["executions"], total["predicted"], made_up)
+    wanted = (told["evaluations"], total["executions"], total["predicted"], caught_up)
     wanted = (None,) * 4 if rows == 0 else wanted
     expect(counted == wanted, f"the database has {counted}, told was {wanted}")
     return rows

@@ -94,7 +94,7 @@ void tl_made_record(int64_t step, tl_record *record) {
     record->step = step;
     record->outcome = (tl_outcome)(hash % TL_OUTCOMES);
     record->stop = (tl_stop)((hash >> 8) % (TL_STOP_TIME + 1));
-    record->objective = record->outcome == TL_MADE_UP ? (double)NAN : number(step, 10);
+    record->objective = record->outcome == TL_CAUGHT_UP ? (double)NAN : number(step, 10);
     record->objective_nominal = record->outcome == TL_OPTIMISED ? (double)INFINITY : number(step, 11);
     record->evaluations = (uint32_t)(hash >> 16) % 60;
     record->executions = (uint32_t)(hash >> 24) % 600;

@@ -184,8 +184,8 @@ const tl_record *tl_test_run_single(tl_test_run *run, tl_test_log *log, double c
     return tl_test_run_tick(run, log);
 }
 
-void tl_test_run_make_up(tl_test_run *run) {
-    run->status = tl_twin_make_up(run->twin, &run->sample, &run->record, &run->ready, &run->error);
+void tl_test_run_catch_up(tl_test_run *run) {
+    run->status = tl_twin_catch_up(run->twin, &run->sample, &run->record, &run->ready, &run->error);
     move_on(run);
 }
 

@@ -102,7 +102,7 @@ const tl_record *tl_test_run_tick(tl_test_run *run, tl_test_log *log);
 const tl_record *tl_test_run_single(tl_test_run *run, tl_test_log *log, double cmd, double y0);
 
 /* As tl_test_run_step(), for a tick that was missed; and for one of an earlier run. */
-void tl_test_run_make_up(tl_test_run *run);
+void tl_test_run_catch_up(tl_test_run *run);
 void tl_test_run_follow(tl_test_run *run, const double *u);
 
 #endif

@@ -108,7 +108,7 @@ static uint64_t count(const tl_test_rig *rig, size_t k) {
         return rig->exchange.plant.executions;
     }
     uint64_t executions = rig->graph.components[k].executions;
-    return rig->exchange.cached == NULL ? executions : executions - rig->exchange.cached[k].caught_up;
+    return rig->exchange.cached == NULL ? executions : executions - rig->exchange.cached[k].repeated;
 }
 
 static void set_inputs(tl_test_rig *rig, const double *u, uint32_t depth) {

@@ -178,6 +178,9 @@ def replay_csv(config, *options, timeout=HUNG_S):
     return read_table(path)
 
 
+VALUE = re.compile(r" (simulated|measured|applied)$")
+
+
 def _value(text):
     try:
         return float(text or "nan")
@@ -186,10 +189,11 @@ def _value(text):
 
 
 def read_table(path):
-    """{column: [value]} of a CSV file: numbers where they are, NaN for an empty field, else texts."""
+    """{column: [value]} of a CSV file: numbers where they are, NaN for an empty field, else texts. The columns
+    "X simulated", "X measured" and "X applied" are X."""
     with open(path, encoding="utf-8", newline="") as file:
         names, *rows = csv.reader(file)
-    return {name: [_value(row[i]) for row in rows] for i, name in enumerate(names)}
+    return {VALUE.sub("", name): [_value(row[i]) for row in rows] for i, name in enumerate(names)}
 
 
 # ---- configurations ----

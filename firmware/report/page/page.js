@@ -4,7 +4,7 @@
     const data = JSON.parse(document.getElementById("data").textContent);
     const live = data.origin !== null;
     const QUALITIES = ["good", "stale", "out of range", "not a number", "no link", "outlier"]; // codes of tl_quality
-    const COLOURS = ["ink", "soft", "line", "grid", "simulated", "measured", "nominal", "delta", "band", "bad", "gap", "info",
+    const COLOURS = ["ink", "soft", "line", "grid", "simulated", "measured", "nominal", "difference", "band", "bad", "gap", "info",
         "warning", "error"];
     const PRINT_WIDTH = 670; // CSS pixels: fits A4 and Letter between the margins of page.css
     const root = document.documentElement;
@@ -387,13 +387,13 @@
             series: [
                 {name: "\u0177 measured, " + match.to, values: match.measured, colour: "measured", width: 3.2, stepped, unit,
                     type},
-                {name: "y simulated", values: match.y, colour: "simulated", width: 1.3, stepped, unit, type},
+                {name: "y simulated", values: match.simulated, colour: "simulated", width: 1.3, stepped, unit, type},
             ],
         });
-        const series = [{name: "\u0394y = y \u2212 \u0177", values: match.delta, colour: "delta", stepped, unit}];
+        const series = [{name: "\u0394y = y \u2212 \u0177", values: match.error, colour: "difference", stepped, unit}];
         if (match.tolerance > 0) {
             for (const limit of [match.tolerance, -match.tolerance]) {
-                series.push({values: constant(limit, match.delta), colour: "nominal", width: 0.8, dash: [4, 3]});
+                series.push({values: constant(limit, match.error), colour: "nominal", width: 0.8, dash: [4, 3]});
             }
         }
         addPlot(group, {
@@ -409,12 +409,12 @@
             unit, offset: 0, height: 170, boolean: type === "Boolean",
             series: [
                 {name: "\u00fb nominal", values: adjust.nominal, colour: "nominal", width: 2.6, stepped: true, unit, type},
-                {name: "u committed", values: adjust.u, colour: "simulated", stepped: true, unit, type},
+                {name: "u committed", values: adjust.applied, colour: "simulated", stepped: true, unit, type},
             ],
         });
         addPlot(group, {
             unit, offset: 0, height: 170,
-            series: [{name: "\u0394u = u \u2212 \u00fb", values: adjust.delta, colour: "delta", stepped: true, unit}],
+            series: [{name: "\u0394u = u \u2212 \u00fb", values: adjust.correction, colour: "difference", stepped: true, unit}],
         });
     }
 

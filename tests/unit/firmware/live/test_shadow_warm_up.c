@@ -141,7 +141,7 @@ static void expect_ready_for(int64_t tick) {
     tl_sample sample = {.tick = tick, .instant = start + tick * STEP};
     tl_record record;
     bool ready = false;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_make_up(twin.assembly.twin, &sample, &record, &ready, &error),
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_catch_up(twin.assembly.twin, &sample, &record, &ready, &error),
                                   error.text);
 }
 

@@ -337,7 +337,7 @@ static void test_what_the_search_says_does_not_count(void) {
         step();
     }
     expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
-    record.outcome = TL_MADE_UP;
+    record.outcome = TL_CAUGHT_UP;
     record.objective = (double)NAN;
     record.y[0] = -2.1;
     for (int i = 0; i < WINDOW / 2; i++) {
@@ -366,7 +366,7 @@ static void test_several_outputs(void) {
 
 /* What an earlier run has computed was judged there. */
 static void test_what_is_followed_does_not_count(void) {
-    record.outcome = TL_FOLLOWED;
+    record.outcome = TL_RESUMED;
     for (int i = 0; i < 10 * WINDOW; i++) {
         step();
     }

@@ -9,7 +9,7 @@ void tearDown(void) {}
 
 static void expect_sentence(const char *expected, tl_lock_tally tally) {
     char text[TL_LOCK_SENTENCE];
-    tl_lock_tally_write(&tally, text);
+    tl_lock_tally_write(&tally, "steps", text);
     TEST_ASSERT_EQUAL_STRING(expected, text);
 }
 

@@ -102,7 +102,7 @@ static void test_each_tick_is_the_newest_row(void) {
     for (int i = 0; i < 5; i++) {
         TEST_ASSERT_TRUE(next());
         TEST_ASSERT_EQUAL_INT64(i, tick.sample.tick);
-        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
+        TEST_ASSERT_FALSE(tick.caught_up || tick.cut_short || tick.without_nominal);
         expect_signal(1, speeds[i], TL_GOOD);
     }
     TEST_ASSERT_FALSE(next());
@@ -267,7 +267,7 @@ static void test_a_run_comes_back(void) {
 
 /* With the run's own configuration, what it skipped and had no time for is done again as it was. */
 static void test_what_the_run_could_spend(void) {
-    int made_up = 0;
+    int caught_up = 0;
     int limited = 0;
     int without = 0;
     record_run(300);
@@ -276,22 +276,22 @@ static void test_what_the_run_could_spend(void) {
         tl_record expected;
         TEST_ASSERT_TRUE(next());
         if (i < TL_MADE_PREDICTION) {
-            TEST_ASSERT_FALSE(tick.made_up);
+            TEST_ASSERT_FALSE(tick.caught_up);
             continue;
         }
         tl_made_record(i - TL_MADE_PREDICTION, &expected);
         bool without_nominal = (expected.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
         bool by_time = expected.stop == TL_STOP_TIME || without_nominal;
-        TEST_ASSERT_EQUAL_INT(expected.outcome == TL_MADE_UP, tick.made_up);
+        TEST_ASSERT_EQUAL_INT(expected.outcome == TL_CAUGHT_UP, tick.caught_up);
         TEST_ASSERT_EQUAL_INT(by_time, tick.cut_short);
         TEST_ASSERT_EQUAL_UINT32(by_time ? expected.evaluations : 0, tick.evaluations);
         TEST_ASSERT_EQUAL_INT(without_nominal || (by_time && expected.evaluations == 0), tick.without_nominal);
-        made_up += tick.made_up ? 1 : 0;
+        caught_up += tick.caught_up ? 1 : 0;
         limited += by_time ? 1 : 0;
         without += without_nominal && expected.stop != TL_STOP_TIME ? 1 : 0;
     }
     TEST_ASSERT_GREATER_THAN_INT(5, without);
-    TEST_ASSERT_GREATER_THAN_INT(5, made_up);
+    TEST_ASSERT_GREATER_THAN_INT(5, caught_up);
     TEST_ASSERT_GREATER_THAN_INT(5, limited);
 }
 
@@ -301,7 +301,7 @@ static void test_another_configuration_is_not_bound_by_it(void) {
     open_recording();
     for (int i = 0; i < 300; i++) {
         TEST_ASSERT_TRUE(next());
-        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
+        TEST_ASSERT_FALSE(tick.caught_up || tick.cut_short || tick.without_nominal);
     }
 }
 

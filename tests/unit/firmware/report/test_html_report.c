@@ -192,7 +192,7 @@ static void test_a_figure_that_is_not_known(void) {
     write_page();
     expect_once("<data data-key=\"match.0.mse\" value=\"\">–</data>");
     expect_once("<data data-key=\"match.0.max\" value=\"\">–</data>");
-    expect_once("<data data-key=\"adjust.0.delta_mean\" value=\"\">–</data>");
+    expect_once("<data data-key=\"adjust.0.correction_mean\" value=\"\">–</data>");
 }
 
 static void test_a_run_without_a_ledger(void) {

@@ -19,8 +19,8 @@ static void add(int64_t outcome, uint64_t evaluations, tl_time used) {
 static void test_steps(void) {
     add(TL_FIRST_GUESS, 1, 100);
     add(TL_OPTIMISED, 7, 101);
-    add(TL_MADE_UP, 0, 0);
-    add(TL_FOLLOWED, 0, 0);
+    add(TL_CAUGHT_UP, 0, 0);
+    add(TL_RESUMED, 0, 0);
     TEST_ASSERT_EQUAL_UINT64(2, figures.steps);
     TEST_ASSERT_EQUAL_UINT64(4, tl_run_figures_committed(&figures));
     TEST_ASSERT_EQUAL_UINT64(8, figures.evaluations);
@@ -52,9 +52,9 @@ static void test_an_adjusted_variable(void) {
     TEST_ASSERT_EQUAL_DOUBLE(3.0, figures.adjust[2].first);
     TEST_ASSERT_EQUAL_DOUBLE(7.0, figures.adjust[2].last);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, tl_run_figures_mean(&figures, 2));
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, tl_run_figures_delta_mean(&figures, 2));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, tl_run_figures_correction_mean(&figures, 2));
     TEST_ASSERT_DOUBLE_IS_NAN(tl_run_figures_mean(&figures, 0));
-    TEST_ASSERT_DOUBLE_IS_NAN(tl_run_figures_delta_mean(&figures, 0));
+    TEST_ASSERT_DOUBLE_IS_NAN(tl_run_figures_correction_mean(&figures, 0));
 }
 
 /* No data must not look like a perfect fit. */

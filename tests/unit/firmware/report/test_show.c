@@ -409,7 +409,7 @@ static void test_json(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1200, number_of(root, "match", "motor.i", "left_out"));
     TEST_ASSERT_EQUAL_DOUBLE(2, number_of(root, "match", "motor.i", "max"));
     TEST_ASSERT_TRUE(fabs(tl_sql_number(path, "SELECT avg(delta) FROM adjustments WHERE signal = 0") -
-                          number_of(root, "adjust", "motor.d", "delta_mean")) < 1e-15);
+                          number_of(root, "adjust", "motor.d", "correction_mean")) < 1e-15);
     TEST_ASSERT_EQUAL_DOUBLE(tl_sql_number(path, "SELECT max(u) FROM adjustments WHERE signal = 0"),
                              number_of(root, "adjust", "motor.d", "max"));
     TEST_ASSERT_EQUAL_DOUBLE(24, number_of(root, "adjust", "drive.u", "last"));
@@ -418,7 +418,7 @@ static void test_json(void) {
     TEST_ASSERT_EQUAL_INT(8, cJSON_GetArraySize(windows));
     TEST_ASSERT_EQUAL_DOUBLE(1000, number_of(cJSON_GetArrayItem(windows, 5), "from_step", NULL, NULL));
     TEST_ASSERT_EQUAL_DOUBLE(10, number_of(cJSON_GetArrayItem(windows, 5), "from_s", NULL, NULL));
-    TEST_ASSERT_TRUE(fabs(number_of(cJSON_GetArrayItem(windows, 5), "delta_mean", NULL, NULL) - 0.005) < 1e-12);
+    TEST_ASSERT_TRUE(fabs(number_of(cJSON_GetArrayItem(windows, 5), "correction_mean", NULL, NULL) - 0.005) < 1e-12);
     TEST_ASSERT_EQUAL_DOUBLE(2,
                              number_of(cJSON_GetArrayItem(cJSON_GetObjectItem(root, "runs"), 0), "lead", NULL, NULL));
     const cJSON *ledger = cJSON_GetObjectItem(root, "ledger");
@@ -426,8 +426,8 @@ static void test_json(void) {
     TEST_ASSERT_EQUAL_DOUBLE(100800, number_of(ledger, "total", "predicted", NULL));
     TEST_ASSERT_EQUAL_DOUBLE(192000, number_of(ledger, "total", "plain", NULL));
     TEST_ASSERT_EQUAL_DOUBLE(35200, number_of(ledger, "components", "motor", "executions"));
-    TEST_ASSERT_EQUAL_DOUBLE(3200, number_of(ledger, "components", "plant", "caught_up"));
-    TEST_ASSERT_EQUAL_DOUBLE(800, number_of(ledger, "components", "motor", "unstored"));
+    TEST_ASSERT_EQUAL_DOUBLE(3200, number_of(ledger, "components", "plant", "repeated"));
+    TEST_ASSERT_EQUAL_DOUBLE(800, number_of(ledger, "components", "motor", "uncached"));
     TEST_ASSERT_EQUAL_DOUBLE(86400, number_of(ledger, "total", "saved", NULL));
     TEST_ASSERT_EQUAL_DOUBLE(1600 - 3200, number_of(ledger, "components", "plant", "difference"));
     TEST_ASSERT_EQUAL_STRING(
@@ -560,7 +560,7 @@ static void test_a_ledger_without_names(void) {
     record_known("replay");
     tl_sql_execute(path,
                    "ALTER TABLE components RENAME TO other; CREATE TABLE components AS SELECT run, component, NULL"
-                   " AS name, plain, predicted, executions, caught_up, unstored FROM other");
+                   " AS name, plain, predicted, executions, repeated, uncached FROM other");
     TEST_ASSERT_EQUAL_INT(65, SHOW(path));
     expect_in("is damaged: its table components has not the key that twinlock gives it", errors);
     (void)unlink(path);

@@ -63,7 +63,7 @@ static void run(int ticks, double omega, tl_quality quality) {
 static void print_table(void) {
     FILE *file = open_memstream(&printed, &printed_size);
     tl_account_take(assembly.twin, &account);
-    tl_summary_print_table(&summary, &assembly.config, &account, file);
+    tl_summary_print_table(&summary, &assembly.config, &account, true, file);
     (void)fclose(file);
 }
 
@@ -122,7 +122,7 @@ static void test_what_is_added_up(void) {
     expect_number(1, "adjust/motor.d/first");
     expect_number(2, "adjust/motor.d/last");
     expect_number(2, "adjust/motor.d/mean");
-    expect_number(-0.6, "adjust/motor.d/delta_mean");
+    expect_number(-0.6, "adjust/motor.d/correction_mean");
     expect_number(1, "outcomes/first guess");
     expect_number(1, "outcomes/free run");
     expect_number(0, "outcomes/made up");
@@ -130,7 +130,7 @@ static void test_what_is_added_up(void) {
 
 /* Steps and skipped are counted apart: together they are the ticks. Means are over all that were committed. */
 static void test_steps_that_were_made_up(void) {
-    add(TL_MADE_UP, 0, 9.0, 1.0);
+    add(TL_CAUGHT_UP, 0, 9.0, 1.0);
     add(TL_FIRST_GUESS, 1, 3.0, 1.0);
     summary.ticks = 2;
     summary.figures.skipped = 1;
@@ -141,7 +141,7 @@ static void test_steps_that_were_made_up(void) {
     expect_number(1, "outcomes/made up");
     expect_number(9, "adjust/motor.d/first");
     expect_number(6, "adjust/motor.d/mean");
-    expect_number(5, "adjust/motor.d/delta_mean");
+    expect_number(5, "adjust/motor.d/correction_mean");
 }
 
 static void test_time_limits_and_the_longest_step(void) {
@@ -183,8 +183,8 @@ static void test_json_tells_what_the_twin_did(void) {
     expect_number((double)tl_twin_executions(assembly.twin, 1), "executions/motor");
     expect_number((double)tl_twin_executions(assembly.twin, 1), "ledger/components/motor/executions");
     expect_number(10 + number("evaluations"), "ledger/components/motor/plain");
-    expect_number(0, "ledger/total/caught_up");
-    expect_number(0, "ledger/total/unstored");
+    expect_number(0, "ledger/total/repeated");
+    expect_number(0, "ledger/total/uncached");
     TEST_ASSERT_TRUE(cJSON_IsTrue(find("ledger/complete")));
     expect_number(10, "executions/plant");
     expect_number(tl_metrics_mse(metrics), "match/motor.omega/mse");

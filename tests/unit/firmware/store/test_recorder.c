@@ -208,7 +208,7 @@ static void test_the_ledger(void) {
     TEST_ASSERT_EQUAL_STRING("drive 0, motor 0, plant 0",
                              tl_sql_text(bench.path,
                                          "SELECT group_concat(name || ' ' || (plain + predicted + executions +"
-                                         " caught_up + unstored), ', ') FROM components"));
+                                         " repeated + uncached), ', ') FROM components"));
     record_run(TICKS);
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
     tl_made_ledger(TICKS - TL_MADE_PREDICTION - 1, ledger);
@@ -216,18 +216,18 @@ static void test_the_ledger(void) {
         char sql[160];
         char expected[160];
         (void)snprintf(sql, sizeof sql,
-                       "SELECT plain || ' ' || predicted || ' ' || executions || ' ' || caught_up || ' ' || unstored"
+                       "SELECT plain || ' ' || predicted || ' ' || executions || ' ' || repeated || ' ' || uncached"
                        " FROM components WHERE run = 2 AND component = %zu",
                        i);
         (void)snprintf(expected, sizeof expected, "%llu %llu %llu %llu %llu", (unsigned long long)ledger[i].plain,
                        (unsigned long long)ledger[i].predicted, (unsigned long long)ledger[i].executions,
-                       (unsigned long long)ledger[i].caught_up, (unsigned long long)ledger[i].unstored);
+                       (unsigned long long)ledger[i].repeated, (unsigned long long)ledger[i].uncached);
         TEST_ASSERT_EQUAL_STRING(expected, tl_sql_text(bench.path, sql));
     }
     TEST_ASSERT_EQUAL_INT64(
         (int64_t)(ledger[1].plain - ledger[1].executions),
         tl_sql_integer(bench.path, "SELECT saved FROM v_ledger WHERE run = 2 AND component = 'motor'"));
-    TEST_ASSERT_EQUAL_INT64((int64_t)(ledger[1].executions - ledger[1].caught_up - ledger[1].predicted),
+    TEST_ASSERT_EQUAL_INT64((int64_t)(ledger[1].executions - ledger[1].repeated - ledger[1].predicted),
                             tl_sql_integer(bench.path, "SELECT difference FROM v_ledger WHERE run = 2 AND component ="
                                                        " 'motor'"));
     TEST_ASSERT_EQUAL_STRING(

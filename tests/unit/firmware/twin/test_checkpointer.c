@@ -144,7 +144,7 @@ static void test_never_after_a_tick_that_was_made_up(void) {
     begin(MUCH);
     for (int i = 0; i < 20; i++) {
         int64_t tick = run.sample.tick;
-        tl_test_run_make_up(&run);
+        tl_test_run_catch_up(&run);
         tl_checkpointer_after(&checkpointer, tick, NULL);
     }
     close_recorder();
@@ -260,11 +260,11 @@ static void test_it_is_not_wanted(void) {
 
 /* ---- a shadow ---- */
 
-static void step_and_rehearse(bool made_up) {
+static void step_and_rehearse(bool caught_up) {
     const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL), .now = tl_clock_now};
     tl_test_run_step(&run);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    tl_checkpointer_rehearse(&checkpointer, made_up ? NULL : &budget);
+    tl_checkpointer_rehearse(&checkpointer, caught_up ? NULL : &budget);
 }
 
 /* Nothing is put before its run begins; then it is there at once, and the next one as after any. */

@@ -126,7 +126,7 @@ static void live_tick(int64_t tick) {
     make_sample(tick, &sample);
     tl_recorder_put_sample(recorder, &sample);
     if (random_below(20) == 0) {
-        expect_ok(tl_twin_make_up(assembly.twin, &sample, &record, &ready, &error));
+        expect_ok(tl_twin_catch_up(assembly.twin, &sample, &record, &ready, &error));
     } else {
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
     }

@@ -39,7 +39,7 @@ static void test_a_good_one(void) {
 
 static void test_the_ends_of_all_ranges(void) {
     result.record.step = TICK;
-    result.record.outcome = TL_FOLLOWED;
+    result.record.outcome = TL_RESUMED;
     result.record.stop = TL_STOP_TIME;
     result.record.flags = 2 * TL_LAST_FLAG - 1;
     result.record.delay_state = TL_DELAY_LOST;

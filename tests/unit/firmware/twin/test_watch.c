@@ -158,7 +158,7 @@ static void test_a_variable_that_does_not_matter(void) {
     searches(1, 500);
     expect_told("");
     records(TL_FIRST_GUESS, 2 * MINUTE); /* without a search nothing is known of it */
-    records(TL_MADE_UP, 500);
+    records(TL_CAUGHT_UP, 500);
     searches(0, TL_WATCH_STEPS - 1);
     expect_told("");
     searches(0, 1);
@@ -253,7 +253,7 @@ static void test_free_running(void) {
     expect_told("");
     records(TL_FREE_RUN, 5);
     expect_told_with("the twin runs free on the last good values");
-    records(TL_MADE_UP, 2); /* a missed tick tells nothing of the measurements */
+    records(TL_CAUGHT_UP, 2); /* a missed tick tells nothing of the measurements */
     expect_told("");
     records(TL_FIRST_GUESS, 5);
     expect_told_with("synchronising again");

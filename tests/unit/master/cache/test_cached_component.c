@@ -196,7 +196,7 @@ static void outputs_only_keeps_few_states(void) {
     TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
     TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_GET_STATE]);
     TEST_ASSERT_EQUAL_UINT64(4, fmu.calls[TL_TEST_SET_STATE]);
-    TEST_ASSERT_EQUAL_UINT64(1 + 1 + 2, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(1 + 1 + 2, cached.repeated);
     finish();
 }
 
@@ -205,7 +205,7 @@ static void a_distant_candidate_saves_a_state_every_spacing(void) {
     TEST_ASSERT_EQUAL_UINT64(10, candidate("oooooooooo"));
     TEST_ASSERT_EQUAL_UINT64(4, fmu.states);            /* t0, t3, t6, t9 */
     TEST_ASSERT_EQUAL_UINT64(2, candidate("ooooooo*")); /* from t6 */
-    TEST_ASSERT_EQUAL_UINT64(1, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(1, cached.repeated);
     finish();
 }
 
@@ -234,7 +234,7 @@ static void commits_without_candidates_cost_one_execution_and_no_node(void) {
             TEST_ASSERT_EQUAL_UINT64(1, commit(k % 2 == 0 ? CIRCLE : STAR));
             TEST_ASSERT_TRUE(cached.tree.count <= (keeps[i] == TL_KEEP_STATES ? 1 : PREDICTION + 1));
         }
-        TEST_ASSERT_EQUAL_UINT64(0, cached.caught_up);
+        TEST_ASSERT_EQUAL_UINT64(0, cached.repeated);
         finish();
     }
 }
@@ -246,10 +246,10 @@ static void outputs_only_catches_up_over_commits(void) {
     TEST_ASSERT_EQUAL_UINT64(1, commit(STAR));
     TEST_ASSERT_EQUAL_UINT64(1, candidate("o"));
     TEST_ASSERT_EQUAL_UINT64(3, candidate("*")); /* from t0: o * * */
-    TEST_ASSERT_EQUAL_UINT64(2, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(2, cached.repeated);
     TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
     TEST_ASSERT_EQUAL_UINT64(4, candidate("o")); /* the FMU was in what is given up: o * o o */
-    TEST_ASSERT_EQUAL_UINT64(5, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(5, cached.repeated);
     TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
     finish();
 }
@@ -492,11 +492,11 @@ static void a_full_pool_executes_counts_and_gives_the_same(void) {
     finish();
     start(TL_KEEP_STATES, PREDICTION, 3);
     (void)candidate("oo");
-    TEST_ASSERT_EQUAL_UINT64(0, cached.unstored);
+    TEST_ASSERT_EQUAL_UINT64(0, cached.uncached);
     for (uint64_t i = 1; i <= 3; i++) {
         TEST_ASSERT_EQUAL_UINT64(2, candidate("oo*o"));
         TEST_ASSERT_EQUAL_MEMORY(expected, behind.values + 2, sizeof expected);
-        TEST_ASSERT_EQUAL_UINT64(2 * i, cached.unstored);
+        TEST_ASSERT_EQUAL_UINT64(2 * i, cached.uncached);
     }
     TEST_ASSERT_EQUAL_UINT32(3, cached.tree.peak);
     TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
@@ -507,7 +507,7 @@ static void the_committed_step_finds_room(void) {
     start(TL_KEEP_STATES, PREDICTION, 4);
     (void)candidate("ooo");
     TEST_ASSERT_EQUAL_UINT64(1, commit(STAR)); /* all that was known is given up for it */
-    TEST_ASSERT_EQUAL_UINT64(0, cached.unstored);
+    TEST_ASSERT_EQUAL_UINT64(0, cached.uncached);
     TEST_ASSERT_EQUAL_UINT64(3, candidate("ooo"));
     TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE)); /* known: nothing is given up */
     TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
@@ -697,7 +697,7 @@ static void walk_at_random(uint64_t seed) {
         assert_sound();
     }
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", call_log.first_violation, where);
-    TEST_ASSERT_TRUE_MESSAGE(keep == TL_KEEP_OUTPUTS || cached.caught_up == 0, where);
+    TEST_ASSERT_TRUE_MESSAGE(keep == TL_KEEP_OUTPUTS || cached.repeated == 0, where);
     finish();
 }
 

@@ -17,7 +17,7 @@ static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_test_run run;
 static tl_record records[TICKS]; /* by the tick that the twin has reached */
-static bool made_up[TICKS];
+static bool caught_up[TICKS];
 
 /* The true plant, as the recording shows it. */
 static bool moves[TICKS];
@@ -32,7 +32,7 @@ void setUp(void) {
     tl_test_fmu_init(&fmu, 1, true, &call_log);
     fmu.control.ends = true;
     memset(&watch, 0, sizeof watch);
-    memset(made_up, 0, sizeof made_up);
+    memset(caught_up, 0, sizeof caught_up);
     tl_test_plan_init(&plan, STEP);
     tl_test_plan_component(&plan, "axis", &fmu);
     tl_test_plan_set(&plan, "lag", 1.0);
@@ -101,8 +101,8 @@ static bool step(void) {
     run.sample.values[CMD] = at(moves, tick - plan.plan.input_ticks);
     run.sample.values[THERE] = at(there, tick - plan.plan.output_ticks);
     run.budget.started = watch.now;
-    if (made_up[tick]) {
-        tl_test_run_make_up(&run);
+    if (caught_up[tick]) {
+        tl_test_run_catch_up(&run);
     } else {
         tl_test_run_step(&run);
     }
@@ -132,7 +132,7 @@ static void run_all(void) {
 static int64_t search_end(int64_t from) {
     for (int64_t tick = from; tick < TICKS; tick++) {
         if (records[tick].outcome != TL_HELD && records[tick].outcome != TL_SEARCHING &&
-            records[tick].outcome != TL_MADE_UP) {
+            records[tick].outcome != TL_CAUGHT_UP) {
             return tick;
         }
     }
@@ -283,7 +283,7 @@ static void a_repetition_without_a_clock_is_the_same_to_the_bit(void) {
         build();
         use_clock(STEP / 1000, steps * (STEP / 1000));
         for (int64_t tick = 0; tick < TICKS; tick++) {
-            made_up[tick] = tick % 97 == 13;
+            caught_up[tick] = tick % 97 == 13;
         }
         run_to(TICKS - 1);
         memcpy(first, records, sizeof first);
@@ -480,10 +480,10 @@ static void fatal_is_the_end(void) {
 
 static void a_missed_tick_is_made_up_and_its_edges_are_seen(void) {
     make_plant(10, 2.0);
-    made_up[10] = true;
-    made_up[rise(there, 1)] = true;
+    caught_up[10] = true;
+    caught_up[rise(there, 1)] = true;
     run_all();
-    TEST_ASSERT_EQUAL_INT(TL_MADE_UP, records[10].outcome);
+    TEST_ASSERT_EQUAL_INT(TL_CAUGHT_UP, records[10].outcome);
     TEST_ASSERT_EQUAL_INT64(rise(there, 1) + WINDOW / 2, search_end(1));
     assert_next_stroke();
 }
@@ -496,7 +496,7 @@ static void a_search_may_begin_late(void) {
         make_plant(10, NOMINAL);
         int64_t last = rise(there, 1) + WINDOW / 2;
         for (int i = 0; i < missed; i++) {
-            made_up[last + i] = true;
+            caught_up[last + i] = true;
         }
         run_all();
         TEST_ASSERT_EQUAL_INT64(last + missed, search_end(1));

@@ -163,7 +163,7 @@ static void walk_graph(tl_test_random *random) {
 static uint64_t count_unstored(void) {
     uint64_t sum = 0;
     for (size_t k = 0; k < network.count; k++) {
-        sum += tracked.exchange.cached[k].unstored;
+        sum += tracked.exchange.cached[k].uncached;
     }
     return sum;
 }
@@ -182,7 +182,7 @@ static void make_fragile(tl_test_random *random) {
 /* How many results found no room. */
 static uint64_t walk_graphs(bool fragile, size_t graphs) {
     size_t first = tl_test_campaign("TL_TEST_SEED", 1);
-    uint64_t unstored = 0;
+    uint64_t uncached = 0;
     for (seed = first; seed < first + graphs; seed++) {
         tl_test_random random = {tl_test_mix(seed + 11)};
         (void)snprintf(where, sizeof where, "seed %llu", (unsigned long long)seed);
@@ -194,12 +194,12 @@ static uint64_t walk_graphs(bool fragile, size_t graphs) {
         }
         start(&random);
         walk_graph(&random);
-        unstored += count_unstored();
+        uncached += count_unstored();
         tl_test_rig_end(&tracked);
         tl_test_rig_end(&plain);
         TEST_ASSERT_EQUAL_STRING_MESSAGE("", call_log.first_violation, where);
     }
-    return unstored;
+    return uncached;
 }
 
 /* A campaign of some length must have met it. */

@@ -705,7 +705,7 @@ static void nothing_is_called_after_fatal(void) {
             size_t count = call_log.count;
             tl_test_run_step(&run); /* a caller that does not listen */
             TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
-            tl_test_run_make_up(&run);
+            tl_test_run_catch_up(&run);
             TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
             TEST_ASSERT_EQUAL_UINT64(count, call_log.count);
             tl_twin_destroy(run.twin);
@@ -864,10 +864,10 @@ static void a_missed_step_is_made_up_with_the_last_u(void) {
     double last = run.record.u[0];
     tl_test_log_clear(&call_log);
     plant(2.0, 9.0);
-    tl_test_run_make_up(&run);
+    tl_test_run_catch_up(&run);
     TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
     TEST_ASSERT_TRUE(run.ready);
-    TEST_ASSERT_EQUAL_INT(TL_MADE_UP, run.record.outcome);
+    TEST_ASSERT_EQUAL_INT(TL_CAUGHT_UP, run.record.outcome);
     TEST_ASSERT_TRUE(run.record.u[0] == last);
     TEST_ASSERT_TRUE(run.record.y[0] == last);
     TEST_ASSERT_TRUE(run.record.nominal[0] == 1.0);
@@ -883,12 +883,12 @@ static void before_any_step_it_is_made_up_with_nominal(void) {
     (void)make_observer();
     tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
-    tl_test_run_make_up(&run); /* tick 0: initialises */
+    tl_test_run_catch_up(&run); /* tick 0: initialises */
     TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
     TEST_ASSERT_FALSE(run.ready);
-    tl_test_run_make_up(&run);
+    tl_test_run_catch_up(&run);
     TEST_ASSERT_TRUE(run.ready);
-    TEST_ASSERT_EQUAL_INT(TL_MADE_UP, run.record.outcome);
+    TEST_ASSERT_EQUAL_INT(TL_CAUGHT_UP, run.record.outcome);
     TEST_ASSERT_TRUE(run.record.u[0] == 1.0);
 }
 

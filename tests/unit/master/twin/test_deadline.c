@@ -61,11 +61,11 @@ static struct {
 } watch;
 
 static tl_record live[TICKS]; /* by step */
-static bool made_up[TICKS];   /* by tick */
+static bool caught_up[TICKS]; /* by tick */
 
 void setUp(void) {
     memset(&watch, 0, sizeof watch);
-    memset(made_up, 0, sizeof made_up);
+    memset(caught_up, 0, sizeof caught_up);
     watch.slow_at = -1;
     watch.pause_at = -1;
 }
@@ -198,8 +198,8 @@ static void step(void) {
     int64_t tick = run.sample.tick;
     feed(tick);
     run.budget.started = watch.now;
-    if (made_up[tick]) {
-        tl_test_run_make_up(&run);
+    if (caught_up[tick]) {
+        tl_test_run_catch_up(&run);
     } else {
         tl_test_run_step(&run);
     }
@@ -531,7 +531,7 @@ static void any_setting_is_repeated_to_the_bit(void) {
         set.noise_floor = tl_test_any(&watch.seed, 3) == 0 ? 5.0 * tl_test_any(&watch.seed, 12) : 0.0;
         set.keep = tl_test_any(&watch.seed, 2) == 0 ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
         for (size_t tick = 1; tick < TICKS; tick++) {
-            made_up[tick] = tl_test_any(&watch.seed, 12) == 0;
+            caught_up[tick] = tl_test_any(&watch.seed, 12) == 0;
         }
         run_live(&set, seed);
         for (size_t i = 0; i < TICKS - 6; i++) {

@@ -33,8 +33,8 @@ typedef struct census {
     size_t dynamic;
     size_t several; /* adjusted variables and matched outputs */
     size_t longer;  /* T_P > T_D */
-    uint64_t caught_up;
-    uint64_t unstored;
+    uint64_t repeated;
+    uint64_t uncached;
     uint64_t
         finals; /* steps that an FMU behind a cache was told to be final; that none goes back behind them is its own to judge */
 } census;
@@ -95,7 +95,7 @@ static void assert_census(size_t graphs) {
     if (graphs >= 200) {
         TEST_ASSERT_TRUE(seen.booleans > 10 && seen.dynamic > 50 && seen.several > 50 && seen.longer > 50);
         TEST_ASSERT_TRUE(seen.modes[TL_LAG] > 20 && seen.modes[TL_HOLD] > 20 && seen.modes[TL_AHEAD] > 20);
-        TEST_ASSERT_TRUE(seen.caught_up > 100 && seen.finals > 1000);
+        TEST_ASSERT_TRUE(seen.repeated > 100 && seen.finals > 1000);
     }
 }
 
@@ -230,7 +230,7 @@ static void assert_same_results(void) {
 
 static uint64_t done(size_t k) {
     tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
-    return entry.executions - entry.caught_up;
+    return entry.executions - entry.repeated;
 }
 
 static uint64_t most_of_first(size_t k) {
@@ -259,7 +259,7 @@ static void take_tick(size_t tick, results *kept) {
     }
     fill_sample(&run.sample, (int64_t)tick);
     if (tick > 0 && is_missed((int64_t)tick)) {
-        tl_test_run_make_up(&run);
+        tl_test_run_catch_up(&run);
     } else {
         tl_test_run_step(&run);
     }
@@ -312,11 +312,11 @@ static void assert_ledger(void) {
     TEST_ASSERT_TRUE_MESSAGE(tl_twin_ledger_is_complete(run.twin), where);
     for (size_t k = 0; k <= network.count; k++) {
         tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
-        bool exact = entry.unstored == 0;
+        bool exact = entry.uncached == 0;
         TEST_ASSERT_TRUE_MESSAGE(exact || plan.plan.saving.nodes != 0, where);
         TEST_ASSERT_TRUE_MESSAGE(exact ? done(k) == entry.predicted : done(k) >= entry.predicted, where);
-        seen.caught_up += entry.caught_up;
-        seen.unstored += entry.unstored;
+        seen.repeated += entry.repeated;
+        seen.uncached += entry.uncached;
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(reference.steps + plan.plan.prediction * reference.evaluations, entry.plain,
                                          where);
     }
@@ -395,7 +395,7 @@ static void random_runs_are_the_same_whatever_is_saved(void) {
         assert_other_variant();
     }
     assert_census(graphs);
-    TEST_ASSERT_TRUE(graphs < 200 || seen.unstored > 100);
+    TEST_ASSERT_TRUE(graphs < 200 || seen.uncached > 100);
 }
 
 /* ---- candidates chosen by the test ---- */
@@ -567,7 +567,7 @@ static void random_candidates_cost_what_the_graph_says(void) {
             going = try_and_commit(&random);
         }
         for (size_t k = 0; k < network.count; k++) {
-            seen.caught_up += saving_rig.exchange.cached[k].caught_up;
+            seen.repeated += saving_rig.exchange.cached[k].repeated;
         }
         tl_test_rig_end(&plain_rig);
         tl_test_rig_end(&saving_rig);

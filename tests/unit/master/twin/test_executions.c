@@ -340,8 +340,8 @@ static void assert_ledger_is_exact(void) {
     uint64_t executions = 0;
     for (size_t k = 0; k <= network.count; k++) {
         tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
-        TEST_ASSERT_EQUAL_UINT64(0, entry.unstored);
-        TEST_ASSERT_EQUAL_UINT64_MESSAGE(entry.predicted, entry.executions - entry.caught_up, entry.name);
+        TEST_ASSERT_EQUAL_UINT64(0, entry.uncached);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(entry.predicted, entry.executions - entry.repeated, entry.name);
         executions += entry.executions;
     }
     uint64_t recorded = 0;
@@ -386,17 +386,17 @@ static void a_small_pool_changes_nothing_but_executions(void) {
         saving.nodes = nodes[i];
         drive(saving);
         assert_same_results();
-        uint64_t unstored = 0;
+        uint64_t uncached = 0;
         for (size_t k = 0; k < network.count; k++) {
             tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
-            unstored += entry.unstored;
-            TEST_ASSERT_TRUE(entry.executions - entry.caught_up >= entry.predicted);
-            TEST_ASSERT_TRUE(entry.executions - entry.caught_up == entry.predicted || entry.unstored > 0);
+            uncached += entry.uncached;
+            TEST_ASSERT_TRUE(entry.executions - entry.repeated >= entry.predicted);
+            TEST_ASSERT_TRUE(entry.executions - entry.repeated == entry.predicted || entry.uncached > 0);
             TEST_ASSERT_TRUE(entry.nodes_peak <= entry.nodes);
-            TEST_ASSERT_TRUE(entry.unstored == 0 || entry.nodes_peak == entry.nodes);
+            TEST_ASSERT_TRUE(entry.uncached == 0 || entry.nodes_peak == entry.nodes);
             TEST_ASSERT_EQUAL_UINT32(nodes[i] > 18 ? nodes[i] : 18, entry.nodes > nodes[i] ? entry.nodes : nodes[i]);
         }
-        TEST_ASSERT_TRUE(unstored > 0);
+        TEST_ASSERT_TRUE(uncached > 0);
         finish();
     }
     drive(BOTH);
@@ -417,14 +417,14 @@ static void outputs_only_catches_up_and_changes_nothing(void) {
         drive(BOTH);
         assert_same_results();
         assert_ledger_is_exact();
-        uint64_t caught_up = 0;
+        uint64_t repeated = 0;
         for (size_t k = 0; k < network.count; k++) {
             tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
-            caught_up += entry.caught_up;
+            repeated += entry.repeated;
             TEST_ASSERT_TRUE(entry.executions <= entry.plain);
             TEST_ASSERT_TRUE(network.fmus[k].states <= entry.nodes);
         }
-        TEST_ASSERT_TRUE(caught_up > 0);
+        TEST_ASSERT_TRUE(repeated > 0);
         finish();
     }
 }

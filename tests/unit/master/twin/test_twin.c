@@ -284,7 +284,7 @@ static void a_made_up_step_uses_the_samples_of_its_own_instants(void) {
         tl_test_log_clear(&call_log);
         bool missed = m == 4 || m == 5 || m == 8;
         if (missed) {
-            tl_test_run_make_up(&run);
+            tl_test_run_catch_up(&run);
         } else {
             tl_test_run_step(&run);
         }
@@ -292,7 +292,7 @@ static void a_made_up_step_uses_the_samples_of_its_own_instants(void) {
         TEST_ASSERT_EQUAL_INT(m >= 2, run.ready);
         if (run.ready) {
             TEST_ASSERT_EQUAL_INT64(m - 2, run.record.step);
-            TEST_ASSERT_EQUAL_INT(missed, run.record.outcome == TL_MADE_UP);
+            TEST_ASSERT_EQUAL_INT(missed, run.record.outcome == TL_CAUGHT_UP);
             TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, run.record.measured[0]);
             TEST_ASSERT_DOUBLE_WITHIN(0.01, (double)m - 1.0, run.record.y[0]); /* by the offset found before */
             assert_inputs(&run.record, 2, m);
@@ -305,14 +305,14 @@ static void a_missed_tick_in_mode_ahead_keeps_the_pairs(void) {
     for (int64_t m = 0; m < 9; m++) {
         run.sample.values[0] = (double)m;
         if (m == 3 || m == 4) {
-            tl_test_run_make_up(&run);
+            tl_test_run_catch_up(&run);
         } else {
             tl_test_run_step(&run);
         }
         TEST_ASSERT_EQUAL_INT(m >= 1, run.ready);
         if (run.ready) {
             TEST_ASSERT_EQUAL_INT64(m - 1, run.record.step);
-            TEST_ASSERT_EQUAL_INT(m - 1 == 3 || m - 1 == 4, run.record.outcome == TL_MADE_UP);
+            TEST_ASSERT_EQUAL_INT(m - 1 == 3 || m - 1 == 4, run.record.outcome == TL_CAUGHT_UP);
             TEST_ASSERT_EQUAL_DOUBLE((double)m, run.record.measured[0]);
             TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, run.record.y[0]);
         }
@@ -808,7 +808,7 @@ static void outcomes_and_stops_have_names(void) {
     TEST_ASSERT_EQUAL_STRING("best so far", tl_outcome_name(TL_BEST_SO_FAR));
     TEST_ASSERT_EQUAL_STRING("nominal", tl_outcome_name(TL_NOMINAL));
     TEST_ASSERT_EQUAL_STRING("free run", tl_outcome_name(TL_FREE_RUN));
-    TEST_ASSERT_EQUAL_STRING("made up", tl_outcome_name(TL_MADE_UP));
+    TEST_ASSERT_EQUAL_STRING("caught up", tl_outcome_name(TL_CAUGHT_UP));
     TEST_ASSERT_EQUAL_STRING("none", tl_stop_name(TL_STOP_NONE));
     TEST_ASSERT_EQUAL_STRING("tolerance", tl_stop_name(TL_STOP_TOLERANCE));
     TEST_ASSERT_EQUAL_STRING("solver", tl_stop_name(TL_STOP_SOLVER));

@@ -42,7 +42,7 @@ static void search_to(int64_t to, tl_record *records, bool *there) {
     while (run->sample.tick <= to) {
         tl_test_scene_show(&scene);
         if (run->sample.tick % 13 == 12) {
-            tl_test_run_make_up(run);
+            tl_test_run_catch_up(run);
         } else {
             tl_test_run_step(run);
         }
@@ -140,7 +140,7 @@ static void test_loaded_and_led_along(void) {
             follow_to(TICKS - 1, part, in_part);
             tl_test_scene_end(&scene);
             expect_same_course(of, true);
-            TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, part[TICKS - 12].outcome);
+            TEST_ASSERT_EQUAL_INT(TL_RESUMED, part[TICKS - 12].outcome);
         }
     }
 }

@@ -38,7 +38,7 @@ static void search_to(int64_t to, course *into) {
     while (run->sample.tick <= to) {
         tl_test_scene_show(&scene);
         if (run->sample.tick % 13 == 12) {
-            tl_test_run_make_up(run);
+            tl_test_run_catch_up(run);
         } else {
             tl_test_run_step(run);
         }
@@ -93,8 +93,8 @@ static void expect_same_account(const tl_account *wanted, const tl_account *foun
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->plain, b->plain, what);
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->predicted, b->predicted, what);
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->executions, b->executions, what);
-        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->caught_up, b->caught_up, what);
-        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->unstored, b->unstored, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->repeated, b->repeated, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->uncached, b->uncached, what);
     }
     TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&wanted->match[0].metrics, &found->match[0].metrics,
                                      sizeof found->match[0].metrics, what);

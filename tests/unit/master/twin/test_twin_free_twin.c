@@ -164,10 +164,10 @@ static void lead_with_states_of(uint64_t bytes, outcome *seen) {
 /* Two states of each at most: if what is committed was a candidate's, no state is kept of where the twin is then, and an FMU catches up there. */
 static void with_as_few_states_as_can_be(void) {
     lead_with_states_of(0, &without);
-    TEST_ASSERT_EQUAL_UINT64(0, tl_twin_get_ledger(run.twin, 0).caught_up);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_twin_get_ledger(run.twin, 0).repeated);
     lead_with_states_of(1, &with);
     tl_twin_ledger ledger = tl_twin_get_ledger(run.twin, 0);
-    TEST_ASSERT_GREATER_THAN_UINT64(0, ledger.caught_up);
+    TEST_ASSERT_GREATER_THAN_UINT64(0, ledger.repeated);
     TEST_ASSERT_EQUAL_INT64(0, ledger.difference);
     TEST_ASSERT_EQUAL_MEMORY(without.y, with.y, with.count * sizeof with.y[0]);
 }

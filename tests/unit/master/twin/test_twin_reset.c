@@ -81,7 +81,7 @@ static void tick_once(tl_record *records, bool *there) {
         before_tick(tick);
     }
     if (is_missed(tick)) {
-        tl_test_run_make_up(run);
+        tl_test_run_catch_up(run);
     } else {
         tl_test_run_step(run);
     }
@@ -438,7 +438,7 @@ static void test_a_made_up_step_after_it_is_nominal(void) {
         tl_twin_reset(run->twin);
         run_to(156, found, in_found); /* 155 is missed */
         int64_t step = 155 - (int64_t)tl_twin_get_facts(run->twin).lead;
-        TEST_ASSERT_EQUAL_INT(TL_MADE_UP, found[step].outcome);
+        TEST_ASSERT_EQUAL_INT(TL_CAUGHT_UP, found[step].outcome);
         TEST_ASSERT_EQUAL_UINT32(TL_FLAG_RESET, found[step].flags);
         expect_same_bits(found[step].nominal, found[step].u, 1, "nominal");
         TEST_ASSERT_TRUE(found[step - 1].u[0] != found[step - 1].nominal[0]);
@@ -462,7 +462,7 @@ static void test_a_stroke_is_given_up(void) {
     TEST_ASSERT_EQUAL_UINT32(TL_FLAG_RESET | TL_FLAG_ABANDONED, found[step].flags);
     for (; step < RISE + 40 - lead; step++) {
         TEST_ASSERT_TRUE(found[step].u[0] == nominal && found[step].evaluations == 0);
-        TEST_ASSERT_TRUE(found[step].outcome == TL_HELD || found[step].outcome == TL_MADE_UP);
+        TEST_ASSERT_TRUE(found[step].outcome == TL_HELD || found[step].outcome == TL_CAUGHT_UP);
     }
     tl_test_scene_end(&scene);
 }

@@ -48,7 +48,7 @@ static void run_to(int64_t last, tl_record *records, bool *there) {
             before_tick(tick);
         }
         if (is_missed(tick)) {
-            tl_test_run_make_up(run);
+            tl_test_run_catch_up(run);
         } else {
             tl_test_run_step(run);
         }
@@ -275,7 +275,7 @@ static void u_stays_where_it_is_if_nominal_moves(void) {
     given.adjust[0].nominal = 7.0;
     retune();
     tl_test_scene_show(&scene);
-    tl_test_run_make_up(run);
+    tl_test_run_catch_up(run);
     TEST_ASSERT_TRUE(run->ready);
     TEST_ASSERT_EQUAL_DOUBLE(7.0, run->record.nominal[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, u, run->record.u[0]);
