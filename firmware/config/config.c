@@ -277,6 +277,49 @@ bool tl_config_is_unconfined(const tl_config *config) {
     return is_unconfined;
 }
 
+/* ---- quality of a value, for people ---- */
+
+static void describe_range(const tl_config_signal *signal, double value, char text[TL_CONFIG_DESCRIPTION]) {
+    const char *unit = signal->plan.unit == NULL ? "" : signal->plan.unit;
+    const char *space = unit[0] == '\0' ? "" : " ";
+    bool is_below = value < signal->minimum;
+    if (!is_below && !(value > signal->maximum)) {
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is no %s", value, tl_type_name(signal->plan.type));
+    } else if (isfinite(signal->minimum) && isfinite(signal->maximum)) {
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is outside %.6g \342\200\246 %.6g", value, space, unit,
+                       signal->minimum, signal->maximum);
+    } else {
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is %s %.6g", value, space, unit,
+                       is_below ? "below the minimum of" : "above the maximum of",
+                       is_below ? signal->minimum : signal->maximum);
+    }
+}
+
+void tl_config_describe_quality(const tl_config *config, size_t signal, double value, tl_quality quality, tl_time age,
+                                char text[TL_CONFIG_DESCRIPTION]) {
+    const tl_config_signal *described = &config->signals[signal];
+    switch (quality) {
+    case TL_OUT_OF_RANGE:
+        describe_range(described, value, text);
+        break;
+    case TL_STALE:
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "the last reading is %.3g s old, more than stale_s %g",
+                       tl_seconds(age), described->stale_s);
+        break;
+    case TL_NO_LINK:
+        if (described->source == SIZE_MAX) {
+            (void)snprintf(text, TL_CONFIG_DESCRIPTION, "no value");
+        } else {
+            (void)snprintf(text, TL_CONFIG_DESCRIPTION, "no connection to %.63s",
+                           config->sources[described->source].name);
+        }
+        break;
+    default:
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%s", tl_quality_name(quality));
+        break;
+    }
+}
+
 /* ---- problems, logged for the user ---- */
 
 size_t tl_problems_take_line(const char **text) {

@@ -209,6 +209,12 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
  * `path`, which need not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
 
+/* Describes for people why a value of a signal is not good: "18.55 m is outside 0 … 5". `age`: of
+ * its reading, ns. */
+enum { TL_CONFIG_DESCRIPTION = 256 };
+void tl_config_describe_quality(const tl_config *config, size_t signal, double value, tl_quality quality, tl_time age,
+                                char text[TL_CONFIG_DESCRIPTION]);
+
 /* Makes the further look-ups signals as well. For callers that take samples as `delays` require. */
 void tl_config_use_lookups(tl_config *config);
 

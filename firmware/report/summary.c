@@ -41,8 +41,42 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
     summary->samples++;
     for (size_t i = 0; i < config->signal_count; i++) {
         bool is_one = !config->signals[i].is_reading; /* its look-up is matched and counted instead */
-        summary->not_good[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
+        if (is_one && sample->quality[i] != TL_GOOD) {
+            summary->not_good[i]++;
+            summary->rejected[i].value = sample->values[i];
+            summary->rejected[i].age = sample->instant - sample->stamps[i];
+            summary->rejected[i].quality = sample->quality[i];
+        }
     }
+}
+
+static bool is_matched(const tl_config *config, size_t signal) {
+    const char *name = config->signals[signal].plan.name;
+    for (size_t i = 0; i < config->match_count; i++) {
+        if (strcmp(config->matched_as[i] + strlen("plant."), name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static tl_status fail_never_locked(const tl_summary *summary, const tl_config *config, tl_error *error) {
+    char text[TL_CONFIG_DESCRIPTION];
+    for (size_t i = 0; i < config->signal_count; i++) {
+        uint32_t quality = summary->rejected[i].quality;
+        if (is_matched(config, i) && summary->samples > 0 && summary->not_good[i] >= summary->samples &&
+            quality <= TL_OUTLIER) {
+            tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
+                                       summary->rejected[i].age, text);
+            return tl_fail(error, TL_NOT_LOCKED,
+                           "never in lock: plant.%s had no good value in %" PRIu64 " of %" PRIu64
+                           " samples (last: %s). Check scale, address, word order",
+                           config->signals[i].plan.name, summary->not_good[i], summary->samples, text);
+        }
+    }
+    return tl_fail(error, TL_NOT_LOCKED,
+                   "never in lock: no error stayed within its tolerance. Record with --db and read the events with "
+                   "`twinlock show`; check tolerances, bounds of what is adjusted, and the model");
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
@@ -52,23 +86,23 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
         return TL_OK;
     }
     if (config->adjust_count == 0) {
-        return tl_fail(error, TL_NOT_LOCKED, "nothing is adjusted: there is no lock of which %g %% could be required",
-                       percent);
+        return tl_fail(
+            error, TL_NOT_LOCKED,
+            "nothing is adjusted, so there is no lock: --require-lock %g needs \"adjust\" in the configuration",
+            percent);
     }
     if (percent > 0.0) {
-        return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.2f %% of the steps, and %g %% were required",
+        return tl_fail(error, TL_NOT_LOCKED, "in lock in %.2f %% of the steps, and --require-lock asks for %g %%",
                        tl_lock_tally_percent(&summary->lock), percent);
     }
     if (summary->lock.ran_away != 0) {
         return tl_fail(error, TL_NOT_LOCKED,
-                       "an output, or J, has run away in %" PRIu64
-                       " steps: the run's events say when (--db records them); look at the model, and at the bounds of "
-                       "what is adjusted",
+                       "an output or J ran away in %" PRIu64
+                       " steps. Record with --db and read the events with `twinlock show`; check the model and the "
+                       "bounds of what is adjusted",
                        summary->lock.ran_away);
     }
-    return tl_fail(error, TL_NOT_LOCKED,
-                   "the twin was never in lock: the run's events say why (--db records them); look at the signals, the "
-                   "tolerance, the bounds of what is adjusted, and the model");
+    return fail_never_locked(summary, config, error);
 }
 
 /* State while a summary is printed. */
@@ -303,16 +337,6 @@ static void print_match(const printing *page, size_t match) {
         print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements were not good and are left out",
                    metrics->left_out, metrics->left_out + metrics->pairs);
     }
-}
-
-static bool is_matched(const tl_config *config, size_t signal) {
-    const char *name = config->signals[signal].plan.name;
-    for (size_t i = 0; i < config->match_count; i++) {
-        if (strcmp(config->matched_as[i] + strlen("plant."), name) == 0) {
-            return true;
-        }
-    }
-    return false;
 }
 
 /* Matched signals are skipped, because print_match() has printed them. */

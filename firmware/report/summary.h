@@ -25,12 +25,17 @@ typedef struct tl_summary {
     tl_run_figures figures;            /* except what the twin itself counts: added when it is printed */
     uint64_t samples;                  /* samples of the plant */
     uint64_t not_good[TL_MAX_SIGNALS]; /* samples that were not good, by signal */
-    uint64_t ticks;            /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
-    uint64_t deadline_misses;  /* steps that ended after their period */
-    uint64_t gaps;             /* live: how often ticks were missed and caught up; several at once count as one */
-    tl_lock_tally lock;        /* of the last twin of a run */
-    uint64_t tunings;          /* tunings received during the run */
-    uint64_t tunings_left_out; /* of these, not applied by a replay, because its configuration is different */
+    struct {
+        double value;
+        tl_time age; /* of the reading, ns */
+        uint32_t quality;
+    } rejected[TL_MAX_SIGNALS]; /* the last sample that was not good, by signal */
+    uint64_t ticks;             /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
+    uint64_t deadline_misses;   /* steps that ended after their period */
+    uint64_t gaps;              /* live: how often ticks were missed and caught up; several at once count as one */
+    tl_lock_tally lock;         /* of the last twin of a run */
+    uint64_t tunings;           /* tunings received during the run */
+    uint64_t tunings_left_out;  /* of these, not applied by a replay, because its configuration is different */
     double wall_s;
     tl_resumption resumption; /* if it resumes an earlier run; the outcomes include the last steps of that run */
 } tl_summary;

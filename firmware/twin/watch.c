@@ -79,6 +79,22 @@ static void watch_noise(tl_watch *watch, const tl_sample *sample, size_t index) 
 
 /* ---- samples ---- */
 
+static void report_quality(tl_watch *watch, const tl_sample *sample, size_t signal) {
+    char text[TL_CONFIG_DESCRIPTION];
+    const tl_plan_signal *plan = &watch->config->signals[signal].plan;
+    tl_quality quality = (tl_quality)sample->quality[signal];
+    if (quality == TL_GOOD) {
+        tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", plan->name);
+        return;
+    }
+    tl_config_describe_quality(watch->config, signal, sample->values[signal], quality,
+                               sample->instant - sample->stamps[signal], text);
+    tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant", "plant.%s: %s: not used%s; %s",
+                     plan->name, text, quality == TL_OUT_OF_RANGE ? " (check scale, address, word order)" : "",
+                     watch->had_value[signal] ? "the model gets the last good value"
+                                              : "the model gets its initial value, because there was no good one yet");
+}
+
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     for (size_t i = 0; i < watch->config->match_count; i++) {
         watch_noise(watch, sample, i);
@@ -88,18 +104,12 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
             watch_reading(watch, sample, i);
             continue;
         }
+        watch->had_value[i] = watch->had_value[i] || sample->quality[i] == TL_GOOD;
         if (sample->quality[i] == watch->quality[i]) {
             continue;
         }
         watch->quality[i] = sample->quality[i];
-        const char *name = watch->config->signals[i].plan.name;
-        if (sample->quality[i] == TL_GOOD) {
-            tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", name);
-        } else {
-            tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant",
-                             "plant.%s: %s; its last good value is held and takes no part in matching", name,
-                             tl_quality_name((tl_quality)sample->quality[i]));
-        }
+        report_quality(watch, sample, i);
     }
 }
 

@@ -49,6 +49,7 @@ typedef struct tl_watch {
     const tl_config *config;
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as reported last */
+    bool had_value[TL_MAX_SIGNALS];  /* a good one */
     tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
     bool out_of_tolerance;                /* event horizon: of the last stroke */
