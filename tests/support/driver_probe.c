@@ -1,10 +1,11 @@
-/* A driver, polled: see driver_probe.h. */
+/* See driver_probe.h. */
 #include "tests/support/driver_probe.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/message.h"
 #include "tests/support/real_time.h"
 
 void tl_probe_post(void *context, size_t channel, const tl_reading *reading) {
@@ -77,18 +78,18 @@ void tl_probe_expect(const tl_driver_probe *probe, size_t channel, double value,
     TEST_ASSERT_EQUAL_DOUBLE(value, tl_probe_newest(probe, channel)->value);
 }
 
-void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *part) {
+void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *parts) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(up, probe->link_up, probe->link_text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe->link_text, part), probe->link_text);
+    TL_EXPECT_PARTS(parts, probe->link_text);
 }
 
-void tl_probe_poll_down(tl_driver_probe *probe, size_t count, const char *why) {
+void tl_probe_poll_down(tl_driver_probe *probe, size_t count, const char *parts) {
     tl_probe_poll(probe);
     for (size_t i = 0; i < count; i++) {
         tl_probe_expect(probe, i, 0, TL_NO_LINK);
     }
     TEST_ASSERT_EQUAL_size_t(1, probe->links);
-    tl_probe_expect_link(probe, false, why);
+    tl_probe_expect_link(probe, false, parts);
 }
 
 void tl_probe_poll_up(tl_driver_probe *probe, size_t count, const double *values) {

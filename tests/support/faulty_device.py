@@ -1,4 +1,4 @@
-"""A Modbus TCP device that does what devices and networks do when they fail."""
+"""A Modbus TCP device that fails as devices and networks do."""
 import os
 import struct
 
@@ -8,7 +8,7 @@ HEADER = struct.Struct(">HHHB")
 
 
 class FaultyDevice(Device):
-    """Does as `fault` says: None, or the name of a method below, which gives what is sent instead of the answer."""
+    """`fault`: None, or the name of a method below that returns the bytes to send instead of the answer."""
 
     fault, connections = None, 0
 
@@ -54,9 +54,9 @@ class FaultyDevice(Device):
         return whole[:len(whole) // 2]
 
     def other_answer(self, whole):
-        """Of another transaction, as one that was given up."""
+        """The answer to another transaction, for example to one that has timed out."""
         return bytes((whole[0] ^ 0x55, whole[1] ^ 0x55)) + whole[2:]
 
     def storm(self, _):
-        """The connection is dropped."""
+        """Drops the connection."""
         return None

@@ -1,4 +1,4 @@
-/* The other end of a Modbus driver under test: see modbus_peer.h. */
+/* See modbus_peer.h. */
 #include "tests/support/modbus_peer.h"
 
 #include <netinet/in.h>
@@ -28,7 +28,7 @@ void tl_modbus_peer_bind(tl_modbus_peer *peer) {
     peer->port = ntohs(address.sin_port);
 }
 
-/* The newest client, in place of the one before. */
+/* Replaces the client by the newest one. */
 static int accept_next(tl_modbus_peer *peer, int client) {
     if (client >= 0) {
         (void)close(client);
@@ -80,7 +80,8 @@ void tl_modbus_peer_run(tl_modbus_peer *peer, void *(*run)(void *)) {
 
 void tl_modbus_peer_stop(tl_modbus_peer *peer) {
     if (peer->runs) {
-        (void)eventfd_write(peer->wake, 1); /* after a failure, an assertion would end tearDown() here */
+        /* no assertion: it would end tearDown() here after a failure */
+        (void)eventfd_write(peer->wake, 1);
         (void)pthread_join(peer->thread, NULL);
         (void)close(peer->wake);
         peer->runs = false;

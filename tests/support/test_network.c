@@ -1,4 +1,4 @@
-/* A network of test FMUs: see test_network.h. */
+/* See test_network.h. */
 #include "tests/support/test_network.h"
 
 #include <assert.h>
@@ -63,14 +63,14 @@ static char *next_name(tl_test_network *network) {
     return network->names[network->name_count++];
 }
 
-/* "k3", "k3.sum" …, kept. */
+/* Stores and returns a name: "k3", "k3.sum" … */
 static const char *name(tl_test_network *network, size_t k, const char *part) {
     char *text = next_name(network);
     (void)snprintf(text, sizeof network->names[0], "k%u%s", (unsigned)(k % 1000), part);
     return text;
 }
 
-/* "k3.u1" …, kept. */
+/* Stores and returns a name: "k3.u1" … */
 static const char *channel_name(tl_test_network *network, size_t k, const char *part, size_t number) {
     char *text = next_name(network);
     (void)snprintf(text, sizeof network->names[0], "k%u%s%u", (unsigned)(k % 1000), part, (unsigned)(number % 10));
@@ -82,14 +82,14 @@ static const char *output(tl_test_network *network, size_t k, size_t number) {
     return channel == 0 ? name(network, k, ".sum") : channel_name(network, k, ".y", channel - 1);
 }
 
-/* "s2", or "plant.s2". */
+/* Stores and returns a name: "s2", or "plant.s2". */
 static const char *signal_name(tl_test_network *network, const char *prefix, size_t number) {
     char *text = next_name(network);
     (void)snprintf(text, sizeof network->names[0], "%ss%u", prefix, (unsigned)(number % 1000));
     return text;
 }
 
-/* Real outputs in one unit, inputs in one a little larger. */
+/* Gives Real outputs the unit m, and Real inputs a unit of 1.25 m. */
 static void scale(tl_test_fmu *fmu) {
     static const tl_unit whole = {"m", true, {0, 1}, 1.0, 0.0};
     static const tl_unit larger = {"yd", true, {0, 1}, 1.25, 0.0};
@@ -101,7 +101,7 @@ static void scale(tl_test_fmu *fmu) {
     }
 }
 
-/* Whether the discrete variables of a component are needed. */
+/* True if a component needs its discrete variables. */
 static bool is_discrete(const tl_test_network *network, size_t k) {
     bool discrete = network->taken[k][TL_TEST_COUNT] != 0 || network->taken[k][TL_TEST_FLAG] != 0;
     for (size_t i = 0; i < network->link_count; i++) {
@@ -111,7 +111,7 @@ static bool is_discrete(const tl_test_network *network, size_t k) {
     return discrete;
 }
 
-/* Inputs that nothing drives. */
+/* Sets the inputs without a connection. */
 static void set_others(tl_test_network *network, size_t k, bool discrete) {
     if (network->width[k] == 0) {
         network->width[k] = 1;
@@ -129,7 +129,8 @@ static void set_others(tl_test_network *network, size_t k, bool discrete) {
     }
 }
 
-/* Gains that differ between components and leave every loop stable: the sum over all inputs of each is below 1. */
+/* Gains differ between components and keep each loop stable: their sum over the inputs of a
+ * component is below 1. */
 static void add_component(tl_test_network *network, size_t k) {
     tl_test_fmu *fmu = &network->fmus[k];
     size_t inputs = network->width[k] == 0 ? 1 : network->width[k];
@@ -178,7 +179,7 @@ static uint32_t smaller(uint32_t a, uint32_t b) {
     return a < b ? a : b;
 }
 
-/* Floyd and Warshall. */
+/* The algorithm of Floyd and Warshall. */
 static void find_ways(tl_test_network *network) {
     for (size_t i = 0; i < network->count; i++) {
         for (size_t k = 0; k < network->count; k++) {

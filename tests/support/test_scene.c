@@ -1,4 +1,4 @@
-/* Scenes of a twin: see test_scene.h. */
+/* See test_scene.h. */
 #include "tests/support/test_scene.h"
 
 #include <math.h>
@@ -109,7 +109,7 @@ void tl_test_scene_move(tl_test_scene *scene, int64_t tick) {
     scene->run.sample.instant = tick * scene->plan.plan.step;
 }
 
-/* It looks like itself at no other time. */
+/* A signal that does not repeat itself. */
 static double wave(double at) {
     return sin(0.31 * at) + sin(0.173 * at + 1.0) + sin(0.057 * at);
 }

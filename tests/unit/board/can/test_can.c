@@ -1,14 +1,14 @@
-/* The CAN driver without a bus: settings that are wrong, an interface that is not there, interruption. With one it is
- * tested in tests/hil/box/test_live_can.py.
+/* The CAN driver without a bus: wrong settings, a missing interface, interrupts.
+ * tests/hil/box/test_live_can.py tests it with a bus.
  */
 #include <math.h>
-#include <string.h>
 
 #include <unity.h>
 
 #include "board/can/can.h"
 #include "master/base/simtime.h"
 #include "tests/support/driver_probe.h"
+#include "tests/support/message.h"
 #include "tests/support/real_time.h"
 
 #define NOWHERE "tl-none0" /* no interface has that name */
@@ -32,60 +32,61 @@ static tl_status open_at(const char *interface) {
     return tl_can_open(&settings, &probe.io, &probe.error);
 }
 
-static void expect_refused(const char *words) {
+static void expect_refused(const char *parts) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at(NOWHERE));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.error.text, words), probe.error.text);
+    TL_EXPECT_PARTS(parts, probe.error.text);
     setUp();
 }
 
 static void test_wrong_channels(void) {
     channels[1].id = 0x800;
-    expect_refused("channel 1: id 0x800 has more than 11 bits");
+    expect_refused("channel 1|0x800|11");
     channels[1].id = 0x20000000;
     channels[1].extended = true;
-    expect_refused("has more than 29 bits");
+    expect_refused("channel 1|0x20000000|29");
     channels[1].bytes = 9;
-    expect_refused("no frame has 9 bytes");
+    expect_refused("channel 1|9 bytes");
     channels[1].field.start = 57;
-    expect_refused("8 bits from 57 on do not fit");
+    expect_refused("channel 1|8 bits|57");
     channels[1].field.length = 0;
-    expect_refused("0 bits from 0 on do not fit");
+    expect_refused("channel 1|0 bits");
     channels[1].bytes = 64;
     channels[1].field.length = 65;
-    expect_refused("65 bits from 0 on do not fit");
+    expect_refused("channel 1|65 bits|0");
     channels[1].type = TL_CAN_FLOAT32;
-    expect_refused("8 bits from 0 on do not fit");
+    expect_refused("channel 1|8 bits|0");
     channels[1].field.length = 32;
     channels[1].type = TL_CAN_FLOAT64;
-    expect_refused("32 bits from 0 on do not fit");
+    expect_refused("channel 1|32 bits|0");
     channels[1].scale = 0;
-    expect_refused("scale 0, offset 0 must be finite");
+    expect_refused("channel 1|scale 0|offset 0");
     channels[1].offset = (double)NAN;
-    expect_refused("must be finite");
+    expect_refused("channel 1|scale 1|offset nan");
 }
 
 static void test_wrong_multiplexors(void) {
     channels[0].condition_count = TL_CAN_CONDITIONS + 1;
-    expect_refused("channel 0: a multiplexor does not fit");
+    expect_refused("channel 0|multiplexor");
     channels[0].condition_count = 1;
     channels[0].conditions[0] = (tl_can_condition){.field = {0, 8, TL_CAN_INTEL}, .value_count = 0};
-    expect_refused("a multiplexor does not fit");
+    expect_refused("channel 0|multiplexor");
     channels[0].condition_count = 1;
     channels[0].conditions[0] = (tl_can_condition){.field = {0, 33, TL_CAN_INTEL}, .value_count = 1};
-    expect_refused("a multiplexor does not fit");
+    expect_refused("channel 0|multiplexor");
     channels[0].condition_count = 1;
     channels[0].conditions[0] = (tl_can_condition){.field = {60, 8, TL_CAN_INTEL}, .value_count = 1};
-    expect_refused("a multiplexor does not fit");
+    expect_refused("channel 0|multiplexor");
 }
 
 static void test_wrong_interfaces(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at(""));
+    TL_EXPECT_PARTS("CAN|1|15", probe.error.text);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at("a-name-of-16-chr"));
-    TEST_ASSERT_NOT_NULL(strstr(probe.error.text, "a name has 1 to 15 characters"));
+    TL_EXPECT_PARTS("a-name-of-16-chr|1|15", probe.error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at("a-name-of-15-ch"));
 }
 
-/* It says so once, what to do too, has no value for anybody, and does not spin. */
+/* The driver reports it once, with the remedy, posts no values, and does not spin. */
 static void test_no_interface(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at(NOWHERE));
     tl_time begun = tl_test_now();
@@ -97,15 +98,16 @@ static void test_no_interface(void) {
     }
     TEST_ASSERT_TRUE(tl_test_now() - begun >= TL_SECOND / 4);
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
-    tl_probe_expect_link(&probe, false, "CAN interface " NOWHERE ": ");
-    TEST_ASSERT_TRUE(strstr(probe.link_text, "there is none of that name") != NULL ||
-                     strstr(probe.link_text, "this kernel has no CAN") != NULL);
+    tl_probe_expect_link(&probe, false, NOWHERE);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_has_parts(probe.link_text, "ip link") ||
+                                 tl_test_has_parts(probe.link_text, "modprobe can-raw"),
+                             probe.link_text);
 }
 
 static void test_interrupt_is_not_lost(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at(NOWHERE));
     tl_time shortest = TL_SECOND;
-    for (int i = 0; i < 20; i++) { /* on a busy machine one of them is quick */
+    for (int i = 0; i < 20; i++) { /* on a busy machine at least one of them is quick */
         tl_can_driver.interrupt(probe.io);
         tl_time begun = tl_test_now();
         tl_probe_poll(&probe);

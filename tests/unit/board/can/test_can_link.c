@@ -1,4 +1,5 @@
-/* What the CAN driver knows without a bus: ids and their channels, stamps on a clock that is set, error frames. */
+/* The parts of the CAN driver that need no bus: map from ids to channels, time stamps, error
+ * frames. */
 #include <linux/can.h>
 #include <linux/can/error.h>
 #include <string.h>
@@ -7,6 +8,7 @@
 
 #include "board/can/can_codec.h"
 #include "board/can/can_link.h"
+#include "tests/support/message.h"
 
 #define MS (TL_SECOND / 1000)
 #define WALL ((tl_time)1700000000 * TL_SECOND)
@@ -33,7 +35,7 @@ static void test_ids(void) {
                                        channel_at(0x1FFFFFFF, true, 0)};
     static const size_t order[] = {2, 0, 3, 1, 4};
     tl_can_map map;
-    memset(&map, 0xA5, sizeof map); /* make() says all of it */
+    memset(&map, 0xA5, sizeof map); /* tl_can_map_make() sets every field */
     TEST_ASSERT_TRUE(tl_can_map_make(&map, channels, 5));
     TEST_ASSERT_EQUAL_size_t(4, map.id_count);
     for (size_t i = 0; i < 5; i++) {
@@ -54,7 +56,7 @@ static void test_ids(void) {
 
 static void test_no_ids(void) {
     tl_can_map map;
-    memset(&map, 0xA5, sizeof map); /* make() says all of it */
+    memset(&map, 0xA5, sizeof map); /* tl_can_map_make() sets every field */
     TEST_ASSERT_TRUE(tl_can_map_make(&map, NULL, 0));
     TEST_ASSERT_NULL(tl_can_map_find(&map, 0, false));
     tl_can_map_release(&map);
@@ -68,12 +70,12 @@ static void test_a_frame_is_as_old_as_the_wall_clock_says(void) {
     TEST_ASSERT_EQUAL_INT64(1009 * MS, tl_can_clock_stamp(&stamps, WALL + 9 * MS, 1011 * MS, WALL + 11 * MS));
 }
 
-/* Received at +7 ms, the clock is set, read at +10 ms. */
+/* A frame is received at +7 ms; then the clock is set; the frame is read at +10 ms. */
 static void expect_exact_although_set_by(tl_time step) {
     setUp();
     tl_can_clock_empty(&stamps, 1000 * MS, WALL);
     TEST_ASSERT_EQUAL_INT64(1007 * MS, tl_can_clock_stamp(&stamps, WALL + 7 * MS, 1010 * MS, WALL + 10 * MS + step));
-    /* Received after it was set. */
+    /* a frame that is received afterwards */
     TEST_ASSERT_EQUAL_INT64(1012 * MS,
                             tl_can_clock_stamp(&stamps, WALL + 12 * MS + step, 1013 * MS, WALL + 13 * MS + step));
 }
@@ -86,7 +88,8 @@ static void test_the_clock_is_set(void) {
     expect_exact_although_set_by(-50 * MS);
 }
 
-/* Set twice meanwhile, or by so little that it could be right: within the interval all the same, and never back. */
+/* If the clock is set twice, or by little, a stamp still stays within the interval and never goes
+ * back. */
 static void test_a_stamp_stays_where_it_can_be(void) {
     tl_can_clock_empty(&stamps, 1000 * MS, WALL);
     TEST_ASSERT_EQUAL_INT64(1000 * MS, tl_can_clock_stamp(&stamps, WALL - TL_SECOND, 1010 * MS, WALL + TL_SECOND));
@@ -138,31 +141,32 @@ static void test_health(void) {
     }
 }
 
-static void expect_bus_error(const char *text, uint32_t classes, uint8_t violation, uint8_t place,
+static void expect_bus_error(const char *parts, uint32_t classes, uint8_t violation, uint8_t place,
                              uint8_t transceiver) {
     tl_can_fault fault = fault_of(classes, 0, violation, place, transceiver);
-    if (text == NULL) {
+    if (parts == NULL) {
         TEST_ASSERT_NULL(fault.bus_error);
     } else {
-        TEST_ASSERT_EQUAL_STRING(text, fault.bus_error);
+        TEST_ASSERT_NOT_NULL(fault.bus_error);
+        TL_EXPECT_PARTS(parts, fault.bus_error);
     }
 }
 
 static void test_bus_errors(void) {
     expect_bus_error(NULL, CAN_ERR_CRTL | CAN_ERR_BUSOFF, CAN_ERR_PROT_STUFF, 0, CAN_ERR_TRX_CANH_NO_WIRE);
-    expect_bus_error("bit stuffing errors", CAN_ERR_PROT | CAN_ERR_BUSERROR, CAN_ERR_PROT_STUFF, 0, 0);
-    expect_bus_error("frames of a wrong form", CAN_ERR_PROT, CAN_ERR_PROT_FORM, 0, 0);
-    expect_bus_error("wrong checksums", CAN_ERR_PROT, CAN_ERR_PROT_BIT, CAN_ERR_PROT_LOC_CRC_SEQ, 0);
-    expect_bus_error("overload frames", CAN_ERR_PROT, CAN_ERR_PROT_OVERLOAD, 0, 0);
+    expect_bus_error("bit stuffing", CAN_ERR_PROT | CAN_ERR_BUSERROR, CAN_ERR_PROT_STUFF, 0, 0);
+    expect_bus_error("form", CAN_ERR_PROT, CAN_ERR_PROT_FORM, 0, 0);
+    expect_bus_error("checksums", CAN_ERR_PROT, CAN_ERR_PROT_BIT, CAN_ERR_PROT_LOC_CRC_SEQ, 0);
+    expect_bus_error("overload", CAN_ERR_PROT, CAN_ERR_PROT_OVERLOAD, 0, 0);
     expect_bus_error("bit errors", CAN_ERR_BUSERROR, 0, 0, 0);
-    expect_bus_error("no wire at CAN high", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANH_NO_WIRE);
-    expect_bus_error("no wire at CAN low", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_NO_WIRE);
-    expect_bus_error("CAN low and CAN high touch", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_SHORT_TO_CANH);
-    expect_bus_error("a fault of the transceiver or of a wire", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_SHORT_TO_GND);
+    expect_bus_error("wire|CAN high", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANH_NO_WIRE);
+    expect_bus_error("wire|CAN low", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_NO_WIRE);
+    expect_bus_error("CAN low|CAN high", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_SHORT_TO_CANH);
+    expect_bus_error("transceiver", CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_CANL_SHORT_TO_GND);
     expect_bus_error(NULL, CAN_ERR_TRX, 0, 0, CAN_ERR_TRX_UNSPEC);
 }
 
-static void test_what_is_asked_for_is_what_is_understood(void) {
+static void test_only_understood_classes_are_requested(void) {
     TEST_ASSERT_EQUAL_HEX32(0, tl_can_fault_classes & (CAN_ERR_LOSTARB | CAN_ERR_ACK | CAN_ERR_TX_TIMEOUT));
     TEST_ASSERT_EQUAL_HEX32(CAN_ERR_BUSOFF | CAN_ERR_RESTARTED | CAN_ERR_CRTL,
                             tl_can_fault_classes & (CAN_ERR_BUSOFF | CAN_ERR_RESTARTED | CAN_ERR_CRTL));
@@ -182,6 +186,6 @@ int main(void) {
     RUN_TEST(test_a_frame_without_a_stamp_is_of_now);
     RUN_TEST(test_health);
     RUN_TEST(test_bus_errors);
-    RUN_TEST(test_what_is_asked_for_is_what_is_understood);
+    RUN_TEST(test_only_understood_classes_are_requested);
     return UNITY_END();
 }

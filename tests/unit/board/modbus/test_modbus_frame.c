@@ -1,4 +1,4 @@
-/* Requests and answers of Modbus as bytes, and what came of a request in words. */
+/* Modbus requests and answers as bytes, and the outcome of a request as text. */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
@@ -6,6 +6,7 @@
 #include <unity.h>
 
 #include "board/modbus/modbus_link.h"
+#include "tests/support/message.h"
 
 static const tl_modbus_read REGISTERS = {.unit_id = 17, .table = TL_MODBUS_INPUT, .address = 0x1234, .count = 3};
 static const tl_modbus_read BITS = {.unit_id = 17, .table = TL_MODBUS_COIL, .address = 0x1234, .count = 10};
@@ -29,7 +30,7 @@ static void test_a_request(void) {
     TEST_ASSERT_EQUAL_HEX8_ARRAY(EXPECTED, request, sizeof EXPECTED);
 }
 
-/* However many bytes are there: never more is wanted than belongs to the answer, and the end is known at once. */
+/* At each size the check asks for no byte beyond the answer. */
 static void test_an_answer_as_it_grows(void) {
     static const uint8_t ANSWER[] = {0xAB, 0xCD, 0, 0, 0, 9, 17, 4, 6, 0, 1, 2, 3, 0xFF, 0xFE};
     const tl_modbus_question asked = {.read = &REGISTERS, .transaction = 0xABCD};
@@ -46,7 +47,7 @@ static void test_an_answer_as_it_grows(void) {
     TEST_ASSERT_EQUAL_UINT16(0xFFFE, values.registers[2]);
 }
 
-/* The bits behind the last one are nobody's. */
+/* The unused bits of the last byte are ignored. */
 static void test_bits(void) {
     static const uint8_t BYTES[] = {0x81, 0xFE};
     static const uint8_t EXPECTED[] = {1, 0, 0, 0, 0, 0, 0, 1, 0, 1, 7};
@@ -57,7 +58,7 @@ static void test_bits(void) {
     TEST_ASSERT_EQUAL_UINT8_ARRAY(EXPECTED, values.bits, sizeof EXPECTED);
 }
 
-/* Each byte of the head of an answer has one right value, the unit's with any_unit_id apart. */
+/* Each byte of the header of an answer has one right value, except the unit with any_unit_id. */
 static void test_each_byte_of_the_head(void) {
     static const uint8_t RIGHT[] = {0xAB, 0xCD, 0, 0, 0, 9, 17, 4, 6, 0, 1, 2, 3, 4, 5};
     static const tl_modbus_kind KINDS[] = {
@@ -72,7 +73,7 @@ static void test_each_byte_of_the_head(void) {
             answer[at] = (uint8_t)value;
             tl_modbus_question asked = {.read = &REGISTERS, .transaction = 0xABCD};
             tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, sizeof answer, &missing);
-            bool refusal = at == 7 && value == 0x84; /* an exception, but longer than one can be */
+            bool refusal = at == 7 && value == 0x84; /* an exception that is too long */
             TEST_ASSERT_EQUAL_INT(value == RIGHT[at] ? TL_MODBUS_VALUES
                                   : refusal          ? TL_MODBUS_WRONG_LENGTH
                                                      : KINDS[at],
@@ -85,7 +86,7 @@ static void test_each_byte_of_the_head(void) {
     }
 }
 
-static void test_what_is_found_and_wanted(void) {
+static void test_found_and_wanted_values(void) {
     uint8_t answer[] = {0, 1, 0, 0, 255, 255, 17, 4, 6};
     const tl_modbus_question asked = {.read = &REGISTERS, .transaction = 1};
     size_t missing = 99;
@@ -112,7 +113,7 @@ static void test_an_answer_on_a_line(void) {
     expect(TL_MODBUS_WRONG_UNIT, 0, 17, tl_modbus_check_rtu(&REGISTERS, answer, 9));
 }
 
-/* ---- in words ---- */
+/* ---- text ---- */
 
 static const char *text_of(tl_modbus_kind kind, int found, bool on_a_line) {
     static char text[160];
@@ -122,20 +123,23 @@ static const char *text_of(tl_modbus_kind kind, int found, bool on_a_line) {
     return text;
 }
 
-static void test_failures_in_words(void) {
-    TEST_ASSERT_EQUAL_STRING("no answer within 0.5 s", text_of(TL_MODBUS_FAILED, ETIMEDOUT, false));
-    TEST_ASSERT_EQUAL_STRING("its answer breaks off", text_of(TL_MODBUS_FAILED, EPROTO, false));
-    TEST_ASSERT_EQUAL_STRING("Connection reset by peer", text_of(TL_MODBUS_FAILED, ECONNRESET, false));
-    TEST_ASSERT_NOT_NULL(strstr(text_of(TL_MODBUS_FAILED, EBUSY, true), "the line is never quiet"));
+static void test_texts_of_failures(void) {
+    TL_EXPECT_PARTS("0.5 s", text_of(TL_MODBUS_FAILED, ETIMEDOUT, false));
+    TL_EXPECT_PARTS("answer", text_of(TL_MODBUS_FAILED, EPROTO, false));
+    TEST_ASSERT_FALSE(tl_test_has_parts(text_of(TL_MODBUS_FAILED, EPROTO, false), "0.5 s"));
+    TL_EXPECT_PARTS("Connection reset", text_of(TL_MODBUS_FAILED, ECONNRESET, false));
+    TL_EXPECT_PARTS("line|master", text_of(TL_MODBUS_FAILED, EBUSY, true));
 }
 
-/* By TCP there may be a gateway, on a line another master. */
-static void test_what_to_do_depends_on_the_link(void) {
-    TEST_ASSERT_NOT_NULL(strstr(text_of(TL_MODBUS_WRONG_UNIT, 7, false), "\"any_unit_id\": true"));
-    TEST_ASSERT_NULL(strstr(text_of(TL_MODBUS_WRONG_UNIT, 7, true), "any_unit_id"));
+/* The remedy names a gateway for TCP, and another master for a line. */
+static void test_the_remedy_depends_on_the_link(void) {
+    TL_EXPECT_PARTS("7|1|\"any_unit_id\": true", text_of(TL_MODBUS_WRONG_UNIT, 7, false));
+    TL_EXPECT_PARTS("7|1|master", text_of(TL_MODBUS_WRONG_UNIT, 7, true));
+    TEST_ASSERT_FALSE(tl_test_has_parts(text_of(TL_MODBUS_WRONG_UNIT, 7, true), "any_unit_id"));
     for (int kind = TL_MODBUS_WRONG_FUNCTION; kind <= TL_MODBUS_WRONG_BYTES; kind++) {
-        TEST_ASSERT_NOT_NULL(strstr(text_of((tl_modbus_kind)kind, 7, false), "gateway"));
-        TEST_ASSERT_NULL(strstr(text_of((tl_modbus_kind)kind, 7, true), "gateway"));
+        TL_EXPECT_PARTS("7|1|gateway", text_of((tl_modbus_kind)kind, 7, false));
+        TL_EXPECT_PARTS("7|1", text_of((tl_modbus_kind)kind, 7, true));
+        TEST_ASSERT_FALSE(tl_test_has_parts(text_of((tl_modbus_kind)kind, 7, true), "gateway"));
     }
 }
 
@@ -145,7 +149,7 @@ static bool is_same(tl_modbus_kind a, int found_a, tl_modbus_kind b, int found_b
     return tl_modbus_outcome_is_same(&first, &second) && tl_modbus_outcome_is_same(&second, &first);
 }
 
-static void test_what_is_no_news(void) {
+static void test_outcomes_that_are_not_reported_again(void) {
     TEST_ASSERT_TRUE(is_same(TL_MODBUS_VALUES, 4, TL_MODBUS_VALUES, 0));
     TEST_ASSERT_TRUE(is_same(TL_MODBUS_WRONG_UNIT, 7, TL_MODBUS_WRONG_UNIT, 8));
     TEST_ASSERT_TRUE(is_same(TL_MODBUS_WRONG_UNIT, 7, TL_MODBUS_WRONG_BYTES, 250));
@@ -162,10 +166,10 @@ int main(void) {
     RUN_TEST(test_an_answer_as_it_grows);
     RUN_TEST(test_bits);
     RUN_TEST(test_each_byte_of_the_head);
-    RUN_TEST(test_what_is_found_and_wanted);
+    RUN_TEST(test_found_and_wanted_values);
     RUN_TEST(test_an_answer_on_a_line);
-    RUN_TEST(test_failures_in_words);
-    RUN_TEST(test_what_to_do_depends_on_the_link);
-    RUN_TEST(test_what_is_no_news);
+    RUN_TEST(test_texts_of_failures);
+    RUN_TEST(test_the_remedy_depends_on_the_link);
+    RUN_TEST(test_outcomes_that_are_not_reported_again);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* The watchdog: what is none is refused, and left as it is. One that bites is tests/hil/box/test_watchdog.py's. */
+/* The watchdog driver refuses a file that is no watchdog. tests/hil/box/test_watchdog.py tests a
+ * real reset. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/stat.h>
@@ -7,6 +8,7 @@
 #include <unity.h>
 
 #include "board/watchdog/watchdog.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 
 static tl_watchdog watchdog;
@@ -19,36 +21,34 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-static void expect_refusal(const char *path, const char *text) {
+static void expect_refusal(const char *path, const char *parts) {
     TEST_ASSERT_EQUAL_INT(TL_PLANT_DOWN, tl_watchdog_open(path, 10, &watchdog, &error));
-    TEST_ASSERT_EQUAL_STRING(text, error.text);
+    TL_EXPECT_PARTS(path, error.text);
+    TL_EXPECT_PARTS(parts, error.text);
     TEST_ASSERT_EQUAL_INT(-1, watchdog.file);
 }
 
 static void test_absent(void) {
-    expect_refusal("/nowhere/watchdog", "watchdog /nowhere/watchdog: no such device: load the driver of the box's "
-                                        "watchdog, or leave --watchdog out");
+    expect_refusal("/nowhere/watchdog", "driver|--watchdog");
 }
 
-/* Not made, not written to. */
+/* The driver writes nothing to it. */
 static void test_a_plain_file(void) {
-    char text[PATH_MAX + 64];
     struct stat about;
     const char *path = tl_scratch_path(&scratch, "watchdog");
     FILE *file = fopen(path, "w");
     TEST_ASSERT_NOT_NULL(file);
     (void)fclose(file);
-    (void)snprintf(text, sizeof text, "watchdog %s: is no device", path);
-    expect_refusal(path, text);
+    expect_refusal(path, "device");
     TEST_ASSERT_EQUAL_INT(0, stat(path, &about));
     TEST_ASSERT_EQUAL_INT(0, about.st_size);
 }
 
 static void test_a_device_that_is_none(void) {
     if (getenv("TL_EMULATOR") != NULL) {
-        TEST_IGNORE_MESSAGE("an emulator knows no watchdog");
+        TEST_IGNORE_MESSAGE("not in an emulator");
     }
-    expect_refusal("/dev/null", "watchdog /dev/null: is no watchdog (Inappropriate ioctl for device)");
+    expect_refusal("/dev/null", "Inappropriate ioctl for device");
 }
 
 static void test_left_twice(void) {

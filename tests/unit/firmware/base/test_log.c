@@ -15,6 +15,7 @@
 #include <unity.h>
 
 #include "firmware/base/log.h"
+#include "tests/support/message.h"
 #include "tests/support/stderr_capture.h"
 
 void setUp(void) {
@@ -35,7 +36,7 @@ static void test_plain_lines(void) {
     tl_stderr_expect("twinlock: error: no disk: 7\ntwinlock: warning: slow\ntwinlock: notice: ready\n");
 }
 
-/* Before any other error: it does not go back. */
+/* Runs before any other error, because the flag is never cleared. */
 static void test_an_error_is_remembered(void) {
     begin();
     tl_log(TL_LOG_WARNING, "slow");
@@ -69,7 +70,7 @@ static void test_one_message_is_one_line(void) {
 
 static void test_long_messages_are_cut_between_characters(void) {
     static char message[2 * TL_LOG_TEXT];
-    for (size_t i = 0; i + 2 < sizeof message; i += 2) { /* two bytes each */
+    for (size_t i = 0; i + 2 < sizeof message; i += 2) { /* two bytes per character */
         memcpy(message + i, "\xC3\xA4", 3);
     }
     for (size_t shift = 0; shift < 2; shift++) {
@@ -93,13 +94,13 @@ static void test_the_limit(void) {
         tl_log_limited(&limiter, TL_LOG_DEBUG, "not counted");
     }
     tl_log_limiter_end(&limiter);
-    tl_log_limiter_end(&limiter); /* says it once */
+    tl_log_limiter_end(&limiter); /* prints nothing more */
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NOT_NULL(text);
     size_t lines = tl_test_count_lines(text);
-    TEST_ASSERT_TRUE(lines == 6 || lines == 12); /* 12 where a second ended meanwhile */
-    TEST_ASSERT_NOT_NULL(strstr(text, "messages of the same source were dropped (limit: 5 per second)\n"));
-    TEST_ASSERT_TRUE(lines == 12 || strstr(text, "warning: 995 messages") != NULL);
+    TEST_ASSERT_TRUE(lines == 6 || lines == 12); /* 12 if a second ended meanwhile */
+    TL_EXPECT_PARTS("warning|dropped|5", text);
+    TEST_ASSERT_TRUE(lines == 12 || tl_test_has_parts(text, "995"));
     free(text);
 }
 
@@ -113,11 +114,13 @@ static void test_a_new_second_has_room_again(void) {
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NOT_NULL(text);
     TEST_ASSERT_NOT_NULL(strstr(text, "warning: message 0\n"));
-    TEST_ASSERT_NOT_NULL(strstr(text, "were dropped (limit: 1 per second)\ntwinlock: warning: message "));
+    const char *dropped = strstr(text, "dropped");
+    TL_EXPECT_PARTS("1", dropped);
+    TEST_ASSERT_NOT_NULL(strstr(dropped, "\ntwinlock: warning: message "));
     free(text);
 }
 
-/* Nobody reads this pipe: the message is dropped, and the caller goes on. */
+/* The pipe is full and has no reader: the message is dropped, and the call returns. */
 static void test_a_limited_message_does_not_wait(void) {
     int pipes[2];
     TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
@@ -130,7 +133,7 @@ static void test_a_limited_message_does_not_wait(void) {
     int saved = dup(STDERR_FILENO);
     (void)dup2(pipes[1], STDERR_FILENO);
     tl_log_limiter limiter = TL_LOG_LIMITER(20);
-    (void)alarm(10); /* a hang ends the test */
+    (void)alarm(10); /* ends a test that hangs */
     for (int i = 0; i < 10; i++) {
         tl_log_limited(&limiter, TL_LOG_ERROR, "from within a step");
     }
@@ -141,7 +144,10 @@ static void test_a_limited_message_does_not_wait(void) {
     (void)close(pipes[1]);
     begin();
     tl_log_limiter_end(&limiter);
-    tl_stderr_expect("twinlock: warning: 10 messages of the same source were dropped (limit: 20 per second)\n");
+    char *text = tl_stderr_capture_end();
+    TL_EXPECT_PARTS("warning|dropped|10|20", text);
+    TEST_ASSERT_EQUAL_size_t(1, tl_test_count_lines(text));
+    free(text);
 }
 
 static void *write_lines(void *limiter) {
@@ -173,7 +179,8 @@ static void test_lines_of_many_threads_stay_whole(void) {
     free(text);
 }
 
-/* The style is found once in a process, so this needs one of its own. `stream` as in JOURNAL_STREAM, NULL: ours. */
+/* A process detects the style once, so each case forks. `stream` is the value of JOURNAL_STREAM;
+ * NULL: that of our stderr. */
 static char *log_of_child(const char *stream) {
     begin();
     pid_t child = fork();
@@ -210,7 +217,7 @@ static void expect_level(int level, const char *rest, const char *line) {
 static void test_the_level_of_a_line(void) {
     expect_level(TL_LOG_ERROR, "broken", "<3>broken");
     expect_level(TL_LOG_DEBUG, "", "<7>");
-    static const char *const others[] = {"", "<", "<3", "<2>none of ours", "<8>none at all", "3>text", " <3>text"};
+    static const char *const others[] = {"", "<", "<3", "<2>not used by us", "<8>undefined", "3>text", " <3>text"};
     for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
         expect_level(TL_LOG_FOREIGN, others[i], others[i]);
     }
@@ -232,7 +239,7 @@ static void test_foreign_lines(void) {
     free(text);
 }
 
-/* Of a process that is none of ours: marked, so that it is none of our lines. */
+/* Lines of an FMU are marked, so that they cannot pass for ours. */
 static void test_lines_of_fmus(void) {
     begin();
     TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_FOREIGN, "twinlock: error: forged", 1000));
@@ -241,8 +248,8 @@ static void test_lines_of_fmus(void) {
     tl_stderr_expect("fmu: twinlock: error: forged\ntwinlock: warning: slow\n");
 }
 
-/* Nobody reads the pipe: who has a line of an FMU's to say goes on, and when it is read again it takes lines. */
-static void test_lines_of_fmus_wait_for_nobody(void) {
+/* The pipe is full and has no reader: lines are refused until it is read again. */
+static void test_lines_of_fmus_never_wait(void) {
     static char line[TL_LOG_PLAIN];
     static char read_again[1 << 20];
     int ends[2];
@@ -250,7 +257,7 @@ static void test_lines_of_fmus_wait_for_nobody(void) {
     int screen = dup(STDERR_FILENO);
     memset(line, 'x', sizeof line - 1);
     (void)dup2(ends[1], STDERR_FILENO);
-    (void)alarm(20); /* a hang ends the test */
+    (void)alarm(20); /* ends a test that hangs */
     int taken = 0;
     while (tl_log_foreign(TL_LOG_FOREIGN, line, 10)) {
         taken++;
@@ -273,17 +280,17 @@ static void test_lines_of_fmus_wait_for_nobody(void) {
 
 #define WIPE "\r\x1b[K"
 
-static int terminal = -1; /* what it shows, */
+static int terminal = -1;
 static int before = -1;
 static pthread_t reader;
-static char shown[1000000]; /* as this thread has read it */
+static char shown[1000000]; /* the output of the terminal, written by `reader` */
 static size_t shown_size;
 
 static void *read_terminal(void *unused) {
     ssize_t now = 1;
     while (now > 0 && shown_size < sizeof shown - 1) {
         now = read(terminal, shown + shown_size, sizeof shown - 1 - shown_size);
-        shown_size += now > 0 ? (size_t)now : 0; /* nobody has the other end any more: an error */
+        shown_size += now > 0 ? (size_t)now : 0; /* EIO: the other end is closed */
     }
     shown[shown_size] = '\0';
     return unused;
@@ -309,7 +316,7 @@ static void open_terminal(unsigned short columns) {
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&reader, NULL, read_terminal, NULL));
 }
 
-/* All that it has shown. */
+/* Returns the whole output of the terminal. */
 static const char *close_terminal(void) {
     (void)dup2(before, STDERR_FILENO);
     (void)close(before);
@@ -322,7 +329,7 @@ static void test_lines_wipe_the_status(void) {
     tl_log_limiter limiter = TL_LOG_LIMITER(5);
     open_terminal(80);
     tl_log(TL_LOG_NOTICE, "begins");
-    tl_log_status(NULL); /* there is none */
+    tl_log_status(NULL); /* no status line yet */
     tl_log_status("1 s");
     tl_log(TL_LOG_WARNING, "slow");
     tl_log_limited(&limiter, TL_LOG_WARNING, "again");
@@ -338,7 +345,7 @@ static void test_lines_wipe_the_status(void) {
                              close_terminal());
 }
 
-/* A line that wraps could not be drawn anew; characters count, not bytes. */
+/* A wrapped status line could not be redrawn. Its width counts characters, not bytes. */
 static void test_a_status_fits_the_terminal(void) {
     static char longest[3 * TL_LOG_TEXT];
     for (size_t i = 0; i + 3 < sizeof longest; i += 2) {
@@ -364,7 +371,7 @@ static void test_a_status_is_for_terminals_only(void) {
     tl_stderr_expect("twinlock: warning: slow\n");
 }
 
-/* Each message of a socket is one write. */
+/* The socket delivers each write as one message. */
 static void test_wiping_and_line_are_one_write(void) {
     int ends[2];
     char text[200] = "";
@@ -395,7 +402,7 @@ static void *write_lines_that_wait(void *unused) {
     return unused;
 }
 
-/* While one thread draws, each line of the others begins where a line begins. */
+/* While one thread draws the status, lines of the other threads stay whole. */
 static void test_no_line_is_smeared(void) {
     enum { THREADS = 3, DRAWN = 2000 };
     pthread_t threads[THREADS];
@@ -424,7 +431,7 @@ static void test_no_line_is_smeared(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_journal); /* first: no style is known yet */
+    RUN_TEST(test_journal); /* first, before the style is detected */
     RUN_TEST(test_an_error_is_remembered);
     RUN_TEST(test_plain_lines);
     RUN_TEST(test_levels);
@@ -437,7 +444,7 @@ int main(void) {
     RUN_TEST(test_the_level_of_a_line);
     RUN_TEST(test_foreign_lines);
     RUN_TEST(test_lines_of_fmus);
-    RUN_TEST(test_lines_of_fmus_wait_for_nobody);
+    RUN_TEST(test_lines_of_fmus_never_wait);
     RUN_TEST(test_lines_wipe_the_status);
     RUN_TEST(test_a_status_fits_the_terminal);
     RUN_TEST(test_a_status_is_for_terminals_only);

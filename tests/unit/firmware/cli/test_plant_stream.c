@@ -1,4 +1,4 @@
-/* The emulated plant stream: what is written, to whom, and what is dropped. */
+/* The emulated plant stream: rows in a file or a FIFO, and dropped rows. */
 #include <fcntl.h>
 #include <math.h>
 #include <poll.h>
@@ -15,6 +15,7 @@
 #include "board/csv/csv.h"
 #include "firmware/base/os.h"
 #include "firmware/cli/plant_stream.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 
 static tl_scratch scratch;
@@ -78,7 +79,7 @@ static void open_reader(void) {
     TEST_ASSERT_TRUE(reader >= 0);
 }
 
-/* What is in the FIFO now, as a text that the caller frees. */
+/* Returns the present content of the FIFO. The caller frees it. */
 static char *read_all(void) {
     size_t size = 0;
     char *text = malloc(1 << 20);
@@ -138,7 +139,7 @@ static void test_names_that_need_quotes(void) {
     expect_file("time,\"a, b\",\"say \"\"x\"\"\",plain.name\n");
 }
 
-/* What we write, we read: the same bits. */
+/* Numbers are written and read without loss: the same bits. */
 static void test_numbers_come_back(void) {
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
     const double values[] = {0.1, -1.0 / 3.0, 5e-324, 1.7976931348623157e308, -0.0, 123456789.123456789};
@@ -155,7 +156,7 @@ static void test_numbers_come_back(void) {
     for (size_t i = 0; i < 6; i++) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_next(csv, &got, &end, &error));
         TEST_ASSERT_FALSE(end);
-        if (i > 0) { /* the first one has more digits than a double */
+        if (i > 0) { /* the first time has more digits than a double */
             TEST_ASSERT_EQUAL_INT64(times[i], got.time);
         }
         TEST_ASSERT_EQUAL_MEMORY(&values[i], &got.values[0], sizeof(double));
@@ -164,14 +165,14 @@ static void test_numbers_come_back(void) {
     tl_csv_close(csv);
 }
 
-static void expect_refused(tl_status status, const char *part) {
+static void expect_refused(tl_status status, const char *parts) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
     TEST_ASSERT_NULL(stream);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TL_EXPECT_PARTS(parts, error.text);
 }
 
-/* A file may not be larger than that: the write fails as on a full disk, with another reason. */
+/* Limits the size of files, so that a write fails as on a full disk, but with another errno. */
 static void limit_files(rlim_t size) {
     struct rlimit limit;
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &limit));
@@ -184,13 +185,13 @@ static void test_a_file_that_cannot_grow(void) {
     expect_open(false, UV, 2);
     TEST_ASSERT_TRUE(row(0, 1, 2));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_stream_check(stream, &error));
-    limit_files(30); /* the header, one row, and some bytes of the next */
+    limit_files(30); /* the header, one row, and a part of the next row */
     bool written = row(TL_SECOND, 3, 4);
     limit_files(RLIM_INFINITY);
     TEST_ASSERT_FALSE(written);
     expect_counts(1, 1);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_plant_stream_check(stream, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "cannot be written: File too large (rows before: 1)"), error.text);
+    TL_EXPECT_PARTS("stream|File too large|1", error.text);
     close_stream();
     (void)unlink(path);
     limit_files(5); /* not even the header */
@@ -205,16 +206,16 @@ static void test_a_file_that_exists_is_not_overwritten(void) {
     TEST_ASSERT_NOT_NULL(file);
     TEST_ASSERT_TRUE(fputs("a recording", file) >= 0);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
-    expect_refused(open_stream(path, false, UV, 2), "remove it, or make a FIFO of that name with mkfifo");
-    expect_refused(open_stream(path, true, UV, 2), "remove it");
+    expect_refused(open_stream(path, false, UV, 2), "stream|remove|mkfifo");
+    expect_refused(open_stream(path, true, UV, 2), "stream|remove");
     expect_file("a recording");
 }
 
 static void test_a_folder_that_is_not_there(void) {
     char nowhere[sizeof path + 16];
     (void)snprintf(nowhere, sizeof nowhere, "%s/no/stream", scratch.folder);
-    expect_refused(open_stream(nowhere, false, UV, 2), "cannot be written: No such file");
-    expect_refused(open_stream(nowhere, true, UV, 2), "no FIFO can be made: No such file");
+    expect_refused(open_stream(nowhere, false, UV, 2), "no/stream|No such file");
+    expect_refused(open_stream(nowhere, true, UV, 2), "no/stream|FIFO|No such file");
 }
 
 /* ---- a FIFO ---- */
@@ -233,7 +234,7 @@ static void test_a_fifo_is_made_or_found(void) {
     expect_read("time,u,v\n0.000000000,1,2\n");
 }
 
-static void test_a_fifo_that_nobody_reads_is_no_failure(void) {
+static void test_a_fifo_without_reader_is_no_failure(void) {
     expect_open(true, UV, 2);
     TEST_ASSERT_FALSE(row(0, 1, 2));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_stream_check(stream, &error));
@@ -246,13 +247,13 @@ static void test_a_fifo_that_nobody_reads_is_no_failure(void) {
 
 static void test_readers_come_and_go(void) {
     expect_open(true, UV, 2);
-    TEST_ASSERT_FALSE(row(0, 1, 1)); /* nobody is there */
+    TEST_ASSERT_FALSE(row(0, 1, 1)); /* no reader yet */
     open_reader();
     TEST_ASSERT_TRUE(row(1 * TL_SECOND, 2, 2));
     TEST_ASSERT_TRUE(row(2 * TL_SECOND, 3, 3));
     expect_read("time,u,v\n1.000000000,2,2\n2.000000000,3,3\n");
     close_reader();
-    TEST_ASSERT_FALSE(row(3 * TL_SECOND, 4, 4)); /* and no SIGPIPE */
+    TEST_ASSERT_FALSE(row(3 * TL_SECOND, 4, 4)); /* without SIGPIPE */
     TEST_ASSERT_FALSE(row(4 * TL_SECOND, 5, 5));
     open_reader();
     TEST_ASSERT_TRUE(row(5 * TL_SECOND, 6, 6));
@@ -260,7 +261,7 @@ static void test_readers_come_and_go(void) {
     expect_counts(3, 3);
 }
 
-/* Two columns, and as many as a plant can have. */
+/* As many columns as a plant can have. */
 static const char *WIDE[TL_MAX_SIGNALS];
 
 static void make_wide_names(void) {
@@ -271,7 +272,7 @@ static void make_wide_names(void) {
     }
 }
 
-/* The values are easy to check: each is the row's number and a seventh. */
+/* Each value is the row's number plus 1/7. */
 static bool numbered_row(int number, size_t columns) {
     double values[TL_MAX_SIGNALS];
     for (size_t i = 0; i < columns; i++) {
@@ -280,7 +281,7 @@ static bool numbered_row(int number, size_t columns) {
     return tl_plant_stream_row(stream, number * TL_SECOND, values, NULL);
 }
 
-/* Each line of the text but the header is a whole row; their numbers are those of `written`, in order. */
+/* Each line after the header is a whole row. The row numbers equal `written`, in order. */
 static void expect_whole_rows(char *text, const int *written, int count, size_t columns) {
     int line = -1;
     for (char *rest = NULL, *at = strtok_r(text, "\n", &rest); at != NULL; at = strtok_r(NULL, "\n", &rest), line++) {
@@ -301,7 +302,7 @@ static void expect_whole_rows(char *text, const int *written, int count, size_t 
     TEST_ASSERT_EQUAL_INT(count, line);
 }
 
-/* Appends what is in the FIFO now. */
+/* Appends the present content of the FIFO. */
 static void read_more(char *text, size_t size) {
     char *more = read_all();
     TEST_ASSERT_TRUE(strlen(text) + strlen(more) < size);
@@ -390,7 +391,7 @@ static void test_the_live_driver_reads_it(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open_live(&settings, &io, &error));
     for (int i = 0; i < 4; i++) {
         bool finished = true;
-        if (i % 2 == 0) { /* the plant begins anew */
+        if (i % 2 == 0) { /* the plant restarts */
             close_stream();
             expect_open(true, UV, 2);
         }
@@ -419,7 +420,7 @@ int main(void) {
     RUN_TEST(test_a_file_that_exists_is_not_overwritten);
     RUN_TEST(test_a_folder_that_is_not_there);
     RUN_TEST(test_a_fifo_is_made_or_found);
-    RUN_TEST(test_a_fifo_that_nobody_reads_is_no_failure);
+    RUN_TEST(test_a_fifo_without_reader_is_no_failure);
     RUN_TEST(test_readers_come_and_go);
     RUN_TEST(test_a_reader_that_does_not_read);
     RUN_TEST(test_a_reader_that_does_not_read_wide_rows);

@@ -1,4 +1,4 @@
-/* The table of rules: it decides each key of the schema, and no other. */
+/* The table of change rules has a rule for each key of the schema, and for no other key. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,7 +12,7 @@
 
 enum { MOST_PLACES = 2048, PATTERN = 200, STEPS = 16 };
 
-/* A part of the schema, and the pattern of what it describes. */
+/* A part of the schema, and the pattern of the keys that it describes. */
 typedef struct place {
     const cJSON *schema;
     char pattern[PATTERN];
@@ -57,7 +57,7 @@ static void add_all(const cJSON *parts, const char *pattern, const char *separat
     }
 }
 
-/* What the schema says of the parts of this one, and what else it says of it. */
+/* Adds the parts of this part, and the alternatives that the schema gives for it. */
 static void add_parts(const cJSON *part, const char *pattern) {
     static const char *const same[] = {"if", "then", "else"};
     static const char *const several[] = {"anyOf", "allOf", "oneOf"};
@@ -79,7 +79,7 @@ static void add_parts(const cJSON *part, const char *pattern) {
     }
 }
 
-/* Names of entries may be anything, and hold dots. */
+/* Replaces a * by a name with a dot, a blank and brackets. */
 static size_t way_of(char *pattern, tl_json_step way[STEPS]) {
     static const char *const name = "motor.any name[0]";
     size_t depth = 0;
@@ -92,7 +92,7 @@ static size_t way_of(char *pattern, tl_json_step way[STEPS]) {
             size_t length = strcspn(pattern, ".[");
             bool is_end = pattern[length] == '\0';
             way[depth++] = (tl_json_step){length == 1 && pattern[0] == '*' ? name : pattern, 0};
-            if (pattern[length] == '[') { /* the key must end before the bracket does begin */
+            if (pattern[length] == '[') { /* room for the NUL before the bracket */
                 memmove(pattern + length + 1, pattern + length, strlen(pattern + length) + 1);
             }
             pattern[length] = '\0';
@@ -114,7 +114,7 @@ static bool ends_with_stars(const char *pattern) {
     return length > 2 && strcmp(pattern + length - 2, "**") == 0;
 }
 
-/* True: whatever is below is decided too, by the rule of a part around it. */
+/* Returns true if the rule of an enclosing part covers this place and everything below it. */
 static bool check_place(const char *pattern) {
     const tl_change_rule *rule = rule_of(pattern);
     TEST_ASSERT_NOT_NULL_MESSAGE(rule, pattern);
@@ -142,7 +142,7 @@ static void expect_used(const tl_change_rule *rule) {
     }
 }
 
-static void test_each_key_of_the_schema_is_decided_and_no_other(void) {
+static void test_each_key_of_the_schema_has_a_rule(void) {
     used_count = 0;
     add(schema, "", "", "");
     for (size_t i = 0; i < count; i++) {
@@ -157,7 +157,7 @@ static void test_each_key_of_the_schema_is_decided_and_no_other(void) {
     }
 }
 
-static void test_what_is_not_in_the_table(void) {
+static void test_unknown_keys_have_no_rule(void) {
     static const char *const unknown[] = {"new_key",
                                           "plant.*.new_key",
                                           "synchronise.margin.deeper",
@@ -180,8 +180,8 @@ static void test_what_is_not_in_the_table(void) {
     TEST_ASSERT_EQUAL_INT(TL_RIGHT_COMMISSION, needs.right);
 }
 
-/* Nothing is changed in place but this. */
-static void test_what_is_in_place(void) {
+/* No other key is changed in place. */
+static void test_keys_changed_in_place(void) {
     static const char *const in_place[] = {"$schema",
                                            "synchronise.adjust.*.nominal",
                                            "synchronise.adjust.*.min",
@@ -209,8 +209,8 @@ static void test_what_is_in_place(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_each_key_of_the_schema_is_decided_and_no_other);
-    RUN_TEST(test_what_is_not_in_the_table);
-    RUN_TEST(test_what_is_in_place);
+    RUN_TEST(test_each_key_of_the_schema_has_a_rule);
+    RUN_TEST(test_unknown_keys_have_no_rule);
+    RUN_TEST(test_keys_changed_in_place);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* A configuration that is right: every key, every default, the lines and files behind it; and files that are none. */
+/* Valid configurations: each key, each default, lines and file paths. Then files that cannot be
+ * read. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,6 +16,7 @@
 #include "firmware/config/drivers.h"
 #include "master/solve/optimiser.h"
 #include "tests/support/config_text.h"
+#include "tests/support/message.h"
 
 #define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
 #define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
@@ -201,7 +203,8 @@ static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t st
     TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[0].period_s);
 }
 
-/* As the standard of the line has them. */
+/* The defaults of the MODBUS over Serial Line specification: 19200 baud, even parity, 2 stop bits
+ * without parity. */
 static void test_defaults_of_a_serial_line(void) {
     expect_line("", 19200, 'E', 1);
     expect_line(", \"parity\": \"odd\"", 19200, 'O', 1);
@@ -371,7 +374,8 @@ static void test_the_rest_of_synchronise(void) {
     TEST_ASSERT_EQUAL_INT64(4000000, config->budget_time);
 }
 
-/* One ε for all, in place of tolerances; and the defaults of a configuration that synchronises. */
+/* epsilon is the square of all tolerances. The other values are the defaults of a configuration
+ * that synchronises. */
 static void test_epsilon(void) {
     const tl_config *config = read_good(EPSILON);
     TEST_ASSERT_TRUE(config->synchronise);
@@ -421,8 +425,8 @@ static void test_delays(void) {
     TEST_ASSERT_EQUAL_INT64(16100000, verdict.config.output_lookup.look_back);
 }
 
-/* A signal that feeds an input and is matched is looked up twice. */
-static void test_second_look_ups(void) {
+/* A signal that feeds an input and is matched needs two lookups. */
+static void test_second_lookups(void) {
     char *text = tl_test_read_text(FULL);
     char *fed = tl_test_replaced(text, "[\"drive.u_R\", \"motor.I_in\"]",
                                  "[\"drive.u_R\", \"motor.I_in\"], [\"plant.omega\", \"drive.ref\"]");
@@ -451,7 +455,7 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_INT64(8100000, first->look_back);
     TEST_ASSERT_FALSE(first->next);
     TEST_ASSERT_EQUAL_UINT32(0, first->condition.median);
-    TEST_ASSERT_EQUAL_UINT32(5, second->condition.median); /* the input is not conditioned, the match is */
+    TEST_ASSERT_EQUAL_UINT32(5, second->condition.median); /* only the match is conditioned */
     TEST_ASSERT_EQUAL_size_t(8, config->signals[9].shows);
     TEST_ASSERT_EQUAL_INT64(16100000, second->look_back);
     TEST_ASSERT_TRUE(second->next);
@@ -467,8 +471,9 @@ static void expect_guard(const char *text, uint32_t steps) {
     tl_config_free(&verdict.config);
 }
 
-/* Two messages of what is matched, four that a median remembers, and three times 30 ms. Without a word on messages they are five steps each, whatever is said of an
- * input; and none counts more than 1000. */
+/* The guard covers two messages of a matched signal, four messages in the median and three times
+ * the 30 ms of the low-pass. Without every_s a message counts as five steps. A message counts as
+ * 1000 steps at most. The every_s of an input does not count. */
 static void test_a_free_twin(void) {
     static const char omega[] = "\"omega\": { \"unit\": \"rad/s\",";
     TEST_ASSERT_EQUAL_UINT32(0, tl_config_free_twin_guard(read_good(FULL)));
@@ -492,7 +497,7 @@ static void test_a_free_twin(void) {
     free(text);
 }
 
-/* A wait for the next reading is a look-up too: of what feeds and is matched, twice. */
+/* Interpolation waits for the next reading, so it looks back as well. */
 static void test_between_readings(void) {
     char *text = tl_test_read_text(FULL);
     char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
@@ -501,7 +506,7 @@ static void test_between_readings(void) {
                                   "\"between\": \"mean\", \"every_s\": 0.04");
     tl_test_judge_text(line, strlen(line), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    /* 40 ms, a step, and 11.9 ms later: the tick at 70 ms looks back by 58.1. */
+    /* 40 ms, one step and 11.9 ms: the tick at 70 ms looks back by 58.1 ms. */
     TEST_ASSERT_EQUAL_INT32(7, verdict.config.input_lookup.ticks);
     TEST_ASSERT_EQUAL_INT64(58100000, verdict.config.input_lookup.look_back);
     TEST_ASSERT_EQUAL_INT(TL_BETWEEN_MEAN, verdict.config.signals[0].between);
@@ -515,8 +520,9 @@ static void test_between_readings(void) {
     free(text);
 }
 
-/* What is conditioned is waited for: half a median of readings, the low-pass's lag, and the reading behind it; and shown beside as it came. */
-static void test_a_condition_is_waited_for(void) {
+/* The delay of a condition is half the median's readings plus the low-pass time. The raw reading is
+ * a second signal. */
+static void test_the_delay_of_a_condition(void) {
     char *text = tl_test_read_text(FULL);
     char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
     char *without = tl_test_replaced(lagging, "\"measure\": { \"range_s\": 0.1 },", "");
@@ -524,9 +530,9 @@ static void test_a_condition_is_waited_for(void) {
     tl_config *config = &verdict.config;
     tl_test_judge_text(every, strlen(every), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_INT64(70000000, tl_config_condition_lag(config, 0)); /* 2 · 20 ms and 30 ms */
+    TEST_ASSERT_EQUAL_INT64(70000000, tl_config_condition_lag(config, 0)); /* 2·20 + 30 ms */
     TEST_ASSERT_EQUAL_INT64(0, tl_config_condition_lag(config, 1));
-    /* 20 ms more, and 3.9 ms later: the tick at 100 ms looks back by 96.1. */
+    /* 20 ms more and 3.9 ms: the tick at 100 ms looks back by 96.1 ms. */
     TEST_ASSERT_EQUAL_INT32(10, config->output_lookup.ticks);
     TEST_ASSERT_EQUAL_INT64(96100000, config->output_lookup.look_back);
     TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LINE, config->signals[3].between);
@@ -558,7 +564,7 @@ static void test_a_plant_has_no_delays(void) {
     TEST_ASSERT_EQUAL_STRING("plant.omega", config->matched_as[0]);
 }
 
-/* ---- what is not there ---- */
+/* ---- defaults ---- */
 
 static void test_defaults(void) {
     const tl_config *config = read_good(FREE);
@@ -652,7 +658,7 @@ static void test_weights_and_tolerances(void) {
     TEST_ASSERT_EQUAL_DOUBLE(3, verdict.config.match[1].tolerance);
 }
 
-/* Every name, and the numbers of the dissertation (table 5.1): reader, registry, schema and SPEC.md mean the same. */
+/* Each name, and the numbers of the dissertation (table 5.1). */
 static void test_solvers(void) {
     static const struct {
         const char *text, *name;
@@ -690,7 +696,7 @@ static void test_modes_and_shapes(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[2].nominal);
 }
 
-/* Objects that are there and say nothing, or one thing of several. */
+/* Empty objects, and objects with some of their keys. */
 static void test_objects_in_part(void) {
     takes(FULL, "\"deviation\": 0.25, \"rate\": 0.125", "\"rate\": 0.125");
     TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[0].deviation_penalty);
@@ -708,7 +714,7 @@ static void test_objects_in_part(void) {
     TEST_ASSERT_EQUAL_INT64(0, verdict.config.adjust[2].dwell);
 }
 
-/* Decimal fractions that no double can hold, and the limits. */
+/* Decimal fractions that a double cannot represent exactly, and the limits. */
 static void test_steps_in_nanoseconds(void) {
     static const struct {
         const char *text;
@@ -814,15 +820,15 @@ static void test_lines(void) {
     TEST_ASSERT_EQUAL_size_t(0, tl_config_line(&empty, "step_s"));
 }
 
-/* ---- files that are none ---- */
+/* ---- files that cannot be read ---- */
 
-static void expect_file_problem(const char *path, tl_status status, const char *text) {
+static void expect_file_problem(const char *path, tl_status status, const char *parts) {
     tl_test_judge_file(path, &verdict);
     TEST_ASSERT_EQUAL_INT(status, verdict.status);
     TEST_ASSERT_EQUAL_size_t(1, verdict.count);
     TEST_ASSERT_EQUAL_INT(status, verdict.problems[0].status);
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
-    TEST_ASSERT_EQUAL_STRING(text, verdict.problems[0].text);
+    TL_EXPECT_PARTS(parts, verdict.problems[0].text);
     TEST_ASSERT_NULL(verdict.config.tree);
     TEST_ASSERT_NULL(verdict.config.text);
 }
@@ -839,16 +845,15 @@ static const char *make_file(const char *name, const char *text, size_t size) {
 }
 
 static void test_a_missing_file(void) {
-    expect_file_problem("/nowhere/plant.json", TL_BAD_DATA,
-                        "the configuration cannot be read: No such file or directory");
+    expect_file_problem("/nowhere/plant.json", TL_BAD_DATA, "configuration|No such file");
 }
 
 static void test_a_directory(void) {
-    expect_file_problem("/tmp", TL_BAD_DATA, "the configuration cannot be read: Is a directory");
+    expect_file_problem("/tmp", TL_BAD_DATA, "configuration|Is a directory");
 }
 
-/* What passes by itself is not the configuration's fault. */
-static void test_no_file_handle_is_left(void) {
+/* The error is temporary, so the status is TL_TRY_AGAIN and not TL_BAD_DATA. */
+static void test_no_free_file_descriptor(void) {
     struct rlimit limit;
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &limit));
     struct rlimit none = {.rlim_cur = 0, .rlim_max = limit.rlim_max};
@@ -856,22 +861,20 @@ static void test_no_file_handle_is_left(void) {
     tl_test_judge_file(FREE, &verdict);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &limit));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, verdict.status);
-    TEST_ASSERT_EQUAL_STRING("the configuration cannot be read: Too many open files", verdict.problems[0].text);
+    TL_EXPECT_PARTS("configuration|Too many open", verdict.problems[0].text);
 }
 
 static void test_an_empty_file(void) {
     expect_file_problem(make_file("config.json", "", 0), TL_BAD_DATA,
-                        "line 1, column 1: found the end of the file, expected a value: an object, an array, a text in "
-                        "\", a number, true, false or null");
+                        "line 1|column 1|end|object|array|number|true|false|null");
 }
 
 static void test_a_nul_byte(void) {
-    expect_file_problem(make_file("config.json", "{}\0", 3), TL_BAD_DATA,
-                        "line 1, column 3: found the control character U+0000, expected nothing after the end");
+    expect_file_problem(make_file("config.json", "{}\0", 3), TL_BAD_DATA, "line 1|column 3|U+0000");
 }
 
 static void test_a_file_that_never_ends(void) {
-    expect_file_problem("/dev/zero", TL_BAD_DATA, "found more than 256 KiB, expected a configuration of at most that");
+    expect_file_problem("/dev/zero", TL_BAD_DATA, "256 KiB|configuration");
 }
 
 static void test_the_largest_file(void) {
@@ -885,8 +888,7 @@ static void test_the_largest_file(void) {
     const char *path = make_file("config.json", text + 1, size - 1);
     TEST_ASSERT_EQUAL_size_t(TL_CONFIG_MAX_BYTES, read_good(path)->size);
     tl_config_free(&verdict.config);
-    expect_file_problem(make_file("config.json", text, size), TL_BAD_DATA,
-                        "found more than 256 KiB, expected a configuration of at most that");
+    expect_file_problem(make_file("config.json", text, size), TL_BAD_DATA, "256 KiB|configuration");
     free(good);
     free(text);
 }
@@ -897,7 +899,7 @@ static void test_freeing_an_empty_configuration(void) {
     TEST_ASSERT_NULL(config.tree);
 }
 
-/* ---- files that a configuration names ---- */
+/* ---- paths of files that a configuration names ---- */
 
 static void expect_path(const char *config_path, const char *file, const char *expected) {
     char path[128];
@@ -964,7 +966,7 @@ static void test_where_an_fmu_is(void) {
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
 }
 
-/* This program is in BUILD/tests, so BUILD/x is "../x beside the program". */
+/* This program is in BUILD/tests, so the folder ../x beside the program is BUILD/x. */
 static void expect_an_fmu_found_in(const char *below_build) {
     char expected[256];
     char path[256];
@@ -990,7 +992,7 @@ static void test_an_fmu_beside_the_program(void) {
     expect_an_fmu_found_in("lib/twinlock/fmus");
 }
 
-/* What a running twin can take of a configuration; and what it took, in place of what was read. */
+/* The tuning values of a configuration, read and then replaced. */
 static void test_tuning(void) {
     tl_tuning tuning;
     tl_tuning again;
@@ -1054,10 +1056,10 @@ int main(void) {
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_outputs_alone);
-    RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_second_lookups);
     RUN_TEST(test_a_free_twin);
     RUN_TEST(test_between_readings);
-    RUN_TEST(test_a_condition_is_waited_for);
+    RUN_TEST(test_the_delay_of_a_condition);
     RUN_TEST(test_a_plant_has_no_delays);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);
@@ -1075,7 +1077,7 @@ int main(void) {
     RUN_TEST(test_lines);
     RUN_TEST(test_a_missing_file);
     RUN_TEST(test_a_directory);
-    RUN_TEST(test_no_file_handle_is_left);
+    RUN_TEST(test_no_free_file_descriptor);
     RUN_TEST(test_an_empty_file);
     RUN_TEST(test_a_nul_byte);
     RUN_TEST(test_a_file_that_never_ends);

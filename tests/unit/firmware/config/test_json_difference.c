@@ -1,4 +1,5 @@
-/* What is different between two documents: values, whole parts, arrays, and what is no difference. */
+/* Differences between two JSON documents: values, whole parts, arrays, order; and documents that
+ * are equal. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -6,53 +7,56 @@
 #include <unity.h>
 
 #include "firmware/config/json_difference.h"
+#include "tests/support/message.h"
 
-enum { MOST_SAID = 8192 };
+enum { MAX_LISTED = 8192 };
 
-static char said[MOST_SAID]; /* "path: before > after\n" each, with two blanks in front of what is within */
+/* "path: before > after\n" for each difference, with two blanks in front if it is inside another
+ * one. */
+static char listed[MAX_LISTED];
 static size_t count;
 static tl_error error;
 
 void setUp(void) {
-    said[0] = '\0';
+    listed[0] = '\0';
     count = 0;
     error = (tl_error){TL_OK, ""};
 }
 
 void tearDown(void) {}
 
-static void say(const tl_json_difference *difference, void *context) {
+static void list_difference(const tl_json_difference *difference, void *context) {
     char path[TL_JSON_PATH];
     char before[TL_JSON_SHOWN];
     char after[TL_JSON_SHOWN];
     (void)context;
     tl_json_way_path(path, difference->way, difference->depth);
     if (difference->is_order) {
-        size_t end = strlen(said);
-        (void)snprintf(said + end, sizeof said - end, "%s: order\n", path);
+        size_t end = strlen(listed);
+        (void)snprintf(listed + end, sizeof listed - end, "%s: order\n", path);
         return;
     }
     tl_json_show(difference->before, before, sizeof before);
     tl_json_show(difference->after, after, sizeof after);
-    size_t used = strlen(said);
-    (void)snprintf(said + used, sizeof said - used, "%s%s: %s > %s\n", difference->within ? "  " : "", path, before,
+    size_t used = strlen(listed);
+    (void)snprintf(listed + used, sizeof listed - used, "%s%s: %s > %s\n", difference->within ? "  " : "", path, before,
                    after);
     count++;
 }
 
 static tl_status compare(const char *before, const char *after) {
-    tl_json_source a = {before, strlen(before), "the old one"};
-    tl_json_source b = {after, strlen(after), "the new one"};
-    return tl_json_compare(&a, &b, say, NULL, &error);
+    tl_json_source a = {before, strlen(before), "first.json"};
+    tl_json_source b = {after, strlen(after), "second.json"};
+    return tl_json_compare(&a, &b, list_difference, NULL, &error);
 }
 
 static void expect(const char *before, const char *after, const char *expected) {
     setUp();
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, compare(before, after), error.text);
-    TEST_ASSERT_EQUAL_STRING(expected, said);
+    TEST_ASSERT_EQUAL_STRING(expected, listed);
 }
 
-static void test_the_same(void) {
+static void test_equal_documents(void) {
     expect("{}", "{}", "");
     expect("{\"a\": 1, \"b\": [1, {\"c\": null}]}", " {\"a\":1,\n\"b\":[1,{\"c\":null}] } ", "");
     expect("[5, 1e3, 0.5, \"\\u0041\"]", "[5.0, 1000, 5e-1, \"A\"]", "");
@@ -81,7 +85,7 @@ static void test_zero_has_a_sign(void) {
     TEST_ASSERT_EQUAL_size_t(1, count);
 }
 
-static void test_keys_that_come_and_go(void) {
+static void test_added_and_removed_keys(void) {
     expect("{\"a\": 1}", "{\"b\": 1}", "a: 1 > \nb:  > 1\n");
     expect("{}", "{\"a\": null}", "a:  > null\n");
     expect("{\"a\": {\"x\": 1, \"z\": 3}}", "{\"a\": {\"x\": 1, \"y\": 2, \"z\": 3}}", "a.y:  > 2\n");
@@ -126,7 +130,7 @@ static void test_arrays_in_arrays(void) {
     expect("[[1], 2]", "[[], 2]", "[0][0]: 1 > \n");
 }
 
-/* As deep as a text may be. */
+/* The maximum depth of a document. */
 static void test_depth(void) {
     char before[256];
     char after[256];
@@ -147,7 +151,7 @@ static void test_depth(void) {
     TEST_ASSERT_EQUAL_size_t(1 + 31, count);
 }
 
-/* Many keys and many elements take no square of time: that would be a minute. */
+/* The time for many keys and elements is not quadratic. Quadratic time would be a minute. */
 static void test_size(void) {
     enum { KEYS = 40000, ROOM = KEYS * 20 };
     char *before = calloc(ROOM, 1);
@@ -162,7 +166,7 @@ static void test_size(void) {
     (void)snprintf(a, 20, "}");
     (void)snprintf(b, 20, "}");
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, compare(before, after), error.text);
-    TEST_ASSERT_EQUAL_STRING(": order\n", said);
+    TEST_ASSERT_EQUAL_STRING(": order\n", listed);
     setUp();
     memset(before, ' ', ROOM - 1);
     memset(after, ' ', ROOM - 1);
@@ -172,41 +176,41 @@ static void test_size(void) {
     }
     before[3 * KEYS] = after[3 * KEYS] = ']';
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, compare(before, after), error.text);
-    TEST_ASSERT_EQUAL_STRING("[20000]: 1 > 2\n", said);
+    TEST_ASSERT_EQUAL_STRING("[20000]: 1 > 2\n", listed);
     free(before);
     free(after);
 }
 
-static void test_what_is_no_json(void) {
+static void test_invalid_json(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, compare("{", "{}"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the old one: is no JSON"), error.text);
+    TL_EXPECT_PARTS("first.json|JSON", error.text);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, compare("{}", "{\"a\": 1,\n\"a\": 2, \"b\": 1, \"b\": 2}"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the new one: is no JSON, or has a key twice"), error.text);
+    TL_EXPECT_PARTS("second.json|JSON", error.text);
     TEST_ASSERT_EQUAL_size_t(0, count);
 }
 
-static void test_values_for_people(void) {
+static void test_displayed_values(void) {
     expect("{\"a\": 1}", "{\"a\": \"\\u202e\\n\"}", "a: 1 > \"\\u{202E}\\n\"\n");
     setUp();
     TEST_ASSERT_EQUAL_INT(
         TL_OK, compare("{}", "{\"a\": \"0123456789012345678901234567890123456789012345678901234567890123456789\"}"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(said, "\xe2\x80\xa6\n"), said);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(listed, "\xe2\x80\xa6\n"), listed);
 }
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_the_same);
+    RUN_TEST(test_equal_documents);
     RUN_TEST(test_order);
     RUN_TEST(test_values);
     RUN_TEST(test_zero_has_a_sign);
-    RUN_TEST(test_keys_that_come_and_go);
+    RUN_TEST(test_added_and_removed_keys);
     RUN_TEST(test_names_with_dots);
     RUN_TEST(test_whole_parts);
     RUN_TEST(test_arrays);
     RUN_TEST(test_arrays_in_arrays);
     RUN_TEST(test_depth);
     RUN_TEST(test_size);
-    RUN_TEST(test_what_is_no_json);
-    RUN_TEST(test_values_for_people);
+    RUN_TEST(test_invalid_json);
+    RUN_TEST(test_displayed_values);
     return UNITY_END();
 }

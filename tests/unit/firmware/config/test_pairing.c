@@ -1,5 +1,5 @@
-/* What a locked twin makes of its measurements: which ones a step uses, how they are bent and weighed; and that
- * what is saved never changes a bit, also where a sample was stood for before it came. */
+/* Pairing of steps with measurements, weights, Huber losses and penalties. Saved executions must
+ * not change any result, also if a step first used a substitute for a late sample. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -45,7 +45,7 @@ static tl_plan_match *begin_observer(void) {
     return tl_test_plan_match(&plan, "m.y0", "plant.y0", 0.01);
 }
 
-/* True where a record has come. */
+/* Returns true if the step produced a record. */
 static bool tick(double cmd, double y0, tl_quality quality) {
     run.sample.values[CMD] = cmd;
     run.sample.values[Y0] = y0;
@@ -55,9 +55,9 @@ static bool tick(double cmd, double y0, tl_quality quality) {
     return run.ready;
 }
 
-/* ---- which ones ---- */
+/* ---- pairing ---- */
 
-/* The plant is the twin, on a ramp: what belongs to the same instant differs by nothing, what does not by 1 a step. */
+/* The plant equals the twin on a ramp of 1 per step. Values of the same instant are equal. */
 static void expect_ramp(tl_pairing measurements, uint32_t prediction, double wanted) {
     plan.plan.measurements = measurements;
     plan.plan.prediction = prediction;
@@ -66,7 +66,7 @@ static void expect_ramp(tl_pairing measurements, uint32_t prediction, double wan
         bool ready = tick((double)m, (double)m - 1.0, TL_GOOD);
         if (ready && run.record.step > 12) {
             TEST_ASSERT_DOUBLE_WITHIN(0.011, wanted, run.record.u[0]);
-            TEST_ASSERT_DOUBLE_WITHIN(1e-9, (double)run.record.step, run.record.measured[0]); /* its own instant's */
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, (double)run.record.step, run.record.measured[0]);
             TEST_ASSERT_DOUBLE_WITHIN(0.011, run.record.measured[0] + wanted, run.record.y[0]);
         }
     }
@@ -80,12 +80,11 @@ static void a_step_is_paired_with_its_own_measurements(void) {
     (void)begin_observer();
     expect_ramp(TL_HOLD, 1, 0.0);
     (void)begin_observer();
-    expect_ramp(TL_AHEAD, 1, -1.0); /* the newest stands for the next one */
+    expect_ramp(TL_AHEAD, 1, -1.0); /* the newest sample replaces the next one */
 }
 
-/* In mode hold the sample of t_(i+1) stands for all later ones, inputs and outputs: from there on the twin is paired with
- * one value while its input stands still as well. */
-static void held_measurements_stand_for_later_ones(void) {
+/* In mode hold, the sample of t_(i+1) replaces all later samples of inputs and outputs. */
+static void held_measurements_replace_later_ones(void) {
     (void)begin_observer();
     plan.plan.measurements = TL_HOLD;
     plan.plan.prediction = 3;
@@ -103,10 +102,10 @@ static void held_measurements_stand_for_later_ones(void) {
     }
 }
 
-/* ---- weighed ---- */
+/* ---- weights, Huber loss, penalties ---- */
 
-/* The plant's outputs over the horizon, and the u that all of them together are best met with. */
-static double meet(const double *samples, const tl_quality *quality, uint32_t count) {
+/* Runs one search over `count` samples of y0 and returns its u. */
+static double search_u(const double *samples, const tl_quality *quality, uint32_t count) {
     plan.plan.prediction = count;
     plan.plan.noise_floor = 0.0;
     tl_test_run_build(&run, &plan);
@@ -117,7 +116,7 @@ static double meet(const double *samples, const tl_quality *quality, uint32_t co
     return run.record.u[0];
 }
 
-/* Of a constant the best is the mean of what is good, however wild the rest. */
+/* The best constant is the mean of the good samples. The others have no weight. */
 static void bad_samples_lose_their_weight(void) {
     for (uint32_t number = 1; number <= 100; number++) {
         double samples[5];
@@ -132,27 +131,28 @@ static void bad_samples_lose_their_weight(void) {
             good += quality[i] == TL_GOOD ? 1.0 : 0.0;
         }
         (void)begin_observer();
-        TEST_ASSERT_DOUBLE_WITHIN(0.01, sum / good, meet(samples, quality, 5));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, sum / good, search_u(samples, quality, 5));
         TEST_ASSERT_EQUAL_INT(good > 1.0 ? TL_BEST_SO_FAR : TL_OPTIMISED, run.record.outcome);
     }
 }
 
-/* Four samples say 1, one says 100: the mean is 20.8; what counts linearly pulls no harder for being far. */
-static void huber_bends_what_is_far(void) {
+/* Four samples are 1, one is 100, and their mean is 20.8. With a Huber loss the outlier counts
+ * linearly. */
+static void a_huber_loss_limits_an_outlier(void) {
     static const double samples[5] = {1.0, 1.0, 100.0, 1.0, 1.0};
     static const tl_quality quality[5] = {TL_GOOD, TL_GOOD, TL_GOOD, TL_GOOD, TL_GOOD};
-    for (size_t s = 1; s < 3; s++) { /* of the others a kink is no friend */
+    for (size_t s = 1; s < 3; s++) { /* the other solvers are inexact at a kink */
         (void)begin_observer();
         plan.plan.algorithm = solvers[s];
-        TEST_ASSERT_DOUBLE_WITHIN(0.01, 20.8, meet(samples, quality, 5));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, 20.8, search_u(samples, quality, 5));
         begin_observer()->huber = 1.0;
         plan.plan.algorithm = solvers[s];
-        /* 4·2·d = 2·1 with d in tolerances beyond the four: a quarter of a tolerance */
-        TEST_ASSERT_DOUBLE_WITHIN(0.0005, 1.0 + 0.25 * 0.01, meet(samples, quality, 5));
+        /* 4·2·d = 2·1, so the distance d to the four samples is a quarter of a tolerance */
+        TEST_ASSERT_DOUBLE_WITHIN(0.0005, 1.0 + 0.25 * 0.01, search_u(samples, quality, 5));
     }
 }
 
-/* J = ((u − ŷ)/tolerance)² + p·(u − û)²/step²: its minimum is the mean of the two, each by its weight. */
+/* J = ((u − ŷ)/tolerance)² + p·(u − û)²/step². The minimum is the weighted mean of ŷ and û. */
 static void a_penalty_on_the_deviation_holds_back(void) {
     static const double penalties[] = {0.0, 100.0, 1e4, 1e6};
     for (size_t s = 0; s < SOLVERS; s++) {
@@ -170,13 +170,14 @@ static void a_penalty_on_the_deviation_holds_back(void) {
     }
 }
 
-/* The same with the u of the step before: it comes nearer by the same share in each step. */
+/* The penalty refers to the u of the previous step. Each step closes the same share of the
+ * distance. */
 static void a_penalty_on_the_rate_slows_down(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
         double before = 0.0;
         (void)begin_observer();
         plan.plan.algorithm = solvers[s];
-        plan.adjust[0].rate_penalty = 1e4; /* as much as the measurement */
+        plan.adjust[0].rate_penalty = 1e4; /* the weight of the measurement */
         tl_test_run_build(&run, &plan);
         (void)tick(0.0, 5.0, TL_GOOD);
         for (int i = 0; i < 8; i++) {
@@ -187,9 +188,10 @@ static void a_penalty_on_the_rate_slows_down(void) {
     }
 }
 
-/* ---- saved ---- */
+/* ---- saved executions ---- */
 
-/* Everything of a random plan but what is saved: a chain or a ring of components, fed by the plant in several places. */
+/* Draws a plan without its saving options: a chain or a ring of components with several plant
+ * inputs. */
 static void draw_plan(void) {
     static const char *const names[COMPONENTS] = {"a", "b", "c"};
     tl_test_run_end(&run, &plan);
@@ -222,9 +224,9 @@ static void draw_plan(void) {
     plan.plan.evaluations = 30;
 }
 
-static tl_record records[TICKS]; /* without saving, by tick */
+static tl_record records[TICKS]; /* of the run without saving, by tick */
 
-/* The run of a seed; the first one is kept, and the others are held against it. */
+/* Runs a seed. A run without saving keeps its records; the other runs are compared with them. */
 static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32_t nodes, tl_keep keep) {
     uint64_t executions = 0;
     bool kept = !structure && !sequences;
@@ -239,7 +241,7 @@ static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32
     for (size_t m = 0; m < TICKS; m++) {
         double t = (double)m;
         run.sample.values[OTHER] =
-            tl_test_any(&seed, 3) == 0 ? tl_test_noise(&seed) : run.sample.values[OTHER]; /* often as it was */
+            tl_test_any(&seed, 3) == 0 ? tl_test_noise(&seed) : run.sample.values[OTHER]; /* often unchanged */
         run.sample.quality[OTHER] = tl_test_any(&seed, 10) == 0 ? TL_STALE : TL_GOOD;
         tl_quality quality = tl_test_any(&seed, 10) == 0 ? TL_NO_LINK : TL_GOOD;
         (void)tick(tl_test_any(&seed, 4) == 0 ? tl_test_noise(&seed) : 0.5, sin(0.2 * t) + 0.1 * tl_test_noise(&seed),
@@ -260,13 +262,13 @@ static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32
     return executions;
 }
 
-static void what_is_saved_changes_no_bit(void) {
+static void saving_changes_no_bit(void) {
     for (uint32_t number = 1; number <= SEEDS; number++) {
         uint64_t plain = run_seed(number, false, false, 0, TL_KEEP_STATES);
         uint64_t by_structure = run_seed(number, true, false, 0, TL_KEEP_STATES);
         uint64_t by_both = run_seed(number, true, true, 0, TL_KEEP_STATES);
         uint64_t by_sequences = run_seed(number, false, true, 0, TL_KEEP_STATES);
-        (void)run_seed(number, true, true, 12, TL_KEEP_STATES); /* a pool that is soon full */
+        (void)run_seed(number, true, true, 12, TL_KEEP_STATES); /* a pool that fills up soon */
         (void)run_seed(number, true, true, 0, TL_KEEP_OUTPUTS);
         TEST_ASSERT_TRUE(by_structure < plain && by_both < by_structure && by_sequences < plain);
     }
@@ -275,11 +277,11 @@ static void what_is_saved_changes_no_bit(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_step_is_paired_with_its_own_measurements);
-    RUN_TEST(held_measurements_stand_for_later_ones);
+    RUN_TEST(held_measurements_replace_later_ones);
     RUN_TEST(bad_samples_lose_their_weight);
-    RUN_TEST(huber_bends_what_is_far);
+    RUN_TEST(a_huber_loss_limits_an_outlier);
     RUN_TEST(a_penalty_on_the_deviation_holds_back);
     RUN_TEST(a_penalty_on_the_rate_slows_down);
-    RUN_TEST(what_is_saved_changes_no_bit);
+    RUN_TEST(saving_changes_no_bit);
     return UNITY_END();
 }

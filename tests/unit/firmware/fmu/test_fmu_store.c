@@ -1,5 +1,5 @@
-/* Loading FMUs: a good one works; each hostile or broken one is refused with a text that names the thing, and leaves no
- * folder behind. */
+/* Loading FMUs: a good one works. Each hostile or broken one is rejected; the message names the
+ * cause, and no folder remains. */
 #include <dirent.h>
 #include <elf.h>
 #include <limits.h>
@@ -21,12 +21,13 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_store.h"
 #include "tests/support/fmu_maker.h"
+#include "tests/support/message.h"
 #include "tests/support/stderr_capture.h"
 
 #define GOOD TL_BINARY_DIR "/fmus/motor.fmu"
 #define PREFIX "twinlock-fmu-"
 
-static char folder[64];     /* of this test; all below is in it */
+static char folder[64];     /* of this test; contains the files below */
 static char temporary[128]; /* TMPDIR, with characters that a URI must encode */
 static char made[128];      /* the FMU that the test makes */
 static tl_fmu_maker *maker;
@@ -60,7 +61,7 @@ void tearDown(void) {
     remove_folder();
 }
 
-/* ---- Helpers ------------------------------------------------------------------------------------------- */
+/* ---- Helpers --------------------------------------------------------------------------------- */
 
 static size_t count_unpacked(void) {
     size_t count = 0;
@@ -72,7 +73,7 @@ static size_t count_unpacked(void) {
     return count;
 }
 
-/* All that is in TMPDIR and beside it. */
+/* Counts the entries of a folder. */
 static size_t count_all(const char *path) {
     size_t count = 0;
     DIR *all = opendir(path);
@@ -91,15 +92,14 @@ static void expect_loaded(const char *path) {
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
 }
 
-/* The text has the FMU's name, `what` and `part`; nothing remains, neither in TMPDIR nor beside it. */
-static void expect_refused_file(const char *path, tl_status expected, const char *what, const char *part) {
+/* The message has the path and the parts. Nothing remains, neither in TMPDIR nor beside it. */
+static void expect_refused_file(const char *path, tl_status expected, const char *parts) {
     tl_fmu empty = {0};
     size_t beside = count_all(folder);
     TEST_ASSERT_EQUAL_INT(expected, tl_fmu_load(path, -1, TL_ROLLBACK_STATE, &fmu, &error));
     TEST_ASSERT_EQUAL_INT(expected, error.status);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, what), error.text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TL_EXPECT_PARTS(parts, error.text);
     TEST_ASSERT_LESS_THAN_size_t_MESSAGE(TL_ERROR_TEXT - 1, strlen(error.text), "the text was cut");
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
     TEST_ASSERT_EQUAL_size_t(beside, count_all(folder));
@@ -110,9 +110,9 @@ static void write_made(void) {
     TEST_ASSERT_TRUE(tl_fmu_maker_write(maker, made));
 }
 
-static void expect_refused(const char *what, const char *part) {
+static void expect_refused(const char *parts) {
     write_made();
-    expect_refused_file(made, TL_BAD_DATA, what, part);
+    expect_refused_file(made, TL_BAD_DATA, parts);
 }
 
 static void put_text(const char *name, const char *text) {
@@ -123,7 +123,7 @@ static void replace_in_description(const char *from, const char *to) {
     TEST_ASSERT_TRUE_MESSAGE(tl_fmu_maker_replace(maker, "modelDescription.xml", from, to), from);
 }
 
-/* "binaries/linux64/motor.so" on x86-64. */
+/* On x86-64: "binaries/linux64/motor.so". */
 static const char *binary_name(void) {
     const char *name = tl_fmu_maker_find(maker, "/motor.so");
     TEST_ASSERT_NOT_NULL(name);
@@ -166,7 +166,7 @@ static bool exists(const char *path) {
     return lstat(path, &status) == 0;
 }
 
-/* ---- A good FMU ---------------------------------------------------------------------------------------- */
+/* ---- A good FMU ------------------------------------------------------------------------------ */
 
 static double run_ten_steps(void) {
     const tl_fmi2 *fmi = &fmu.guard.functions;
@@ -218,7 +218,7 @@ static void test_each_load_has_a_binary_of_its_own(void) {
 static void test_resources(void) {
     char expected[768];
     char path[512];
-    expect_loaded(GOOD); /* has none */
+    expect_loaded(GOOD); /* without resources */
     path_in_fmu(path, sizeof path, "resources");
     TEST_ASSERT_TRUE(exists(path));
     const char *name = strstr(path, PREFIX);
@@ -242,7 +242,7 @@ static void test_the_folder_is_private(void) {
     TEST_ASSERT_EQUAL_UINT(geteuid(), status.st_uid);
 }
 
-static void test_what_is_not_needed_is_not_written(void) {
+static void test_only_needed_entries_are_unpacked(void) {
     char path[512];
     put_text("documentation/index.html", "<p>");
     put_text("sources/model.c", "int x;");
@@ -260,7 +260,7 @@ static void test_what_is_not_needed_is_not_written(void) {
     TEST_ASSERT_TRUE(exists(path));
 }
 
-/* As some exporters for Windows write them. */
+/* Some exporters for Windows write backslashes. */
 static void test_backslashes_are_separators(void) {
     char name[128];
     (void)snprintf(name, sizeof name, "%s", binary_name());
@@ -273,7 +273,7 @@ static void test_backslashes_are_separators(void) {
     TEST_ASSERT_TRUE(isfinite(run_ten_steps()));
 }
 
-/* What an FMU does to its folder is removed with it, what it points to is not. */
+/* Unloading removes all files in the folder of the FMU, but not the target of a link. */
 static void test_unloading_follows_no_link(void) {
     char inside[512];
     char outside[128];
@@ -289,9 +289,9 @@ static void test_unloading_follows_no_link(void) {
     TEST_ASSERT_TRUE(exists(outside));
 }
 
-/* ---- Folders of killed processes ----------------------------------------------------------------------- */
+/* ---- Folders of killed processes ------------------------------------------------------------- */
 
-/* A process that has loaded the FMU and then waits. */
+/* Starts a process that loads the FMU and then waits. */
 static pid_t start_loader(void) {
     int ready[2];
     char byte = 0;
@@ -318,17 +318,17 @@ static void kill_loader(pid_t child) {
 static void test_folders_of_killed_processes_are_swept(void) {
     pid_t dead = start_loader();
     kill_loader(dead);
-    pid_t alive = start_loader(); /* sweeps what the dead one left */
+    pid_t alive = start_loader(); /* removes the folder of the dead process */
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &fmu, &error));
-    TEST_ASSERT_EQUAL_size_t(2, count_unpacked()); /* that of the one alive, and ours */
+    TEST_ASSERT_EQUAL_size_t(2, count_unpacked()); /* of the living process, and ours */
     tl_fmu_unload(&fmu);
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
     kill_loader(alive);
     expect_loaded(GOOD);
 }
 
-/* Everything that only looks like such a folder stays. */
+/* Files and folders with a similar name stay. */
 static void test_sweeping_touches_nothing_else(void) {
     static const char *const names[] = {"twinlock-fmu-abc-XXXXXX",  "twinlock-fmu--1-XXXXXX", "twinlock-fmu-%ld-short",
                                         "twinlock-fmu-%ld-toolong", "twinlock-fmu-",          "other-%ld-XXXXXX"};
@@ -350,20 +350,20 @@ static void test_sweeping_touches_nothing_else(void) {
     (void)snprintf(target, sizeof target, "%s/target", folder);
     TEST_ASSERT_EQUAL_INT(0, mkdir(target, 0700));
     (void)snprintf(path, sizeof path, "%s/" PREFIX "%ld-linked", temporary, (long)dead);
-    TEST_ASSERT_EQUAL_INT(0, symlink(target, path)); /* the right form, but a link */
+    TEST_ASSERT_EQUAL_INT(0, symlink(target, path)); /* the right name, but a link */
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &fmu, &error));
     tl_fmu_unload(&fmu);
     TEST_ASSERT_EQUAL_size_t(sizeof names / sizeof names[0] + 1, count_all(temporary));
     TEST_ASSERT_TRUE(exists(target));
 }
 
-/* ---- The archive --------------------------------------------------------------------------------------- */
+/* ---- The archive ----------------------------------------------------------------------------- */
 
 static void test_no_file(void) {
-    expect_refused_file("/nowhere/box.fmu", TL_BAD_DATA, "cannot be opened", "No such file");
-    expect_refused_file(folder, TL_BAD_DATA, "is not a file", "give the .fmu file itself");
+    expect_refused_file("/nowhere/box.fmu", TL_BAD_DATA, "No such file");
+    expect_refused_file(folder, TL_BAD_DATA, ".fmu file");
     TEST_ASSERT_EQUAL_INT(0, mkfifo(made, 0600));
-    expect_refused_file(made, TL_BAD_DATA, "is not a file", "give the .fmu file itself");
+    expect_refused_file(made, TL_BAD_DATA, ".fmu file");
 }
 
 static void test_no_zip(void) {
@@ -371,7 +371,7 @@ static void test_no_zip(void) {
     TEST_ASSERT_NOT_NULL(file);
     (void)fputs("This is a text, and long enough to be looked at as an archive.\n", file);
     (void)fclose(file);
-    expect_refused_file(made, TL_BAD_DATA, "no readable ZIP archive", "Not a zip archive");
+    expect_refused_file(made, TL_BAD_DATA, "ZIP|Not a zip archive");
 }
 
 static void test_half_a_zip(void) {
@@ -379,15 +379,15 @@ static void test_half_a_zip(void) {
     write_made();
     TEST_ASSERT_EQUAL_INT(0, stat(made, &status));
     TEST_ASSERT_TRUE(tl_fmu_maker_cut_file(made, (size_t)status.st_size / 2));
-    expect_refused_file(made, TL_BAD_DATA, "no readable ZIP archive", "copy or export the FMU again");
+    expect_refused_file(made, TL_BAD_DATA, "ZIP archive|export");
     TEST_ASSERT_TRUE(tl_fmu_maker_cut_file(made, 0));
-    expect_refused_file(made, TL_BAD_DATA, "no readable ZIP archive", "copy or export the FMU again");
+    expect_refused_file(made, TL_BAD_DATA, "ZIP archive|export");
 }
 
 static void test_changed_bytes(void) {
-    put_text("resources/a.txt", "some text that is stored as it is");
+    put_text("resources/a.txt", "some text for the archive");
     write_made();
-    /* The name in the local header and in the directory, then one bit of the checksummed content. */
+    /* Flips one bit in the content of the binary. */
     struct stat status;
     TEST_ASSERT_EQUAL_INT(0, stat(made, &status));
     FILE *file = fopen(made, "r+b");
@@ -397,27 +397,27 @@ static void test_changed_bytes(void) {
     TEST_ASSERT_EQUAL_INT(0, fseek(file, -1, SEEK_CUR));
     (void)fputc(byte ^ 0x10, file);
     (void)fclose(file);
-    expect_refused_file(made, TL_BAD_DATA, "cannot be unpacked", "copy or export the FMU again");
+    expect_refused_file(made, TL_BAD_DATA, "motor.so|unpacked|export");
 }
 
 static void test_paths_that_lead_outside(void) {
     static const struct {
         const char *name;
-        const char *part;
+        const char *parts;
     } cases[] = {
-        {"../escape.txt", "leads out of the FMU by \"..\""},
-        {"resources/../../escape.txt", "leads out of the FMU"},
-        {"resources\\..\\..\\escape.txt", "leads out of the FMU"},
-        {"resources/..", "leads out of the FMU"},
-        {"/tmp/escape.txt", "its path is absolute"},
-        {"\\escape.txt", "its path is absolute"},
-        {"C:/escape.txt", "its path is absolute"},
-        {"C:escape.txt", "its path is absolute"},
+        {"../escape.txt", "\"..\""},
+        {"resources/../../escape.txt", "\"..\""},
+        {"resources\\..\\..\\escape.txt", "\"..\""},
+        {"resources/..", "\"..\""},
+        {"/tmp/escape.txt", "absolute"},
+        {"\\escape.txt", "absolute"},
+        {"C:/escape.txt", "absolute"},
+        {"C:escape.txt", "absolute"},
         {"resources/two\nlines.txt", "control characters"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         put_text(cases[i].name, "x");
-        expect_refused("is refused", cases[i].part);
+        expect_refused(cases[i].parts);
         const char *shown = strchr(cases[i].name, '\n') != NULL ? "two\\x0Alines" : cases[i].name;
         TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, shown), error.text);
         TEST_ASSERT_TRUE(tl_fmu_maker_remove(maker, cases[i].name));
@@ -432,9 +432,9 @@ static void test_long_paths(void) {
     }
     name[TL_FMU_ENTRY_PATH + 1] = '\0';
     put_text(name, "x");
-    expect_refused("is refused", "longer than 1024 bytes");
+    expect_refused("1024 bytes");
     TEST_ASSERT_TRUE(tl_fmu_maker_remove(maker, name));
-    name[TL_FMU_ENTRY_PATH] = '\0'; /* the longest that is allowed */
+    name[TL_FMU_ENTRY_PATH] = '\0'; /* the longest path that is allowed */
     put_text(name, "x");
     write_made();
     expect_loaded(made);
@@ -444,23 +444,23 @@ static void test_long_paths(void) {
     memset(name, 'a', 300);
     name[300] = '\0';
     put_text(name, "x");
-    expect_refused("is refused", "a part of its path is longer than 255 bytes");
+    expect_refused("255 bytes");
     TEST_ASSERT_TRUE(tl_fmu_maker_remove(maker, name));
     for (size_t i = 0; i < 200; i += 2) {
         memcpy(name + i, "d/", 3);
     }
     put_text(name, "");
-    expect_refused("is refused", "64 nested folders");
+    expect_refused("64|folders");
 }
 
 static void test_links_and_devices(void) {
     put_text("resources/link", "/etc/passwd");
     TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFLNK | 0777));
-    expect_refused("\"resources/link\"", "it is a symbolic link");
+    expect_refused("\"resources/link\"|symbolic link");
     TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFIFO | 0600));
-    expect_refused("\"resources/link\"", "neither a file nor a folder");
+    expect_refused("\"resources/link\"|folder");
     TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFCHR | 0600));
-    expect_refused("\"resources/link\"", "neither a file nor a folder");
+    expect_refused("\"resources/link\"|folder");
 }
 
 static void test_names_that_occur_twice(void) {
@@ -468,19 +468,19 @@ static void test_names_that_occur_twice(void) {
     put_text("resources/two.txt", "2");
     write_made();
     TEST_ASSERT_TRUE(tl_fmu_maker_patch_file(made, "resources/two.txt", "resources/one.txt", 17));
-    expect_refused_file(made, TL_BAD_DATA, "\"resources/one.txt\"", "another entry has the same name");
+    expect_refused_file(made, TL_BAD_DATA, "\"resources/one.txt\"|name");
     put_text("resources/one.txt/inner", "a file as a folder");
-    expect_refused("\"resources/one.txt/inner\"", "another entry has the same name");
+    expect_refused("\"resources/one.txt/inner\"|name");
 }
 
 static void test_encrypted_and_other_methods(void) {
     put_text("resources/secret", "text text text");
     TEST_ASSERT_TRUE(tl_fmu_maker_encrypt(maker, "resources/secret"));
-    expect_refused("\"resources/secret\"", "it is encrypted");
+    expect_refused("\"resources/secret\"|encrypted");
     TEST_ASSERT_TRUE(tl_fmu_maker_remove(maker, "resources/secret"));
     TEST_ASSERT_TRUE(tl_fmu_maker_put(maker, "resources/bz", NULL, 10000));
     TEST_ASSERT_TRUE(tl_fmu_maker_use_bzip2(maker, "resources/bz"));
-    expect_refused("\"resources/bz\"", "neither stored nor deflated");
+    expect_refused("\"resources/bz\"|stored");
 }
 
 static void test_too_many_entries(void) {
@@ -491,31 +491,32 @@ static void test_too_many_entries(void) {
         (void)snprintf(name, sizeof name, "resources/%d", i);
         put_text(name, "");
     }
-    expect_refused("10001 entries", "an FMU may have 10000");
+    expect_refused("10001 entries|10000");
 }
 
-/* 40 MiB of zeros in about 40 KiB: noticed after 16 MiB. */
+/* 40 MiB of zeros in about 40 KiB: detected after 16 MiB. */
 static void test_a_compression_bomb(void) {
     enum { SIZE = 40 * 1024 * 1024 };
     TEST_ASSERT_TRUE(tl_fmu_maker_put(maker, "resources/bomb", NULL, SIZE));
-    expect_refused("\"resources/bomb\"", "more than 200 times its size");
-    /* The same with a size that it claims to be harmless. */
+    expect_refused("\"resources/bomb\"|200 times");
+    /* The same with a harmless size in the header. */
     const unsigned char true_size[4] = {0, 0, 0x80, 0x02};
     const unsigned char claimed[4] = {16, 0, 0, 0};
     TEST_ASSERT_TRUE(tl_fmu_maker_patch_file(made, true_size, claimed, 4));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "\"resources/bomb\""), error.text);
+    TL_EXPECT_PARTS("\"resources/bomb\"", error.text);
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
 }
 
-/* Many small bombs are one large one. */
+/* The limit counts the sum of all entries. */
 static void test_a_bomb_in_parts(void) {
     for (int i = 0; i < 20; i++) {
         char name[32];
         (void)snprintf(name, sizeof name, "resources/part%d", i);
         TEST_ASSERT_TRUE(tl_fmu_maker_put(maker, name, NULL, 1 << 20));
     }
-    expect_refused("\"resources/part1", "more than 200 times its size");
+    expect_refused("200 times");
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "\"resources/part1"), error.text);
 }
 
 static void test_no_room(void) {
@@ -524,13 +525,13 @@ static void test_no_room(void) {
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &original));
     struct rlimit small = {4096, original.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &small));
-    expect_refused_file(GOOD, TL_TRY_AGAIN, "cannot be written: File too large", "free space");
+    expect_refused_file(GOOD, TL_TRY_AGAIN, "File too large|TMPDIR");
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &original));
 }
 
 static void test_no_temporary_folder(void) {
     (void)setenv("TMPDIR", "/nowhere", 1);
-    expect_refused_file(GOOD, TL_TRY_AGAIN, "/nowhere", "set TMPDIR");
+    expect_refused_file(GOOD, TL_TRY_AGAIN, "/nowhere|TMPDIR");
 }
 
 static void test_no_descriptors(void) {
@@ -538,7 +539,7 @@ static void test_no_descriptors(void) {
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &original));
     write_made();
     bool loaded = false;
-    for (rlim_t limit = 3; limit < 40 && !loaded; limit++) { /* each call in turn that opens something fails once */
+    for (rlim_t limit = 3; limit < 40 && !loaded; limit++) { /* each call that opens a file fails once */
         struct rlimit few = {limit, original.rlim_max};
         TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &few));
         tl_status status = tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, &error);
@@ -549,85 +550,85 @@ static void test_no_descriptors(void) {
     TEST_ASSERT_TRUE(loaded);
 }
 
-/* ---- The description ----------------------------------------------------------------------------------- */
+/* ---- The description ------------------------------------------------------------------------- */
 
 static void test_descriptions(void) {
     TEST_ASSERT_TRUE(tl_fmu_maker_rename(maker, "modelDescription.xml", "modeldescription.xml"));
-    expect_refused("there is no modelDescription.xml in it", "this is no FMU");
+    expect_refused("modelDescription.xml");
+    TEST_ASSERT_FALSE(tl_test_has_parts(error.text, "line 1"));
     put_text("modelDescription.xml", "<fmiModelDescription fmiVersion='2.0'\n>>");
-    expect_refused("modelDescription.xml, line 1", "has no attribute modelName");
+    expect_refused("modelDescription.xml|line 1|modelName");
     put_text("modelDescription.xml", "<fmiModelDescription\n<");
-    expect_refused("modelDescription.xml, line 2", "no well-formed XML");
+    expect_refused("modelDescription.xml|line 2|XML");
     put_text("modelDescription.xml", "<!DOCTYPE lolz [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;'>\n"
                                      "<!ENTITY c '&b;&b;&b;&b;&b;&b;&b;&b;'>]><fmiModelDescription modelName='&c;'/>");
-    expect_refused("<!DOCTYPE lolz>", "is refused");
+    expect_refused("<!DOCTYPE lolz>");
     put_text("modelDescription.xml", "<fmiModelDescription fmiVersion='1.0' modelIdentifier='m'/>");
-    expect_refused("this is FMI 1.0", "export the model as FMI 2.0 for Co-Simulation");
+    expect_refused("FMI 1.0|FMI 2.0|Co-Simulation");
     put_text("modelDescription.xml", "<fmiModelDescription fmiVersion='3.0' instantiationToken='m'/>");
-    expect_refused("this is FMI 3.0", "only FMI 2.0 can be run");
+    expect_refused("FMI 3.0|FMI 2.0");
 }
 
 static void test_model_exchange_only(void) {
     replace_in_description("CoSimulation", "ModelExchange");
-    expect_refused("for Model Exchange only", "export the model as FMI 2.0 for Co-Simulation");
+    expect_refused("Model Exchange|FMI 2.0|Co-Simulation");
 }
 
 static void test_an_identifier_that_leads_outside(void) {
     replace_in_description("modelIdentifier=\"motor\"", "modelIdentifier=\"../../../motor\"");
-    expect_refused("../../../motor", "is not the name of a file");
+    expect_refused("modelIdentifier|\"../../../motor\"");
 }
 
 static void test_resources_as_a_file(void) {
     put_text("resources", "x");
-    expect_refused("\"resources\"", "is a file, not a folder");
+    expect_refused("\"resources\"|file|folder");
 }
 
-/* ---- The binary ---------------------------------------------------------------------------------------- */
+/* ---- The binary ------------------------------------------------------------------------------ */
 
 static void test_no_binary_for_this_machine(void) {
     TEST_ASSERT_TRUE(tl_fmu_maker_rename(maker, binary_name(), "binaries/win64/motor.dll"));
-    expect_refused("/motor.so for this machine", "binaries/ has win64");
+    expect_refused("/motor.so|this machine|win64");
     TEST_ASSERT_TRUE(tl_fmu_maker_remove(maker, "binaries/win64/motor.dll"));
-    expect_refused("/motor.so for this machine", "binaries/ has nothing");
+    expect_refused("/motor.so|this machine|binaries/");
+    TEST_ASSERT_FALSE(tl_test_has_parts(error.text, "win64"));
 }
 
 static void test_another_name(void) {
     replace_in_description("modelIdentifier=\"motor\"", "modelIdentifier=\"pump\"");
-    expect_refused("/pump.so for this machine", "export the FMU for Linux");
+    expect_refused("/pump.so|this machine|Linux");
 }
 
 static void test_a_binary_for_another_machine(void) {
     set_machine(EM_PPC64);
-    expect_refused("/motor.so is for PowerPC (ELF machine 21", "this machine is");
+    expect_refused("/motor.so|PowerPC|21|this machine");
 }
 
 static void test_a_binary_for_other_bits(void) {
     binary()[EI_CLASS] = sizeof(void *) == 8 ? ELFCLASS32 : ELFCLASS64;
     set_machine(sizeof(void *) == 8 ? EM_386 : EM_X86_64);
-    expect_refused(sizeof(void *) == 8 ? "is for x86 (ELF machine 3, 32 bits"
-                                       : "is for x86-64 (ELF machine 62, 64 bits",
-                   sizeof(void *) == 8 ? "64 bits); export the FMU for it" : "32 bits); export the FMU for it");
+    expect_refused(sizeof(void *) == 8 ? "/motor.so|x86|3|32 bits|64 bits" : "/motor.so|x86-64|62|64 bits|32 bits");
 }
 
 static void test_a_binary_of_other_byte_order(void) {
     bool little = binary()[EI_DATA] == ELFDATA2LSB;
     binary()[EI_DATA] = little ? ELFDATA2MSB : ELFDATA2LSB;
-    expect_refused(little ? "big endian" : "little endian", "this machine is");
+    expect_refused(little ? "/motor.so|big endian|this machine" : "/motor.so|little endian|this machine");
 }
 
 static void test_a_binary_that_is_no_shared_object(void) {
     size_t at = offsetof(Elf32_Ehdr, e_type) + (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? 0 : 1);
     binary()[at] = ET_EXEC;
-    expect_refused("/motor.so is an ELF file but not a shared object", "type 2");
+    expect_refused("/motor.so|ELF|shared object|type 2");
 }
 
 static void test_a_binary_that_is_no_elf(void) {
     char name[128];
     (void)snprintf(name, sizeof name, "%s", binary_name());
-    put_text(name, "#!/bin/sh\necho this is a text file that is long enough for a header\n");
-    expect_refused("/motor.so is not an ELF shared object", "export the FMU for Linux");
+    put_text(name, "#!/bin/sh\necho a text file of more bytes than an ELF header has\n");
+    expect_refused("/motor.so|ELF|Linux");
     put_text(name, "");
-    expect_refused("/motor.so is not an ELF shared object", "export the FMU for Linux");
+    expect_refused("/motor.so|ELF|Linux");
 }
 
 static void test_a_binary_that_is_cut(void) {
@@ -639,32 +640,32 @@ static void test_a_binary_that_is_cut(void) {
     bool put = tl_fmu_maker_put(maker, binary_name(), part, sizeof(Elf64_Ehdr));
     free(part);
     TEST_ASSERT_TRUE(put);
-    expect_refused("the binary cannot be opened", "export the FMU");
+    expect_refused("motor.so|export");
 }
 
 static void test_a_missing_library(void) {
     patch_binary("libc.so.6", "libq.so.6");
-    expect_refused("the binary cannot be opened: libq.so.6", "install what it needs");
+    expect_refused("libq.so.6|install");
 }
 
 static void test_a_missing_symbol(void) {
     patch_binary("strcmp", "xtrcmp");
-    expect_refused("undefined symbol: xtrcmp",
-                   "name the library that has the symbol in \"libraries\" of the component");
+    expect_refused("xtrcmp|\"libraries\"");
     patch_binary("xtrcmp", "Py_cmp");
-    expect_refused("undefined symbol: Py_cmp", "for example \"libraries\": [\"libpython3.11.so.1.0\"]");
+    expect_refused("Py_cmp|\"libraries\"|libpython3.11.so.1.0");
     patch_binary("Py_cmp", "_Pycmp");
-    expect_refused("undefined symbol: _Pycmp", "it needs Python's library");
+    expect_refused("_Pycmp|Python");
 }
 
 static void test_missing_functions(void) {
     patch_binary("fmi2DoStep", "fmi2DoStop");
-    expect_refused("no function fmi2DoStep", "demands of all FMUs");
+    expect_refused("fmi2DoStep|FMI 2.0");
+    TEST_ASSERT_FALSE(tl_test_has_parts(error.text, "description"));
 }
 
 static void test_optional_functions(void) {
     patch_binary("fmi2SetFMUstate", "fmi2SetFMUstale");
-    expect_refused("no function fmi2SetFMUstate", "where its description claims it");
+    expect_refused("fmi2SetFMUstate|FMI 2.0|description");
     replace_in_description("canGetAndSetFMUstate=\"true\"", "canGetAndSetFMUstate=\"false\"");
     replace_in_description("canSerializeFMUstate=\"true\"", "");
     write_made();
@@ -676,10 +677,10 @@ static void test_optional_functions(void) {
 
 static void test_versions_of_the_binary(void) {
     patch_binary("2.0", "9.9");
-    expect_refused("the binary is FMI 9.9", "its description says 2.0");
+    expect_refused("FMI 9.9|2.0");
     patch_binary("9.9", "2.0");
     patch_binary("default", "defalut");
-    expect_refused("platform \"defalut\"", "not \"default\"");
+    expect_refused("platform|\"defalut\"|\"default\"");
 }
 
 #if defined(__x86_64__)
@@ -695,7 +696,7 @@ static void test_the_second_folder(void) {
 }
 #endif
 
-/* Found by the FMU itself, not by loading; its message comes through our logger. */
+/* The FMU itself detects it and calls our logger. Loading does not check the GUID. */
 static void test_a_wrong_guid(void) {
     replace_in_description("guid=\"{", "guid=\"{0");
     write_made();
@@ -706,11 +707,28 @@ static void test_a_wrong_guid(void) {
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NULL(instance);
     TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "twinlock: error: FMU motor: fmi2Instantiate: the GUID"), text);
+    TL_EXPECT_PARTS("error|motor|fmi2Instantiate|GUID", text);
     free(text);
 }
 
-/* ---- Messages ------------------------------------------------------------------------------------------ */
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+/* Ends the capture and checks that each captured line has its parts. */
+static void expect_lines(const char *const *parts, size_t count) {
+    char *rest = NULL;
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(text), text);
+    for (size_t i = 0; i < count; i++) {
+        const char *line = strtok_r(i == 0 ? text : NULL, "\n", &rest);
+        TL_EXPECT_PARTS(parts[i], line);
+    }
+    free(text);
+}
+
+static void expect_line(const char *parts) {
+    expect_lines(&parts, 1);
+}
 
 static void test_messages(void) {
     expect_loaded(GOOD);
@@ -724,29 +742,28 @@ static void test_messages(void) {
     logger(environment, NULL, fmi2Error, NULL, "100 %% wrong");
     logger(environment, "m1", fmi2Fatal, "c", "dead");
     logger(environment, "m1", fmi2Fatal, "c", NULL);
-    logger(NULL, "m1", fmi2Fatal, "c", "whose?");
-    tl_stderr_expect("twinlock: warning: FMU motor, instance m1: omega is 5 or 2.5 [logStatusWarning]\n"
-                     "twinlock: warning: FMU motor, instance m1: step [c]\n"
-                     "twinlock: error: FMU motor: 100 % wrong\n"
-                     "twinlock: error: FMU motor, instance m1: dead [c]\n"
-                     "twinlock: error: FMU (unknown), instance m1: whose? [c]\n");
+    logger(NULL, "m1", fmi2Fatal, "c", "no FMU");
+    static const char *const parts[] = {"warning|motor|m1|omega is 5 or 2.5|logStatusWarning",
+                                        "warning|motor|m1|step|c", "error|motor|100 % wrong", "error|motor|m1|dead|c",
+                                        "error|(unknown)|m1|no FMU|c"};
+    expect_lines(parts, sizeof parts / sizeof parts[0]);
     tl_log_set_level(TL_LOG_DEBUG);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "shown now");
-    tl_stderr_expect("twinlock: debug: FMU motor, instance m1: shown now [logEvents]\n");
+    expect_line("debug|motor|m1|shown now|logEvents");
 }
 
-/* Text, not a format: it must not write into memory, nor end the process. */
+/* The message is no format: it must not write to memory nor crash the process. */
 static void test_messages_that_write_back(void) {
     static const char *const texts[] = {"100%next", "100 % new", "%5$hhn", "%n", "a % b %ln"};
     expect_loaded(GOOD);
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
-        char expected[128];
+        char parts[128];
         TEST_ASSERT_TRUE(tl_stderr_capture_begin());
         fmi2String message = texts[i];
         fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", message);
-        (void)snprintf(expected, sizeof expected, "twinlock: error: FMU motor, instance m: %s [c]\n", message);
-        tl_stderr_expect(expected);
+        (void)snprintf(parts, sizeof parts, "error|motor|m|%s|c", message);
+        expect_line(parts);
     }
 }
 
@@ -759,12 +776,11 @@ static void test_messages_are_bounded(void) {
     for (int i = 0; i < 1000; i++) {
         fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", "again and again %d", i);
     }
-    tl_fmu_unload(&fmu); /* says what was dropped */
+    tl_fmu_unload(&fmu); /* reports the number of dropped messages */
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NOT_NULL(text);
     TEST_ASSERT_LESS_THAN_size_t(TL_LOG_TEXT + 20 + 42 * 80, strlen(text));
-    TEST_ASSERT_NOT_NULL(strstr(text, "again and again 5 [c]\n"));
-    TEST_ASSERT_NOT_NULL(strstr(text, "were dropped (limit: 20 per second)\n"));
+    TL_EXPECT_PARTS("again and again 5|dropped|20", text);
     free(text);
 }
 
@@ -776,7 +792,7 @@ static void test_error_may_be_null(void) {
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
 }
 
-/* The end of a long path names the FMU in errors. */
+/* A message shows the end of a long path. */
 static void test_long_paths_of_fmus(void) {
     char path[PATH_MAX];
     size_t used = (size_t)snprintf(path, sizeof path, "%s", folder);
@@ -785,7 +801,7 @@ static void test_long_paths_of_fmus(void) {
     }
     (void)snprintf(path + used, sizeof path - used, "/none.fmu");
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(path, -1, TL_ROLLBACK_STATE, &fmu, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/./none.fmu: cannot be opened: No such file"), error.text);
+    TL_EXPECT_PARTS("/./none.fmu|No such file", error.text);
 }
 
 int main(void) {
@@ -794,7 +810,7 @@ int main(void) {
     RUN_TEST(test_each_load_has_a_binary_of_its_own);
     RUN_TEST(test_resources);
     RUN_TEST(test_the_folder_is_private);
-    RUN_TEST(test_what_is_not_needed_is_not_written);
+    RUN_TEST(test_only_needed_entries_are_unpacked);
     RUN_TEST(test_backslashes_are_separators);
     RUN_TEST(test_unloading_follows_no_link);
     RUN_TEST(test_folders_of_killed_processes_are_swept);

@@ -1,4 +1,5 @@
-/* modelDescription.xml: what is understood, what is inherited, and what every refusal says. */
+/* modelDescription.xml: parsing, inheritance of declared types, and the message of each
+ * rejection. */
 #include <locale.h>
 #include <math.h>
 #include <stdio.h>
@@ -10,6 +11,7 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/model_description.h"
 #include "tests/support/comma_locale.h"
+#include "tests/support/message.h"
 
 #define ROOT                                                                                                           \
     "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"                                                                     \
@@ -41,17 +43,17 @@ static void expect_ok(const char *xml) {
     TEST_ASSERT_EQUAL_INT(TL_OK, status);
 }
 
-/* The text has the FMU's name, the line, and `part`. */
-static void expect_bad(const char *xml, unsigned line, const char *part) {
+/* The message has the FMU's name, the line, and the parts. */
+static void expect_bad(const char *xml, unsigned line, const char *parts) {
     char where[80];
-    (void)snprintf(where, sizeof where, "box.fmu: modelDescription.xml, line %u: ", line);
+    (void)snprintf(where, sizeof where, "box.fmu|modelDescription.xml|line %u", line);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, parse(xml), xml);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, where), error.text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TL_EXPECT_PARTS(where, error.text);
+    TL_EXPECT_PARTS(parts, error.text);
 }
 
-/* A document with these variables, which begin in line 5. */
+/* Returns a document with these variables, which begin in line 5. */
 static const char *with_variables(const char *variables) {
     static char xml[4096];
     (void)snprintf(xml, sizeof xml, "%s%s<ModelVariables>\n%s\n</ModelVariables>\n" END, ROOT, CO_SIMULATION,
@@ -65,7 +67,7 @@ static const tl_variable *variable(const char *name) {
     return found;
 }
 
-/* ---- Understood ---------------------------------------------------------------------------------------- */
+/* ---- Understood ------------------------------------------------------------------------------ */
 
 static void test_root_and_capabilities(void) {
     expect_ok("<fmiModelDescription fmiVersion='2.0' modelName='Big &amp; m&#246;ller' guid='{8c4e}' "
@@ -134,7 +136,7 @@ static void test_variables_of_all_types(void) {
     TEST_ASSERT_NULL(tl_model_variable(&model, "x"));
 }
 
-static void test_what_is_not_given(void) {
+static void test_optional_attributes(void) {
     expect_ok(with_variables("<ScalarVariable name='r' valueReference='1'><Real/></ScalarVariable>"));
     const tl_variable *r = variable("r");
     TEST_ASSERT_EQUAL_STRING("", r->description);
@@ -204,7 +206,7 @@ static void test_units(void) {
     const int all[8] = {1, 2, -3, -1, 0, 4, 5, 0};
     TEST_ASSERT_EQUAL_INT_ARRAY(all, tl_model_unit(&model, "V")->exponents, 8);
     TEST_ASSERT_FALSE(tl_model_unit(&model, "pieces")->has_base);
-    const tl_unit *bar = variable("b")->unit; /* nobody defined it */
+    const tl_unit *bar = variable("b")->unit; /* not defined in <UnitDefinitions> */
     TEST_ASSERT_EQUAL_PTR(bar, variable("c")->unit);
     TEST_ASSERT_EQUAL_PTR(bar, tl_model_unit(&model, "bar"));
     TEST_ASSERT_FALSE(bar->has_base);
@@ -239,7 +241,7 @@ static void test_many_variables_and_aliases(void) {
     char *xml = malloc((size_t)COUNT * EACH + 400);
     TEST_ASSERT_NOT_NULL(xml);
     size_t used = (size_t)sprintf(xml, ROOT CO_SIMULATION "<ModelVariables>");
-    for (int i = 0; i < COUNT; i++) { /* all share one value reference */
+    for (int i = 0; i < COUNT; i++) { /* all with the same value reference */
         used += (size_t)sprintf(xml + used,
                                 "<ScalarVariable name='v%d' valueReference='7'><Real unit='u%d'/>"
                                 "</ScalarVariable>\n",
@@ -251,7 +253,7 @@ static void test_many_variables_and_aliases(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, status);
     TEST_ASSERT_EQUAL_size_t(COUNT, model.variable_count);
     TEST_ASSERT_EQUAL_size_t(200, model.unit_count);
-    for (int i = 0; i < COUNT; i++) { /* in their order, each with its unit */
+    for (int i = 0; i < COUNT; i++) { /* in the order of the document, each with its unit */
         char name[16];
         (void)snprintf(name, sizeof name, "v%d", i);
         TEST_ASSERT_EQUAL_STRING(name, model.variables[i].name);
@@ -260,7 +262,7 @@ static void test_many_variables_and_aliases(void) {
     }
 }
 
-static void test_what_is_not_known_is_passed_over(void) {
+static void test_unknown_elements_are_skipped(void) {
     expect_ok(ROOT CO_SIMULATION
               "<LogCategories><Category name='c'/></LogCategories>"
               "<VendorAnnotations><Tool name='t'><ModelVariables><ScalarVariable/></ModelVariables>"
@@ -271,7 +273,7 @@ static void test_what_is_not_known_is_passed_over(void) {
     TEST_ASSERT_EQUAL_size_t(1, model.variable_count);
 }
 
-static void test_a_largest_double_that_is_none_is_no_limit(void) {
+static void test_the_rounded_largest_double_is_no_limit(void) {
     expect_ok(with_variables("<ScalarVariable name='v' valueReference='1'>"
                              "<Real min='-1.79769313486232E+308' max='1.79769313486232E+308'/></ScalarVariable>"));
     TEST_ASSERT_TRUE(isinf(variable("v")->minimum));
@@ -286,142 +288,140 @@ static void test_other_encodings(void) {
     TEST_ASSERT_EQUAL_STRING("m\xC3\xB6", model.name);
 }
 
-/* ---- Refused ------------------------------------------------------------------------------------------- */
+/* ---- Refused --------------------------------------------------------------------------------- */
 
 static void test_versions(void) {
     expect_bad("<?xml version='1.0'?>\n\n<fmiModelDescription fmiVersion='1.0' modelName='m' modelIdentifier='m' "
                "guid='g'/>",
-               3, "this is FMI 1.0, only FMI 2.0 can be run");
-    expect_bad("<fmiModelDescription fmiVersion='3.0' modelName='m' instantiationToken='t'/>", 1, "this is FMI 3.0");
-    expect_bad("<fmiModelDescription modelName='m' guid='g'/>", 1, "no attribute fmiVersion");
-    expect_bad("<html><body/></html>", 1, "the root is <html>, not <fmiModelDescription>");
+               3, "FMI 1.0|FMI 2.0");
+    expect_bad("<fmiModelDescription fmiVersion='3.0' modelName='m' instantiationToken='t'/>", 1, "FMI 3.0|FMI 2.0");
+    expect_bad("<fmiModelDescription modelName='m' guid='g'/>", 1, "fmiVersion");
+    expect_bad("<html><body/></html>", 1, "<html>|<fmiModelDescription>");
 }
 
 static void test_mandatory_parts(void) {
-    expect_bad("<fmiModelDescription fmiVersion='2.0' guid='g'/>", 1,
-               "<fmiModelDescription> has no attribute modelName");
-    expect_bad("<fmiModelDescription fmiVersion='2.0' modelName='m'/>", 1, "no attribute guid");
-    expect_bad(ROOT "<CoSimulation/>\n" END, 3, "<CoSimulation> has no attribute modelIdentifier");
-    expect_bad(ROOT "<ModelExchange modelIdentifier='m'/><ModelVariables/>" END, 4, "for Model Exchange only");
-    expect_bad(ROOT "<ModelVariables/>" END, 4, "there is no <CoSimulation>; export the model as FMI 2.0 for Co-Sim");
-    expect_bad(ROOT CO_SIMULATION END, 5, "there is no <ModelVariables>");
-    expect_bad(ROOT CO_SIMULATION CO_SIMULATION END, 4, "a second <CoSimulation>");
-    expect_bad(ROOT "<UnitDefinitions><Unit/></UnitDefinitions>" END, 3, "<Unit> has no attribute name");
-    expect_bad(ROOT "<TypeDefinitions><SimpleType/></TypeDefinitions>" END, 3, "<SimpleType> has no attribute name");
+    expect_bad("<fmiModelDescription fmiVersion='2.0' guid='g'/>", 1, "<fmiModelDescription>|modelName");
+    expect_bad("<fmiModelDescription fmiVersion='2.0' modelName='m'/>", 1, "<fmiModelDescription>|guid");
+    expect_bad(ROOT "<CoSimulation/>\n" END, 3, "<CoSimulation>|modelIdentifier");
+    expect_bad(ROOT "<ModelExchange modelIdentifier='m'/><ModelVariables/>" END, 4, "Model Exchange|Co-Simulation");
+    expect_bad(ROOT "<ModelVariables/>" END, 4, "<CoSimulation>|FMI 2.0|Co-Simulation");
+    expect_bad(ROOT CO_SIMULATION END, 5, "<ModelVariables>");
+    expect_bad(ROOT CO_SIMULATION CO_SIMULATION END, 4, "<CoSimulation>|second");
+    expect_bad(ROOT "<UnitDefinitions><Unit/></UnitDefinitions>" END, 3, "<Unit>|name");
+    expect_bad(ROOT "<TypeDefinitions><SimpleType/></TypeDefinitions>" END, 3, "<SimpleType>|name");
     expect_bad(with_variables("<ScalarVariable valueReference='1'><Real/></ScalarVariable>"), 5,
-               "<ScalarVariable> has no attribute name");
-    expect_bad(with_variables("\n<ScalarVariable name='v'><Real/></ScalarVariable>"), 6, "no attribute valueReference");
+               "<ScalarVariable>|name");
+    expect_bad(with_variables("\n<ScalarVariable name='v'><Real/></ScalarVariable>"), 6,
+               "<ScalarVariable>|valueReference");
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Enumeration/></ScalarVariable>"), 5,
-               "<Enumeration> has no attribute declaredType");
+               "<Enumeration>|declaredType");
 }
 
 static void test_identifiers_stay_in_their_folder(void) {
-    expect_bad(ROOT "<CoSimulation modelIdentifier='../../m'/>" END, 3, "modelIdentifier=\"../../m\"");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='a/m'/>" END, 3, "is not the name of a file");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='a\\m'/>" END, 3, "is not the name of a file");
-    expect_bad(ROOT "<CoSimulation modelIdentifier=''/>" END, 3, "modelIdentifier=\"\"");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='..'/>" END, 3, "is not the name of a file");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='m&#10;m'/>" END, 3, "is not the name of a file");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='../../m'/>" END, 3, "modelIdentifier|\"../../m\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='a/m'/>" END, 3, "modelIdentifier|\"a/m\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='a\\m'/>" END, 3, "modelIdentifier|\"a\\m\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier=''/>" END, 3, "modelIdentifier|\"\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='..'/>" END, 3, "modelIdentifier|\"..\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m&#10;m'/>" END, 3, "modelIdentifier|\"m\\x0Am\"");
 }
 
 static void test_types_of_variables(void) {
     expect_bad(with_variables("<ScalarVariable name='speed' valueReference='1'>\n\n</ScalarVariable>"), 5,
-               "variable \"speed\" has no type");
+               "variable|\"speed\"|type");
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/>\n<Integer/></ScalarVariable>"), 6,
-               "<Integer> is the second type");
-    expect_bad(ROOT "<TypeDefinitions><SimpleType name='T'/></TypeDefinitions>" END, 3,
-               "type \"T\" has none of <Real>");
+               "<Integer>|second");
+    expect_bad(ROOT "<TypeDefinitions><SimpleType name='T'/></TypeDefinitions>" END, 3, "type|\"T\"|<Real>|<Integer>");
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real declaredType='T'/></ScalarVariable>"),
-               5, "declaredType=\"T\" of variable \"v\" is not in <TypeDefinitions>");
+               5, "declaredType|\"T\"|\"v\"|<TypeDefinitions>");
     expect_bad(ROOT CO_SIMULATION
                "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType></TypeDefinitions>"
                "<ModelVariables><ScalarVariable name='v' valueReference='1'><Integer declaredType='T'/>"
                "</ScalarVariable></ModelVariables>" END,
-               4, "a type of another kind");
+               4, "declaredType|\"T\"|\"v\"");
+    TEST_ASSERT_FALSE(tl_test_has_parts(error.text, "<TypeDefinitions>"));
 }
 
 static void test_numbers(void) {
     static const struct {
         const char *type;
-        const char *part;
+        const char *parts;
     } cases[] = {
-        {"<Real start='INF'/>", "start=\"INF\" of <Real> is not a finite number"},
-        {"<Real start='-INF'/>", "not a finite number"},
-        {"<Real start='NaN'/>", "start=\"NaN\" of <Real> is not a number"},
-        {"<Real start='1e999'/>", "not a finite number"},
-        {"<Real start='1,5'/>", "start=\"1,5\""},
-        {"<Real start='0x10'/>", "not a number"},
-        {"<Real start=''/>", "not a number"},
-        {"<Real start='1.5 V'/>", "not a number"},
-        {"<Real start='infinity'/>", "not a number"},
-        {"<Real min='NaN'/>", "min=\"NaN\""},
-        {"<Real nominal='INF'/>", "nominal=\"INF\""},
-        {"<Real min='2' max='1'/>", "variable \"v\" has min 2 above max 1"},
-        {"<Integer start='1.0'/>", "start=\"1.0\" of <Integer> is not an integer"},
-        {"<Integer start='2147483648'/>", "not an integer of 32 bits"},
-        {"<Boolean start='True'/>", "start=\"True\" of <Boolean> is not true or false"},
-        {"<Boolean start='2'/>", "not true or false"},
+        {"<Real start='INF'/>", "start|\"INF\"|<Real>|finite"},
+        {"<Real start='-INF'/>", "start|\"-INF\"|finite"},
+        {"<Real start='NaN'/>", "start|\"NaN\"|<Real>|number"},
+        {"<Real start='1e999'/>", "start|\"1e999\"|finite"},
+        {"<Real start='1,5'/>", "start|\"1,5\""},
+        {"<Real start='0x10'/>", "start|\"0x10\"|number"},
+        {"<Real start=''/>", "start|\"\"|number"},
+        {"<Real start='1.5 V'/>", "start|\"1.5 V\"|number"},
+        {"<Real start='infinity'/>", "start|\"infinity\"|number"},
+        {"<Real min='NaN'/>", "min|\"NaN\""},
+        {"<Real nominal='INF'/>", "nominal|\"INF\""},
+        {"<Real min='2' max='1'/>", "variable|\"v\"|min|2|max|1"},
+        {"<Integer start='1.0'/>", "start|\"1.0\"|<Integer>|32 bits"},
+        {"<Integer start='2147483648'/>", "start|\"2147483648\"|32 bits"},
+        {"<Boolean start='True'/>", "start|\"True\"|<Boolean>|true|false"},
+        {"<Boolean start='2'/>", "start|\"2\"|true|false"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char xml[256];
         (void)snprintf(xml, sizeof xml, "<ScalarVariable name='v' valueReference='1'>%s</ScalarVariable>",
                        cases[i].type);
-        expect_bad(with_variables(xml), 5, cases[i].part);
+        expect_bad(with_variables(xml), 5, cases[i].parts);
     }
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='-1'><Real/></ScalarVariable>"), 5,
-               "valueReference=\"-1\" of <ScalarVariable> is not an unsigned integer");
+               "valueReference|\"-1\"|<ScalarVariable>|unsigned");
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='4294967296'><Real/></ScalarVariable>"), 5,
-               "valueReference=\"4294967296\"");
-    expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit m='0.5'/></Unit></UnitDefinitions>" END, 3, "m=\"0.5\"");
+               "valueReference|\"4294967296\"|32 bits");
+    expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit m='0.5'/></Unit></UnitDefinitions>" END, 3,
+               "m|\"0.5\"|<BaseUnit>");
     expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit factor='0'/></Unit></UnitDefinitions>" END, 3,
-               "factor=\"0\" of <BaseUnit> is not other than 0");
+               "factor|\"0\"|<BaseUnit>");
     expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit/><BaseUnit/></Unit></UnitDefinitions>" END, 3,
-               "a second <BaseUnit> for unit \"u\"");
+               "<BaseUnit>|second|\"u\"");
     expect_bad(ROOT "<CoSimulation modelIdentifier='m' canGetAndSetFMUstate='yes'/>" END, 3,
-               "canGetAndSetFMUstate=\"yes\" of <CoSimulation> is not true or false");
+               "canGetAndSetFMUstate|\"yes\"|<CoSimulation>|true|false");
 }
 
 static void test_words(void) {
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1' causality='Input'><Real/></ScalarVariable>"),
-               5,
-               "causality=\"Input\" of <ScalarVariable> is not one of parameter, calculatedParameter, input, output, "
-               "local, independent");
+               5, "causality|\"Input\"|<ScalarVariable>|parameter|calculatedParameter|input|output|local|independent");
     expect_bad(
         with_variables("<ScalarVariable name='v' valueReference='1' variability='none'><Real/></ScalarVariable>"), 5,
-        "is not one of constant, fixed, tunable, discrete, continuous");
+        "variability|\"none\"|constant|fixed|tunable|discrete|continuous");
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1' initial='none'><Real/></ScalarVariable>"), 5,
-               "is not one of exact, approx, calculated");
+               "initial|\"none\"|exact|approx|calculated");
 }
 
 static void test_names_given_twice(void) {
     expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>\n"
                               "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>\n"
                               "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"),
-               7, "variable \"v\" is declared twice, first in line 5");
+               7, "variable|\"v\"|line 5");
     expect_bad(ROOT CO_SIMULATION
                "<UnitDefinitions><Unit name='u'/>\n<Unit name='u'/></UnitDefinitions><ModelVariables/>" END,
-               5, "unit \"u\" is declared twice, first in line 4");
+               5, "unit|\"u\"|line 4");
     expect_bad(ROOT CO_SIMULATION "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType>\n"
                                   "<SimpleType name='T'><Real/></SimpleType></TypeDefinitions><ModelVariables/>" END,
-               5, "type \"T\" is declared twice");
+               5, "type|\"T\"|line 4");
 }
 
 static void test_xml_that_is_not_well_formed(void) {
-    expect_bad("", 1, "no well-formed XML");
-    expect_bad("no xml", 1, "no well-formed XML, column 1");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='m'>\n", 4, "no well-formed XML");
-    expect_bad(ROOT CO_SIMULATION "</other>", 4, "mismatched tag");
-    expect_bad(ROOT "<CoSimulation modelIdentifier='m' modelIdentifier='m'/>", 3, "duplicate attribute");
-    expect_bad(ROOT CO_SIMULATION "&unknown;" END, 4, "undefined entity");
-    expect_bad("<?xml version='1.0' encoding='UTF-8'?><fmiModelDescription modelName='\xFF'/>", 1,
-               "no well-formed XML");
+    expect_bad("", 1, "XML");
+    expect_bad("no xml", 1, "XML|column 1");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m'>\n", 4, "XML");
+    expect_bad(ROOT CO_SIMULATION "</other>", 4, "XML|mismatched tag");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m' modelIdentifier='m'/>", 3, "XML|duplicate attribute");
+    expect_bad(ROOT CO_SIMULATION "&unknown;" END, 4, "XML|undefined entity");
+    expect_bad("<?xml version='1.0' encoding='UTF-8'?><fmiModelDescription modelName='\xFF'/>", 1, "XML");
 }
 
 static void test_entities_cannot_expand(void) {
     expect_bad("<?xml version='1.0'?>\n<!DOCTYPE lolz [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;&a;&a;&a;&a;&a;'>"
                "<!ENTITY c '&b;&b;&b;&b;&b;&b;&b;&b;'>]>\n<fmiModelDescription modelName='&c;'/>",
-               2, "<!DOCTYPE lolz> is refused");
-    expect_bad("<!DOCTYPE x SYSTEM 'http://localhost/x.dtd'>\n<x/>", 1, "<!DOCTYPE x> is refused");
+               2, "<!DOCTYPE lolz>");
+    expect_bad("<!DOCTYPE x SYSTEM 'http://localhost/x.dtd'>\n<x/>", 1, "<!DOCTYPE x>");
 }
 
 static void test_depth_and_size(void) {
@@ -433,17 +433,17 @@ static void test_depth_and_size(void) {
         memcpy(xml + used, "<a>", 4);
         used += 3;
     }
-    expect_bad(xml, 3, "<a> is nested deeper than 64 elements");
+    expect_bad(xml, 3, "<a>|64");
     free(xml);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse("", (size_t)TL_MODEL_DESCRIPTION_BYTES + 1, "box.fmu",
                                                                   &arena, &model, &error));
-    TEST_ASSERT_EQUAL_STRING("box.fmu: modelDescription.xml is larger than 64 MiB; export fewer variables", error.text);
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|64 MiB", error.text);
 }
 
 static void test_memory_is_out(void) {
     tl_arena_seal(&arena);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, parse(with_variables("")));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "box.fmu: modelDescription.xml: out of memory"));
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|memory", error.text);
 }
 
 static void test_error_may_be_null(void) {
@@ -459,12 +459,13 @@ static void test_files(void) {
     TEST_ASSERT_EQUAL_INT(TL_TUNABLE, variable("d")->variability);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
                           tl_model_description_read(TL_SOURCE_DIR "/none.xml", "box.fmu", &arena, &model, &error));
-    TEST_ASSERT_EQUAL_STRING("box.fmu: there is no modelDescription.xml in it: this is no FMU", error.text);
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml", error.text);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_read(TL_SOURCE_DIR, "box.fmu", &arena, &model, &error));
-    TEST_ASSERT_EQUAL_STRING("box.fmu: modelDescription.xml is no file: this is no FMU", error.text);
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|file", error.text);
 }
 
-/* Every prefix of a good document is refused in an orderly way, and so is every document with one byte changed. */
+/* Each prefix of a good document is rejected. A document with one changed byte is accepted or
+ * rejected. */
 static void test_damaged_documents(void) {
     char xml[1024];
     (void)snprintf(xml, sizeof xml,
@@ -488,7 +489,7 @@ static void test_damaged_documents(void) {
     }
 }
 
-/* ---- Values of attributes ------------------------------------------------------------------------------ */
+/* ---- Values of attributes -------------------------------------------------------------------- */
 
 static void test_doubles(void) {
     static const struct {
@@ -558,13 +559,13 @@ int main(void) {
     RUN_TEST(test_root_and_capabilities);
     RUN_TEST(test_capabilities_default_to_false);
     RUN_TEST(test_variables_of_all_types);
-    RUN_TEST(test_what_is_not_given);
+    RUN_TEST(test_optional_attributes);
     RUN_TEST(test_defaults_of_variability_and_initial);
     RUN_TEST(test_units);
     RUN_TEST(test_declared_types_are_inherited);
     RUN_TEST(test_many_variables_and_aliases);
-    RUN_TEST(test_what_is_not_known_is_passed_over);
-    RUN_TEST(test_a_largest_double_that_is_none_is_no_limit);
+    RUN_TEST(test_unknown_elements_are_skipped);
+    RUN_TEST(test_the_rounded_largest_double_is_no_limit);
     RUN_TEST(test_other_encodings);
     RUN_TEST(test_versions);
     RUN_TEST(test_mandatory_parts);

@@ -1,4 +1,5 @@
-/* Libraries of an FMU's own: folders as they are unpacked, and the loader of this machine as the judge. */
+/* Copies of an FMU's private libraries: unpacked folders, tested with the loader of this
+ * machine. */
 #include <dlfcn.h>
 #include <signal.h>
 #include <stdbool.h>
@@ -12,11 +13,12 @@
 #include <unity.h>
 
 #include "firmware/fmu/own_copies.h"
+#include "tests/support/message.h"
 
 #define KINDS TL_BINARY_DIR "/tests/copies/"
 
-static char scratch[64]; /* of all tests: the loader never forgets */
-static char folder[128]; /* the last that was made */
+static char scratch[64]; /* of all tests, because a library is never unloaded */
+static char folder[128]; /* the folder that was created last */
 static tl_error error;
 static struct rlimit usual;
 
@@ -26,7 +28,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* ---- Helpers ------------------------------------------------------------------------------------------- */
+/* ---- Helpers --------------------------------------------------------------------------------- */
 
 static const char *path_of(const char *name) {
     static char path[256];
@@ -38,7 +40,7 @@ static bool is_there(const char *name) {
     return access(path_of(name), F_OK) == 0;
 }
 
-/* A file that ends as this one does, other than itself. */
+/* True if there is a copy: a name with the same end. */
 static bool has_copy_of(const char *name) {
     char command[512];
     (void)snprintf(command, sizeof command, "test -n \"$(find '%s' -name '[0-9][0-9a-z][0-9a-z]%s')\"", folder,
@@ -46,7 +48,7 @@ static bool has_copy_of(const char *name) {
     return system(command) == 0; // NOLINT(cert-env33-c): our own names
 }
 
-/* A new folder with the libraries of one kind. */
+/* Creates a folder with the libraries of one kind. */
 static void unpack(const char *kind) {
     static int number;
     char command[512];
@@ -61,7 +63,7 @@ static tl_status make_copies(void) {
     return tl_own_copies_make(folder, binary, "box.fmu", &error);
 }
 
-/* What its model says when it is called for the first time here. */
+/* Opens the model and calls it once. Returns its count: 1 if its library is not shared. */
 static int open_and_count(void) {
     void *opened = dlopen(path_of("model.so"), RTLD_NOW | RTLD_LOCAL);
     TEST_ASSERT_NOT_NULL_MESSAGE(opened, dlerror());
@@ -72,7 +74,7 @@ static int open_and_count(void) {
     return function();
 }
 
-/* As an FMU of its own, and opened. */
+/* Unpacks an FMU of this kind, makes its copies, and opens it. */
 static int make_and_count(const char *kind) {
     unpack(kind);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, make_copies(), error.text);
@@ -80,14 +82,14 @@ static int make_and_count(const char *kind) {
 }
 
 static void leave_descriptors(rlim_t count) {
-    int lowest = dup(STDERR_FILENO); /* all below are taken */
+    int lowest = dup(STDERR_FILENO); /* all lower ones are in use */
     TEST_ASSERT_TRUE(lowest >= 0);
     TEST_ASSERT_EQUAL_INT(0, close(lowest));
     const struct rlimit tight = {.rlim_cur = (rlim_t)lowest + count, .rlim_max = usual.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &tight));
 }
 
-/* ---- Tests, in this order -------------------------------------------------------------------------------- */
+/* ---- Tests, in this order -------------------------------------------------------------------- */
 
 static void test_without_copies_the_loader_takes_the_first_one(void) {
     unpack("system");
@@ -115,28 +117,25 @@ static void test_libraries_of_the_system_stay_shared(void) {
     TEST_ASSERT_FALSE(has_copy_of("libgomp.so.9"));
 }
 
-static void test_what_is_not_an_fmus_is_nobodys_copy(void) {
+static void test_a_library_outside_of_fmus_is_never_copied(void) {
     unpack("versioned");
-    TEST_ASSERT_EQUAL_INT(1, open_and_count()); /* as a library of the configuration is, in no folder of an FMU */
+    TEST_ASSERT_EQUAL_INT(1, open_and_count()); /* like a library of the configuration: not in a folder of an FMU */
     TEST_ASSERT_EQUAL_INT(2, make_and_count("versioned"));
 }
 
-static void test_a_name_that_cannot_be_changed_is_told(void) {
+static void test_a_name_that_cannot_be_changed(void) {
     char command[512];
-    unpack("plain"); /* whose table is called so, and has a version of that name */
+    unpack("plain"); /* its libtable.so has a symbol version of that name */
     (void)snprintf(command, sizeof command, "cp '" KINDS "versioned/libversioned.so' '%s'", path_of("libtable.so"));
     TEST_ASSERT_EQUAL_INT(0, system(command)); // NOLINT(cert-env33-c): our own names
     (void)snprintf(command, sizeof command, "sed -i 's/libversioned[.]so/libtable.so\\x00ned/g' '%s'",
                    path_of("libtable.so"));
     TEST_ASSERT_EQUAL_INT(0, system(command)); // NOLINT(cert-env33-c): our own names
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, make_copies());
-    TEST_ASSERT_EQUAL_STRING("box.fmu: its libraries have names that another FMU's have, such as libtable.so, and in "
-                             "libtable.so another name is part of one of them, so that no copy can be made; rename the "
-                             "libraries of one of the FMUs",
-                             error.text);
+    TL_EXPECT_PARTS("box.fmu|libtable.so|rename", error.text);
 }
 
-static void test_a_binary_that_is_none_is_the_loaders_affair(void) {
+static void test_a_broken_binary_is_left_to_the_loader(void) {
     unpack("plain");
     FILE *file = fopen(path_of("model.so"), "we");
     TEST_ASSERT_NOT_NULL(file);
@@ -170,7 +169,7 @@ static void test_descriptors_one_by_one(void) {
         TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &usual));
         if (status != TL_OK) {
             TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
-            TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "Too many open files"), error.text);
+            TL_EXPECT_PARTS("Too many open files", error.text);
         }
         TEST_ASSERT_TRUE(status != TL_OK || count > 0);
     }
@@ -188,10 +187,7 @@ static void test_a_copy_that_cannot_be_written(void) {
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &usual));
     (void)signal(SIGXFSZ, before);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
-    TEST_ASSERT_EQUAL_STRING(
-        "box.fmu: its library libtable.so cannot be copied: File too large; free memory, descriptors "
-        "or disk and try again",
-        error.text);
+    TL_EXPECT_PARTS("box.fmu|libtable.so|File too large", error.text);
 }
 
 int main(void) {
@@ -205,9 +201,9 @@ int main(void) {
     RUN_TEST(test_the_first_stays_as_it_is);
     RUN_TEST(test_the_others_have_their_own);
     RUN_TEST(test_libraries_of_the_system_stay_shared);
-    RUN_TEST(test_what_is_not_an_fmus_is_nobodys_copy);
-    RUN_TEST(test_a_name_that_cannot_be_changed_is_told);
-    RUN_TEST(test_a_binary_that_is_none_is_the_loaders_affair);
+    RUN_TEST(test_a_library_outside_of_fmus_is_never_copied);
+    RUN_TEST(test_a_name_that_cannot_be_changed);
+    RUN_TEST(test_a_broken_binary_is_left_to_the_loader);
     RUN_TEST(test_files_that_are_no_libraries_are_left_out);
     RUN_TEST(test_descriptors_one_by_one);
     RUN_TEST(test_a_copy_that_cannot_be_written);

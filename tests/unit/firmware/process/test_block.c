@@ -1,4 +1,4 @@
-/* Blocks: what is written here is read there, and neither size nor foreign content can be changed. */
+/* Blocks of shared memory: both sides see the content, and seals protect size and content. */
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -15,6 +15,7 @@
 
 #include "firmware/process/block.h"
 #include "tests/support/confined.h"
+#include "tests/support/message.h"
 
 enum { SIZE = 10000, LARGE = 64 * 1024 * 1024, PAGE = 4096 };
 
@@ -52,7 +53,7 @@ static void test_size_is_sealed(void) {
     TEST_ASSERT_EQUAL_INT(FD_CLOEXEC, fcntl(block.descriptor, F_GETFD));
 }
 
-/* Another process takes it, at another address. */
+/* Another process maps the block at another address. */
 static void test_two_processes(void) {
     int status = 0;
     make(TL_BLOCK_THEY_WRITE);
@@ -70,8 +71,8 @@ static void test_two_processes(void) {
     TEST_ASSERT_EQUAL_STRING("hello", block.bytes);
 }
 
-/* Neither by a mapping, nor by its protection, nor by the descriptor, nor by one opened anew. */
-static void test_who_takes_ours_reads_only(void) {
+/* A reader cannot write by mmap(), mprotect(), its descriptor, or a reopened descriptor. */
+static void test_a_taken_block_is_read_only(void) {
     make(TL_BLOCK_WE_WRITE);
     need_seals(F_SEAL_FUTURE_WRITE);
     tl_block taken;
@@ -92,7 +93,7 @@ static void test_who_takes_ours_reads_only(void) {
     tl_block_close(&taken);
 }
 
-static void test_one_that_is_written(void) {
+static void test_a_written_block_is_read_only(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make_of("job", "work", 5, &block, &error));
     TEST_ASSERT_EQUAL_STRING("work", block.bytes);
     need_seals(F_SEAL_WRITE);
@@ -104,19 +105,22 @@ static void test_one_that_is_written(void) {
     tl_block_close(&taken);
 }
 
-static void refuse(int descriptor, size_t size, tl_block_writer writer, const char *why) {
+static void refuse(int descriptor, size_t size, tl_block_writer writer, const char *parts) {
     tl_block taken;
+    char shown[16];
     TEST_ASSERT_NOT_EQUAL_INT(-1, descriptor);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_block_take(descriptor, size, writer, &taken, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, why), error.text);
+    (void)snprintf(shown, sizeof shown, "%d", descriptor);
+    TL_EXPECT_PARTS(shown, error.text);
+    TL_EXPECT_PARTS(parts, error.text);
     TEST_ASSERT_NULL(taken.bytes);
-    TEST_ASSERT_EQUAL_INT(-1, fcntl(descriptor, F_GETFD)); /* it was closed */
+    TEST_ASSERT_EQUAL_INT(-1, fcntl(descriptor, F_GETFD)); /* closed by tl_block_take() */
 }
 
 static void test_another_size_is_refused(void) {
     make(TL_BLOCK_THEY_WRITE);
-    refuse(dup(block.descriptor), SIZE + 1, TL_BLOCK_THEY_WRITE, "another size");
-    refuse(memfd_create("empty", MFD_ALLOW_SEALING), 0, TL_BLOCK_IS_WRITTEN, "another size");
+    refuse(dup(block.descriptor), SIZE + 1, TL_BLOCK_THEY_WRITE, "size");
+    refuse(memfd_create("empty", MFD_ALLOW_SEALING), 0, TL_BLOCK_IS_WRITTEN, "size");
 }
 
 static void test_unsealed_is_refused(void) {
@@ -124,21 +128,21 @@ static void test_unsealed_is_refused(void) {
     need_seals(F_SEAL_SHRINK);
     int file = memfd_create("unsealed", MFD_ALLOW_SEALING);
     TEST_ASSERT_EQUAL_INT(0, ftruncate(file, SIZE));
-    refuse(file, SIZE, TL_BLOCK_THEY_WRITE, "change its size");
-    refuse(dup(block.descriptor), SIZE, TL_BLOCK_IS_WRITTEN, "be written");
+    refuse(file, SIZE, TL_BLOCK_THEY_WRITE, "change");
+    refuse(dup(block.descriptor), SIZE, TL_BLOCK_IS_WRITTEN, "written");
 }
 
-static void test_what_is_no_memory_is_refused(void) {
+static void test_other_descriptors_are_refused(void) {
     int ends[2];
     tl_block taken;
     TEST_ASSERT_EQUAL_INT(0, pipe(ends));
-    refuse(ends[0], 0, TL_BLOCK_IS_WRITTEN, "no shared memory");
+    refuse(ends[0], 0, TL_BLOCK_IS_WRITTEN, "shared memory");
     (void)close(ends[1]);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_block_take(-1, 0, TL_BLOCK_IS_WRITTEN, &taken, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "not open"));
+    TL_EXPECT_PARTS("-1|open", error.text);
 }
 
-/* With such a limit of the process. */
+/* No block can be made under this resource limit. */
 static void fail_with(unsigned resource, rlim_t limit) {
     struct rlimit before;
     TEST_ASSERT_EQUAL_INT(0, getrlimit(resource, &before));
@@ -151,18 +155,18 @@ static void fail_with(unsigned resource, rlim_t limit) {
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made_of);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, sparse);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "\"test\""), error.text);
+    TL_EXPECT_PARTS("10000 bytes|\"test\"", error.text);
     TEST_ASSERT_NULL(block.bytes);
 }
 
-static void test_what_is_missing(void) {
+static void test_resource_limits(void) {
     fail_with(RLIMIT_NOFILE, 3);
     (void)signal(SIGXFSZ, SIG_IGN);
     fail_with(RLIMIT_FSIZE, 10);
     (void)signal(SIGXFSZ, SIG_DFL);
 }
 
-static void test_none_can_be_closed(void) {
+static void test_closing_an_empty_block_does_nothing(void) {
     int before = dup(0);
     tl_block_close(&block);
     tl_block_close(&block);
@@ -178,7 +182,7 @@ static void make_sparse(size_t size) {
     TEST_ASSERT_EQUAL_size_t(size, block.size);
 }
 
-/* As the writer has it. */
+/* Maps the block as its writer does. */
 static void take_for_writing(tl_block *taken) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(dup(block.descriptor), block.size, TL_BLOCK_THEY_WRITE, taken, &error));
 }
@@ -189,7 +193,7 @@ static long pages_used(void) {
     return (long)about.st_blocks * 512 / PAGE;
 }
 
-static void test_a_sparse_one_takes_what_is_used(void) {
+static void test_a_sparse_block_takes_only_used_pages(void) {
     tl_block taken;
     make_sparse(LARGE);
     TEST_ASSERT_EQUAL_INT(FD_CLOEXEC, fcntl(block.descriptor, F_GETFD));
@@ -203,7 +207,7 @@ static void test_a_sparse_one_takes_what_is_used(void) {
     tl_block_close(&taken);
 }
 
-static void test_a_sparse_one_has_its_size(void) {
+static void test_the_size_of_a_sparse_block_is_sealed(void) {
     make_sparse(SIZE);
     need_seals(F_SEAL_SHRINK);
     TEST_ASSERT_EQUAL_INT(-1, ftruncate(block.descriptor, 100));
@@ -211,7 +215,7 @@ static void test_a_sparse_one_has_its_size(void) {
     TEST_ASSERT_EQUAL_INT(-1, fcntl(block.descriptor, F_ADD_SEALS, F_SEAL_WRITE));
 }
 
-static void test_one_that_is_not_mapped_is_closed(void) {
+static void test_an_unmapped_block_is_closed(void) {
     make_sparse(SIZE);
     int descriptor = block.descriptor;
     tl_block_close(&block);
@@ -219,8 +223,8 @@ static void test_one_that_is_not_mapped_is_closed(void) {
     TEST_ASSERT_EQUAL_size_t(0, block.size);
 }
 
-/* Also if the writer's memory is locked, as a real-time process has it. */
-static void test_what_is_forgotten_is_given_back(void) {
+/* A real-time process locks its memory; its pages are freed all the same. */
+static void test_forgotten_pages_are_freed(void) {
     tl_block taken;
     make_sparse(LARGE);
     take_for_writing(&taken);
@@ -247,7 +251,7 @@ static void test_a_reader_reads(void) {
     int reader = tl_block_reader(&block);
     TEST_ASSERT_NOT_EQUAL_INT(-1, reader);
     TEST_ASSERT_EQUAL_INT(FD_CLOEXEC, fcntl(reader, F_GETFD));
-    take_for_writing(&taken); /* also after that */
+    take_for_writing(&taken); /* must not prevent the reader from mapping */
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(reader, SIZE, TL_BLOCK_WE_WRITE, &read, &error));
     memcpy(taken.bytes, "news", 5);
     TEST_ASSERT_EQUAL_STRING("news", read.bytes);
@@ -274,11 +278,11 @@ static bool maps_for_writing(int descriptor) {
     return mapped != MAP_FAILED;
 }
 
-/* Of an attacker, who has one descriptor, and is confined. */
+/* A confined attacker has only the descriptor of the reader. */
 static bool cannot_write(void *context) {
     const int *reader = context;
     char path[64];
-    (void)close(block.descriptor); /* which an executed process has not */
+    (void)close(block.descriptor); /* an executed process has only `reader` */
     (void)snprintf(path, sizeof path, "/proc/self/fd/%d", *reader);
     void *readable = mmap(NULL, SIZE, PROT_READ, MAP_SHARED, *reader, 0);
     return TL_EXPECT(readable != MAP_FAILED) && TL_EXPECT(!opens(path, O_RDWR)) && TL_EXPECT(!opens(path, O_WRONLY)) &&
@@ -308,7 +312,7 @@ static void need_confinement(void) {
     tl_confine_facts facts;
     tl_confine_probe(&facts);
     if (!facts.filter) {
-        TEST_IGNORE_MESSAGE("this kernel has no filter of system calls");
+        TEST_IGNORE_MESSAGE("no seccomp");
     }
 }
 
@@ -322,7 +326,7 @@ static void test_a_reader_of_another_user_cannot_write(void) {
     tl_confine_probe(&facts);
     need_confinement();
     if (!facts.user) {
-        TEST_IGNORE_MESSAGE("the user cannot be changed");
+        TEST_IGNORE_MESSAGE("not root");
     }
     expect_reader_cannot_write(0x70000000U);
 }
@@ -338,7 +342,7 @@ static void test_there_are_no_descriptors_for_a_reader(void) {
     TEST_ASSERT_EQUAL_INT(-1, reader);
 }
 
-/* In a folder that is the root of all, where there is none. */
+/* The root folder of the process has no /proc. */
 static void test_a_reader_without_proc(void) {
     enum { NO_ROOT = 3 };
     char folder[] = "/tmp/block_XXXXXX";
@@ -357,7 +361,7 @@ static void test_a_reader_without_proc(void) {
     TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, &status, 0));
     (void)rmdir(folder);
     if (WEXITSTATUS(status) == NO_ROOT) {
-        TEST_IGNORE_MESSAGE("needs the right to chroot()");
+        TEST_IGNORE_MESSAGE("needs chroot()");
     }
     TEST_ASSERT_EQUAL_INT(0, status);
 }
@@ -366,17 +370,17 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_size_is_sealed);
     RUN_TEST(test_two_processes);
-    RUN_TEST(test_who_takes_ours_reads_only);
-    RUN_TEST(test_one_that_is_written);
+    RUN_TEST(test_a_taken_block_is_read_only);
+    RUN_TEST(test_a_written_block_is_read_only);
     RUN_TEST(test_another_size_is_refused);
     RUN_TEST(test_unsealed_is_refused);
-    RUN_TEST(test_what_is_no_memory_is_refused);
-    RUN_TEST(test_what_is_missing);
-    RUN_TEST(test_none_can_be_closed);
-    RUN_TEST(test_a_sparse_one_takes_what_is_used);
-    RUN_TEST(test_a_sparse_one_has_its_size);
-    RUN_TEST(test_one_that_is_not_mapped_is_closed);
-    RUN_TEST(test_what_is_forgotten_is_given_back);
+    RUN_TEST(test_other_descriptors_are_refused);
+    RUN_TEST(test_resource_limits);
+    RUN_TEST(test_closing_an_empty_block_does_nothing);
+    RUN_TEST(test_a_sparse_block_takes_only_used_pages);
+    RUN_TEST(test_the_size_of_a_sparse_block_is_sealed);
+    RUN_TEST(test_an_unmapped_block_is_closed);
+    RUN_TEST(test_forgotten_pages_are_freed);
     RUN_TEST(test_a_reader_reads);
     RUN_TEST(test_a_reader_without_capabilities_cannot_write);
     RUN_TEST(test_a_reader_of_another_user_cannot_write);

@@ -1,4 +1,4 @@
-/* Channels: between threads and processes, in batches and one by one, and against an other that lies. */
+/* Channels between threads and processes: batches, single messages, and a faulty peer. */
 #include <errno.h>
 #include <pthread.h>
 #include <string.h>
@@ -10,6 +10,7 @@
 #include "firmware/base/os.h"
 #include "firmware/process/block.h"
 #include "firmware/process/channel.h"
+#include "tests/support/message.h"
 
 enum { TICK = 1300, RESULT = 700, PAGE = 4096, LINE = 64, EXTRA = 1000 };
 
@@ -40,7 +41,7 @@ void tearDown(void) {
     tl_block_close(&blocks[TL_CHILD]);
 }
 
-/* Something that is different in each message, all over. */
+/* Each message has different bytes. */
 static void fill(uint8_t *payload, size_t size, uint32_t number) {
     for (size_t i = 0; i < size; i++) {
         payload[i] = (uint8_t)(number * 31 + i * 7 + (number >> 8));
@@ -65,7 +66,8 @@ static bool send_one(tl_channel *channel, tl_message type, size_t size, uint32_t
     return tl_channel_offer(channel, type, payload);
 }
 
-/* What a child does: answers each tick, until it is told to end. 0, or what went wrong. */
+/* The child: answers each tick until the END message. Returns 0, or the number of the failed
+ * check. */
 static int answer(tl_channel *channel, uint32_t wanted) {
     uint8_t payload[TICK];
     tl_message type = TL_MESSAGES;
@@ -102,7 +104,7 @@ static int answer(tl_channel *channel, uint32_t wanted) {
     }
 }
 
-/* What a parent does. */
+/* The parent: sends `count` ticks and checks the results. */
 static void drive(tl_channel *channel, uint32_t count, uint32_t wanted) {
     uint8_t payload[TICK];
     tl_message type = TL_MESSAGES;
@@ -159,15 +161,15 @@ static void test_one_by_one_between_threads(void) {
     between_threads(1, 1, 5003);
 }
 
-static void test_who_wants_more_than_ever_comes_gets_it(void) {
+static void test_a_wait_for_a_full_ring_gets_what_there_is(void) {
     between_threads(TL_CHANNEL_DEPTH, TL_CHANNEL_DEPTH, 1007);
 }
 
-static void test_an_eager_one_and_a_patient_one(void) {
+static void test_one_side_waits_for_a_message_the_other_for_a_full_ring(void) {
     between_threads(1, TL_CHANNEL_DEPTH, 5003);
 }
 
-/* The child's image of the parent's block can only be read. */
+/* The child maps the parent's block read-only. */
 static void test_two_processes(void) {
     int status = 0;
     pid_t pid = fork();
@@ -246,11 +248,11 @@ static void test_a_nudge_is_never_lost(void) {
     }
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
     TEST_ASSERT_GREATER_THAN_UINT32(0, seen);
-    tl_channel_nudge(&parent); /* and one that comes before */
+    tl_channel_nudge(&parent); /* a nudge before the wait counts, too */
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_NUDGED, tl_channel_wait(&parent, 1, 0, in_seconds(20)));
 }
 
-/* ---- an other that lies ---- */
+/* ---- a peer that breaks the protocol ---- */
 
 static uint32_t *counter(tl_side side, size_t line) {
     return (uint32_t *)(void *)((uint8_t *)memory[side] + line * LINE);
@@ -260,26 +262,26 @@ static uint32_t *slot_of_child(uint32_t number) {
     return (uint32_t *)(void *)((uint8_t *)memory[TL_CHILD] + PAGE + number * ((RESULT + 8 + LINE - 1) / LINE * LINE));
 }
 
-static void expect_broken(const char *why) {
+static void expect_broken(const char *parts) {
     uint8_t payload[TICK];
     tl_message type = TL_MESSAGES;
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_BROKEN, tl_channel_take(&parent, &type, payload));
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, parent.fault.status);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(parent.fault.text, why), parent.fault.text);
+    TL_EXPECT_PARTS(parts, parent.fault.text);
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_BROKEN, tl_channel_wait(&parent, 1, 0, in_seconds(1)));
     TEST_ASSERT_FALSE(tl_channel_offer(&parent, TL_MESSAGE_END, NULL));
-    tl_channel_push(&parent); /* does nothing that could harm */
+    tl_channel_push(&parent); /* has no effect */
 }
 
 static void test_more_messages_than_a_ring_holds(void) {
     *counter(TL_CHILD, 0) = TL_CHANNEL_DEPTH + 1;
-    expect_broken("the process of the FMUs counts 1025 messages in a ring of 1024");
+    expect_broken("1025|1024");
 }
 
 static void test_messages_taken_back(void) {
     get_to_stepping();
     *counter(TL_CHILD, 0) = 1;
-    expect_broken("counts 4294967295 messages");
+    expect_broken("4294967295|1024");
 }
 
 static void test_more_taken_than_sent(void) {
@@ -292,36 +294,36 @@ static void test_more_taken_than_sent(void) {
     *counter(TL_CHILD, 1) = 10000;
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_BROKEN, tl_channel_wait(&parent, 0, 1, in_seconds(1)));
     TEST_ASSERT_FALSE(tl_channel_offer(&parent, TL_MESSAGE_TICK, payload));
-    expect_broken("messages in a ring of 1024");
+    expect_broken("4294958320|1024");
 }
 
 static void test_a_message_that_is_not_allowed(void) {
     *counter(TL_CHILD, 0) = 1;
     slot_of_child(0)[0] = TL_MESSAGE_RESULT;
     slot_of_child(0)[1] = RESULT;
-    expect_broken("\"result\" while starting");
+    expect_broken("\"result\"|starting");
 }
 
 static void test_a_message_that_is_too_long(void) {
     *counter(TL_CHILD, 0) = 1;
     slot_of_child(0)[0] = TL_MESSAGE_READY;
     slot_of_child(0)[1] = UINT32_MAX;
-    expect_broken("with 4294967295 bytes: not allowed (expected 4 bytes");
+    expect_broken("\"ready\"|4294967295 bytes|4 bytes");
 }
 
-static void *ring_for_nothing(void *context) {
+static void *wake_for_nothing(void *context) {
     for (int i = 0; i < 2000; i++) {
         (void)__atomic_add_fetch(counter(TL_CHILD, 3), 1, __ATOMIC_SEQ_CST);
     }
     return context;
 }
 
-/* Nor does a bell that rings for nothing keep who waits beyond its time. */
-static void test_a_bell_for_nothing(void) {
+/* Spurious wake-ups do not extend the time limit of a wait. */
+static void test_spurious_wake_ups(void) {
     pthread_t thread;
-    *counter(TL_CHILD, 2) = 1; /* asleep, and wants all there is */
+    *counter(TL_CHILD, 2) = 1; /* the child sleeps and waits for more messages than there are */
     counter(TL_CHILD, 2)[1] = UINT32_MAX;
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, ring_for_nothing, NULL));
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, wake_for_nothing, NULL));
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_NOTHING, tl_channel_wait(&parent, 1, 0, tl_clock_now(NULL) + TL_SECOND / 20));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
 }
@@ -339,8 +341,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_batches_between_threads);
     RUN_TEST(test_one_by_one_between_threads);
-    RUN_TEST(test_who_wants_more_than_ever_comes_gets_it);
-    RUN_TEST(test_an_eager_one_and_a_patient_one);
+    RUN_TEST(test_a_wait_for_a_full_ring_gets_what_there_is);
+    RUN_TEST(test_one_side_waits_for_a_message_the_other_for_a_full_ring);
     RUN_TEST(test_two_processes);
     RUN_TEST(test_a_ring_is_full_and_empty_again);
     RUN_TEST(test_a_wait_ends_in_time);
@@ -350,7 +352,7 @@ int main(void) {
     RUN_TEST(test_more_taken_than_sent);
     RUN_TEST(test_a_message_that_is_not_allowed);
     RUN_TEST(test_a_message_that_is_too_long);
-    RUN_TEST(test_a_bell_for_nothing);
+    RUN_TEST(test_spurious_wake_ups);
     RUN_TEST(test_layout);
     return UNITY_END();
 }

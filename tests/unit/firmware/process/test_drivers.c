@@ -1,4 +1,5 @@
-/* What the process of the drivers may besides, so that they connect again; and what it may not; and the recorder. */
+/* System calls of the driver process and of the recorder: allowed ones for reconnecting, and
+ * refused ones. */
 #include "firmware/process/confine.h"
 
 #include <arpa/inet.h>
@@ -36,7 +37,7 @@ void setUp(void) {
     tl_confine_facts facts;
     tl_confine_probe(&facts);
     if (!facts.filter) {
-        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+        TEST_IGNORE_MESSAGE("no seccomp");
     }
 }
 
@@ -44,7 +45,7 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-/* plant: as in tl_confine_settings; NULL: of a recorder. port: that may be connected to; 0: none */
+/* plant: as in tl_confine_settings; NULL: of a recorder. port: the allowed port; 0: none */
 static void expect_with(const tl_plant_access *plant, bool names, uint16_t port, tl_confined_body *body,
                         void *context) {
     const char *const resolving[] = {"/etc"};
@@ -69,7 +70,7 @@ static void expect_of(const tl_plant_access *plant, uint16_t port, tl_confined_b
     expect_with(plant, false, port, body, context);
 }
 
-/* Of each driver, and of one that looks names up, too. */
+/* Runs the body for each driver, and for one that resolves names. */
 static void expect(tl_confined_body *body, void *context) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         expect_of((*row)->access, 0, body, context);
@@ -77,7 +78,7 @@ static void expect(tl_confined_body *body, void *context) {
     expect_with(&tl_modbus_tcp_access, true, 0, body, context);
 }
 
-/* A server of this machine: its socket; `address` is where. */
+/* Starts a server on this machine. Returns its socket and, in `address`, its address. */
 static int listen_somewhere(struct sockaddr_in *address) {
     socklen_t size = sizeof *address;
     int server = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
@@ -106,7 +107,7 @@ static void a_driver_connects_by_tcp(void) {
     (void)close(server);
 }
 
-/* By each way that there is to connect by TCP. */
+/* Tries each way to connect by TCP. */
 static bool fail_to_connect(void *context) {
     const struct sockaddr *address = context;
     int line = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_TCP);
@@ -124,7 +125,7 @@ static bool fail_to_connect(void *context) {
 
 static void a_driver_connects_to_its_ports_only(void) {
     if (tl_landlock_version() < 4) {
-        TEST_IGNORE_MESSAGE("this kernel's Landlock does not know TCP ports");
+        TEST_IGNORE_MESSAGE("no TCP ports in Landlock");
     }
     struct sockaddr_in address;
     int server = listen_somewhere(&address);
@@ -163,7 +164,7 @@ static void a_driver_listens_to_can(void) {
     expect_of(&tl_can_access, 0, use_can, NULL);
 }
 
-/* What each kind of source has no business with. Whether /dev/null knows a command is not asked if that is refused. */
+/* True if the filter refuses the command. /dev/null itself would answer ENOTTY. */
 static bool is_refused_command(unsigned long command) {
     char room[4096] = "";
     int device = open("/dev/null", O_RDWR | O_CLOEXEC);
@@ -226,7 +227,7 @@ static void each_kind_of_source_has_its_own_sockets_and_devices(void) {
     expect_of(&tl_csv_access, 0, be_csv, NULL);
 }
 
-/* A line that a terminal of this machine plays: what is asked of serial lines reaches the driver of the line. */
+/* A pseudo-terminal stands for a serial line. Allowed commands reach its driver. */
 static bool use_serial_line(void *context) {
     struct termios line;
     int port = open(context, O_RDWR | O_NOCTTY | O_CLOEXEC);
@@ -277,11 +278,11 @@ static bool do_what_is_left_out(void *context) {
            TL_EXPECT(fork() == -1 && errno == EPERM);
 }
 
-static void nobody_listens_and_nothing_is_started(void) {
+static void no_driver_listens_or_starts_programs(void) {
     expect(do_what_is_left_out, NULL);
 }
 
-/* The current folder is one that may be written. */
+/* The current folder is writable. */
 static bool keep_files(void *context) {
     char *const nothing[] = {NULL};
     int file = open("run.db", O_RDWR | O_CREAT | O_CLOEXEC, 0600);
@@ -313,7 +314,7 @@ int main(void) {
     RUN_TEST(each_kind_of_source_has_its_own_sockets_and_devices);
     RUN_TEST(a_driver_opens_a_serial_line_again);
     RUN_TEST(a_source_has_a_thread);
-    RUN_TEST(nobody_listens_and_nothing_is_started);
+    RUN_TEST(no_driver_listens_or_starts_programs);
     RUN_TEST(a_recorder_keeps_files_and_has_no_socket);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

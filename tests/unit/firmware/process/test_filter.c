@@ -1,4 +1,4 @@
-/* The list of system calls, by making them: what is refused, what ends the process, what works. */
+/* The filter of system calls, tested with real calls: refused, fatal and allowed ones. */
 #include "firmware/process/confine.h"
 
 #include <errno.h>
@@ -43,7 +43,7 @@ void tearDown(void) {
 
 static void need_filter(void) {
     if (!tl_filter_is_offered()) {
-        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+        TEST_IGNORE_MESSAGE("no seccomp");
     }
 }
 
@@ -64,9 +64,9 @@ static char shell[] = "/bin/sh";
 #define OWN_FILE ((long)"own")
 #define BLOCK ((long)block)
 
-static char block[4096]; /* what an argument points at, where it must point at something */
+static char block[4096]; /* target of pointer arguments */
 
-/* Each would be allowed to root, or to who we are, or would say something else than EPERM. */
+/* Without the filter, each of these calls would succeed or fail with an error other than EPERM. */
 static const call refused[] = {
     /* the network */
     {"socket", SYS_socket, {AF_INET, SOCK_STREAM}},
@@ -84,7 +84,7 @@ static const call refused[] = {
     {"recvfrom", SYS_recvfrom, {0, BLOCK, 1}},
     {"recvmsg", SYS_recvmsg, {0, BLOCK, 0}},
     {"setsockopt", SYS_setsockopt, {0, SOL_SOCKET, SO_KEEPALIVE, BLOCK, 4}},
-    /* memory that escapes limits, or is somebody else's */
+    /* memory without limits, or of other processes */
     {"memfd_create", SYS_memfd_create, {BLOCK, 0}},
     {"userfaultfd", SYS_userfaultfd, {0}},
     {"process_vm_readv", SYS_process_vm_readv, {1, BLOCK, 1, BLOCK, 1}},
@@ -95,7 +95,7 @@ static const call refused[] = {
     {"semget", SYS_semget, {0, 1, 01600}},
     {"msgget", SYS_msgget, {0, 01600}},
     {"mq_open", SYS_mq_open, {BLOCK, O_RDONLY}},
-    /* other ways into the kernel */
+    /* other interfaces of the kernel */
     {"io_uring_setup", 425, {1, BLOCK}},
     {"bpf", SYS_bpf, {0}},
     {"perf_event_open", SYS_perf_event_open, {BLOCK, 0, -1, -1}},
@@ -146,7 +146,7 @@ static const call refused[] = {
     {"inotify_init1", SYS_inotify_init1, {0}},
     {"fanotify_init", SYS_fanotify_init, {0}},
     {"personality", SYS_personality, {0}},
-    /* who it is */
+    /* user and group */
     {"setuid", SYS_setuid, {0}},
     {"setgid", SYS_setgid, {0}},
     {"setresuid", SYS_setresuid, {-1, -1, -1}},
@@ -154,7 +154,7 @@ static const call refused[] = {
     {"setgroups", SYS_setgroups, {0}},
     {"setfsuid", SYS_setfsuid, {0}},
     {"capset", SYS_capset, {BLOCK, BLOCK}},
-    /* files, but for what they hold */
+    /* metadata of files */
     {"fchmod", SYS_fchmod, {2, 0600}},
     {"fchmodat", SYS_fchmodat, {AT_FDCWD, OWN_FILE, 0600}},
     {"fchown", SYS_fchown, {2, -1, -1}},
@@ -203,7 +203,7 @@ static const call refused[] = {
 
 enum { REFUSED = sizeof refused / sizeof refused[0] };
 
-/* With a sanitizer these are its own. */
+/* True if the sanitizer itself needs the call. */
 static bool is_for_sanitizer(const call *made) {
 #if TL_HAS_SANITIZER
     long first = made->arguments[0];
@@ -230,7 +230,7 @@ static bool make_refused(void *context) {
     return good;
 }
 
-static void what_is_not_on_the_list_is_refused_and_named(void) {
+static void other_calls_are_refused_and_named(void) {
     need_filter();
     tl_confined_run(settings(), make_refused, NULL, &confined);
     TEST_ASSERT_EQUAL_INT(0, confined.signal);
@@ -276,7 +276,7 @@ static void memory_is_private_or_has_a_file(void) {
 
 /* ---- what ends the process ---- */
 
-/* An argument that is zero means the parent. */
+/* An argument of zero is replaced by the pid of the parent. */
 static bool make_call(void *context) {
     const call *made = context;
     const long *with = made->arguments;
@@ -303,7 +303,7 @@ static void signals_to_others_end_the_process(void) {
 
 static void tracing_others_ends_the_process(void) {
 #if TL_HAS_SANITIZER
-    TEST_IGNORE_MESSAGE("the sanitizer traces itself");
+    TEST_IGNORE_MESSAGE("not with a sanitizer");
 #endif
     call made = {"ptrace", SYS_ptrace, {PTRACE_ATTACH, 0}};
     need_filter();
@@ -324,7 +324,7 @@ static void asking_whether_another_process_is_there_is_only_refused(void) {
 
 #if defined(__x86_64__)
 static bool call_as_32_bits(void *context) {
-    long answer = 20; /* getpid() of another machine */
+    long answer = 20; /* getpid() of 32-bit x86 */
     (void)context;
     __asm__ volatile("int $0x80" : "+a"(answer) : : "memory", "r8", "r9", "r10", "r11");
     return false;
@@ -336,14 +336,15 @@ static void calls_of_other_machines_end_the_process(void) {
     tl_confined_run(settings(), make_call, &made, &confined);
     TEST_ASSERT_EQUAL_INT(SIGSYS, confined.signal);
     tl_confined_run(settings(), call_as_32_bits, NULL, &confined);
-    TEST_ASSERT_NOT_EQUAL_INT(0, confined.signal); /* SIGSEGV where the kernel has no such calls at all */
+    TEST_ASSERT_NOT_EQUAL_INT(0, confined.signal); /* SIGSEGV if the kernel has no 32-bit calls */
 }
 #endif
 
 /* ---- as if the kernel were older ---- */
 
 static bool make_newer_calls(void *context) {
-    static const long numbers[] = {435, 437, 451, 462, 511}; /* clone3, openat2, cachestat, mseal, none yet */
+    static const long numbers[] = {435, 437, 451, 462,
+                                   511}; /* clone3, openat2, cachestat, mseal, and an unused number */
     bool good = true;
     (void)context;
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
@@ -367,7 +368,7 @@ static bool fail_to_remove(void *context) {
            TL_EXPECT(unlink("made") == -1 && errno == EPERM) && TL_EXPECT(rmdir(".") == -1 && errno == EPERM);
 }
 
-/* Where nothing else says which files are meant, none is removed. */
+/* Without Landlock no file can be removed, because nothing limits which ones. */
 static void files_are_removed_only_with_landlock(void) {
     tl_confine_facts facts;
     tl_confine_settings how = settings();
@@ -382,7 +383,7 @@ static void files_are_removed_only_with_landlock(void) {
     }
 }
 
-/* It would be in no folder that anybody looks into. */
+/* A file without a name would escape the limits of the folder. */
 static bool make_nameless(void *context) {
     int files[] = {open(".", O_RDWR | O_TMPFILE | O_CLOEXEC, 0600),
                    open(".", O_WRONLY | O_TMPFILE | O_EXCL | O_CLOEXEC, 0600)};
@@ -447,7 +448,8 @@ static bool use_descriptors(void *context) {
     char letter = 'a';
     struct epoll_event event = {.events = EPOLLIN};
     int poller = epoll_create1(EPOLL_CLOEXEC);
-    const int unknown = getenv("TL_EMULATOR") != NULL ? ENOSYS : EBADF; /* an emulator looks at the request first */
+    const int unknown =
+        getenv("TL_EMULATOR") != NULL ? ENOSYS : EBADF; /* an emulator checks the request before the descriptor */
     (void)context;
     return TL_EXPECT(pipe2(pipes, O_CLOEXEC) == 0) && TL_EXPECT(write(pipes[1], &letter, 1) == 1) &&
            TL_EXPECT(poller >= 0 && epoll_ctl(poller, EPOLL_CTL_ADD, pipes[0], &event) == 0) &&
@@ -491,8 +493,8 @@ static bool use_the_system(void *context) {
            TL_EXPECT(mlock(block, sizeof block) == 0) && TL_EXPECT(sysconf(_SC_NPROCESSORS_ONLN) > 0);
 }
 
-/* Nothing of all that is refused, without and with Landlock. */
-static void what_programs_need_works(void) {
+/* These calls are allowed, without and with Landlock. */
+static void calls_of_ordinary_programs_work(void) {
     tl_confined_body *const bodies[] = {use_threads, use_descriptors, use_files, use_the_system};
     for (size_t i = 0; i < sizeof bodies / sizeof bodies[0]; i++) {
         for (int newest = -1; newest <= 0; newest++) {
@@ -506,10 +508,10 @@ static void what_programs_need_works(void) {
     }
 }
 
-/* ---- who is told, and for whom it holds ---- */
+/* ---- notifications and threads ---- */
 
-/* Exit code 0: as expected. */
-static int be_refused_unheard(void) {
+/* Returns the exit code: 0 if a socket is refused without notifications. */
+static int be_refused_without_notification(void) {
     tl_error error;
     tl_confine_facts facts;
     tl_confine_settings how = settings();
@@ -520,14 +522,14 @@ static int be_refused_unheard(void) {
                : EXIT_FAILURE;
 }
 
-/* As where the kernel has no notifications. */
-static void if_nobody_is_told_the_answer_is_the_same(void) {
+/* Like a kernel without seccomp notifications. */
+static void without_notifications_the_answer_is_the_same(void) {
     int status = 0;
     need_filter();
     (void)fflush(NULL);
     pid_t child = fork();
     if (child == 0) {
-        _exit(be_refused_unheard());
+        _exit(be_refused_without_notification());
     }
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
     TEST_ASSERT_EQUAL_INT(0, status);
@@ -542,7 +544,7 @@ static void *try_socket_later(void *context) {
     return context;
 }
 
-/* With a thread that was there before. Exit code 0: as expected. */
+/* Confines a process that has a second thread already. Returns the exit code. */
 static int confine_beside_thread(bool whole_process) {
     tl_error error;
     tl_confine_facts facts;
@@ -577,7 +579,7 @@ static void the_list_holds_for_all_threads_or_for_one(void) {
 int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, "/tmp", "tl_filter");
-    RUN_TEST(what_is_not_on_the_list_is_refused_and_named);
+    RUN_TEST(other_calls_are_refused_and_named);
     RUN_TEST(memory_is_private_or_has_a_file);
     RUN_TEST(signals_to_others_end_the_process);
     RUN_TEST(tracing_others_ends_the_process);
@@ -588,8 +590,8 @@ int main(void) {
     RUN_TEST(files_are_removed_only_with_landlock);
     RUN_TEST(files_without_a_name_are_not_there);
     RUN_TEST(newer_calls_are_not_there);
-    RUN_TEST(what_programs_need_works);
-    RUN_TEST(if_nobody_is_told_the_answer_is_the_same);
+    RUN_TEST(calls_of_ordinary_programs_work);
+    RUN_TEST(without_notifications_the_answer_is_the_same);
     RUN_TEST(the_list_holds_for_all_threads_or_for_one);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -1,8 +1,10 @@
-/* Patience with FMUs: what one look after the other sees, and when it is over. */
+/* Time limit of FMU calls: periodic checks, and when the limit is exceeded. */
 #include "firmware/process/fmu_call_timeout.h"
 
 #include <string.h>
 #include <unity.h>
+
+#include "tests/support/message.h"
 
 static const tl_time LOOK = TL_SECOND / 2;
 
@@ -25,7 +27,7 @@ static bool look(void) {
     return tl_fmu_call_timeout_is_over(&patience, &view, text, sizeof text);
 }
 
-/* How many looks until it is over; `most` if it is not. */
+/* Returns the number of checks until the limit is exceeded, at most `most`. */
 static int looks(int most) {
     int count = 0;
     while (count < most && !look()) {
@@ -35,24 +37,22 @@ static int looks(int most) {
 }
 
 static void a_call_may_last_as_long_as_the_limit(void) {
-    TEST_ASSERT_EQUAL_INT(6, looks(100)); /* the first look has seen nothing pass */
-    TEST_ASSERT_EQUAL_STRING("FMU motor has not returned from fmi2DoStep for 3 s: it hangs, or needs longer; "
-                             "--call-limit S permits that",
-                             text);
+    TEST_ASSERT_EQUAL_INT(6, looks(100)); /* the first check only stores the start */
+    TL_EXPECT_PARTS("motor|fmi2DoStep|3 s|--call-limit", text);
 }
 
-static void many_calls_may_last_as_long_as_they_like(void) {
+static void many_calls_may_last_longer_than_the_limit(void) {
     for (int i = 0; i < 100; i++) {
         call.begun++;
         TEST_ASSERT_EQUAL_INT(3, looks(3));
     }
 }
 
-static void between_two_calls_nobody_is_waited_for(void) {
+static void the_time_between_two_calls_does_not_count(void) {
     TEST_ASSERT_EQUAL_INT(5, looks(5));
     view.call = NULL;
     TEST_ASSERT_EQUAL_INT(100, looks(100));
-    view.call = &call; /* the counter has gone round, or it was the same look: it begins anew */
+    view.call = &call; /* a new call, so the time starts again */
     call.begun++;
     TEST_ASSERT_EQUAL_INT(6, looks(100));
 }
@@ -62,16 +62,16 @@ static void without_a_limit_a_call_may_last_for_ever(void) {
     TEST_ASSERT_EQUAL_INT(1000, looks(1000));
 }
 
-static void asked_to_end_a_call_has_five_seconds(void) {
+static void after_a_signal_a_call_has_five_seconds(void) {
     patience.limit = 0;
     TEST_ASSERT_EQUAL_INT(50, looks(50));
     view.asked = "SIGTERM";
     view.times = 1;
     TEST_ASSERT_EQUAL_INT(9, looks(100));
-    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end, and FMU motor has not returned from fmi2DoStep for 30 s"));
+    TL_EXPECT_PARTS("SIGTERM|motor|fmi2DoStep|30 s", text);
 }
 
-static void a_call_that_begins_after_that_has_five_seconds_too(void) {
+static void a_call_that_begins_after_a_signal_has_five_seconds(void) {
     patience.limit = 0;
     view.asked = "SIGINT";
     view.times = 1;
@@ -80,20 +80,20 @@ static void a_call_that_begins_after_that_has_five_seconds_too(void) {
     TEST_ASSERT_EQUAL_INT(10, looks(100));
 }
 
-static void asked_twice_it_ends_at_once_but_not_within_a_second(void) {
+static void a_second_signal_ends_it_at_once_but_not_within_a_second(void) {
     patience.limit = 0;
     view.asked = "SIGINT";
     view.times = 1;
     TEST_ASSERT_FALSE(look());
-    view.times = 2; /* a terminal's and a supervisor's come together */
+    view.times = 2; /* terminal and supervisor may both send a signal at once */
     TEST_ASSERT_EQUAL_INT(8, looks(8));
     view.times = 3;
     TEST_ASSERT_TRUE(look());
-    TEST_ASSERT_EQUAL_STRING("asked twice to end, by SIGINT: ended at once, in FMU motor's fmi2DoStep", text);
+    TL_EXPECT_PARTS("SIGINT|motor|fmi2DoStep", text);
 }
 
-/* The process did not run for a while: what came meanwhile is one request. */
-static void signals_between_two_looks_ask_once(void) {
+/* Signals between two checks count as one request, because the process may have been suspended. */
+static void signals_between_two_checks_count_once(void) {
     patience.limit = 0;
     view.asked = "SIGTERM";
     view.times = 3;
@@ -101,34 +101,34 @@ static void signals_between_two_looks_ask_once(void) {
     view.now += TL_SECOND;
     view.times = 5;
     TEST_ASSERT_EQUAL_INT(8, looks(100));
-    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end"));
+    TL_EXPECT_PARTS("SIGTERM|motor|fmi2DoStep", text);
 }
 
-static void asked_twice_without_a_call_it_ends_by_itself(void) {
+static void without_a_call_signals_end_no_wait(void) {
     view.call = NULL;
     view.asked = "SIGINT";
     view.times = 5;
     TEST_ASSERT_EQUAL_INT(1000, looks(1000));
 }
 
-static void who_was_stopped_was_not_patient(void) {
+static void a_suspension_does_not_count(void) {
     TEST_ASSERT_FALSE(look());
     view.now += 3600 * TL_SECOND;
     TEST_ASSERT_FALSE(look());
-    TEST_ASSERT_EQUAL_INT(3, looks(100)); /* a second of it counts */
+    TEST_ASSERT_EQUAL_INT(3, looks(100)); /* at most 1 s of the pause counts */
 }
 
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_call_may_last_as_long_as_the_limit);
-    RUN_TEST(many_calls_may_last_as_long_as_they_like);
-    RUN_TEST(between_two_calls_nobody_is_waited_for);
+    RUN_TEST(many_calls_may_last_longer_than_the_limit);
+    RUN_TEST(the_time_between_two_calls_does_not_count);
     RUN_TEST(without_a_limit_a_call_may_last_for_ever);
-    RUN_TEST(asked_to_end_a_call_has_five_seconds);
-    RUN_TEST(a_call_that_begins_after_that_has_five_seconds_too);
-    RUN_TEST(asked_twice_it_ends_at_once_but_not_within_a_second);
-    RUN_TEST(signals_between_two_looks_ask_once);
-    RUN_TEST(asked_twice_without_a_call_it_ends_by_itself);
-    RUN_TEST(who_was_stopped_was_not_patient);
+    RUN_TEST(after_a_signal_a_call_has_five_seconds);
+    RUN_TEST(a_call_that_begins_after_a_signal_has_five_seconds);
+    RUN_TEST(a_second_signal_ends_it_at_once_but_not_within_a_second);
+    RUN_TEST(signals_between_two_checks_count_once);
+    RUN_TEST(without_a_call_signals_end_no_wait);
+    RUN_TEST(a_suspension_does_not_count);
     return UNITY_END();
 }

@@ -1,4 +1,4 @@
-/* What an FMU can change of the process is put back, and told: each kind by doing it. */
+/* Changes of an FMU to the process state are restored and described: a test for each kind. */
 #include "firmware/process/host_state.h"
 
 #include <fenv.h>
@@ -15,6 +15,8 @@
 #include <unistd.h>
 
 #include <unity.h>
+
+#include "tests/support/message.h"
 
 static char folder[4096];
 
@@ -49,7 +51,7 @@ static void expect_folder(const char *expected) {
     TEST_ASSERT_EQUAL_STRING(expected, now);
 }
 
-static void nothing_is_found_where_nothing_was_changed(void) {
+static void without_a_change_nothing_is_reported(void) {
     TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
 }
 
@@ -79,7 +81,7 @@ static void flushed_denormals_and_traps_are_put_back(void) {
         TEST_ASSERT_FALSE(usual);
         TEST_ASSERT_TRUE(least + least > 0.0);
     }
-    tl_fp_control_set(control & ~0x0200U); /* a trap of SSE alone: put back unseen */
+    tl_fp_control_set(control & ~0x0200U); /* a trap of SSE only: restored, but not reported */
     TEST_ASSERT_TRUE(tl_fp_control_holds(control));
     TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
     TEST_ASSERT_NOT_EQUAL_INT(-1, feenableexcept(FE_INVALID | FE_DIVBYZERO));
@@ -96,7 +98,7 @@ static void flushed_denormals_and_traps_are_put_back(void) {
 }
 #endif
 
-/* Every system has these two. */
+/* Every system has POSIX and C.UTF-8. */
 static void locales_of_thread_and_process_are_put_back(void) {
     locale_t before = uselocale((locale_t)0);
     char *process = strdup(setlocale(LC_ALL, NULL));
@@ -109,7 +111,7 @@ static void locales_of_thread_and_process_are_put_back(void) {
     TEST_ASSERT_NOT_NULL(setlocale(LC_NUMERIC, "C.UTF-8"));
     TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
     TEST_ASSERT_EQUAL_STRING(process, setlocale(LC_ALL, NULL));
-    TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C.UTF-8")); /* an interpreter does */
+    TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C.UTF-8")); /* allowed, because interpreters do so */
     TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
     TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C"));
     freelocale(changed);
@@ -170,24 +172,24 @@ static void the_scheduling_of_the_thread_is_put_back_as_far_as_permitted(void) {
     TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
 }
 
-static void all_at_once_is_told_in_one_sentence(void) {
+static void several_changes_are_described_together(void) {
     char text[TL_HOST_CHANGE_TEXT];
     (void)umask(umask(0) ^ 0007);
     TEST_ASSERT_EQUAL_INT(0, chdir("/"));
     TEST_ASSERT_EQUAL_INT(0, fesetround(FE_UPWARD));
     tl_host_state_describe(tl_host_state_put_back(), text);
-    TEST_ASSERT_EQUAL_STRING("floating-point control, the current folder and the umask", text);
+    TL_EXPECT_PARTS("floating-point|folder|umask", text);
+    TEST_ASSERT_FALSE(tl_test_has_parts(text, "locale") || tl_test_has_parts(text, "signal"));
     tl_host_state_describe(TL_HOST_HANDLERS, text);
-    TEST_ASSERT_EQUAL_STRING("signal handlers", text);
+    TL_EXPECT_PARTS("signal handlers", text);
+    TEST_ASSERT_FALSE(tl_test_has_parts(text, "mask") || tl_test_has_parts(text, "umask"));
     tl_host_state_describe((1U << TL_HOST_CHANGES) - 1, text);
-    TEST_ASSERT_EQUAL_STRING("floating-point control, the locale, the signal mask, signal handlers, the current "
-                             "folder, the umask and the scheduling",
-                             text);
+    TL_EXPECT_PARTS("floating-point|locale|signal mask|signal handlers|folder|umask|scheduling", text);
 }
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(nothing_is_found_where_nothing_was_changed);
+    RUN_TEST(without_a_change_nothing_is_reported);
     RUN_TEST(each_rounding_mode_is_put_back);
 #if defined(__x86_64__)
     RUN_TEST(flushed_denormals_and_traps_are_put_back);
@@ -199,6 +201,6 @@ int main(void) {
     RUN_TEST(the_folder_is_put_back_even_if_the_other_one_is_gone);
     RUN_TEST(the_umask_is_put_back);
     RUN_TEST(the_scheduling_of_the_thread_is_put_back_as_far_as_permitted);
-    RUN_TEST(all_at_once_is_told_in_one_sentence);
+    RUN_TEST(several_changes_are_described_together);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* Which files a confined process reaches, with each version of Landlock that this kernel can play, and without. */
+/* Files that a confined process reaches, with each version of Landlock up to the kernel's, and
+ * without. */
 
 #include <errno.h>
 #include <fcntl.h>
@@ -40,17 +41,17 @@ void tearDown(void) {
 
 static void need_landlock(int least) {
     if (tl_landlock_version() < least) {
-        TEST_IGNORE_MESSAGE("this kernel's Landlock is older, or there is none");
+        TEST_IGNORE_MESSAGE("no Landlock, or an older one");
     }
 }
 
 static void need_filter(void) {
     if (!tl_filter_is_offered()) {
-        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+        TEST_IGNORE_MESSAGE("no seccomp");
     }
 }
 
-/* The file and its folder are as they were. */
+/* Checks that the file and its folder have not changed. */
 static void expect_untouched(void) {
     struct stat status;
     char now[sizeof content] = "";
@@ -110,7 +111,7 @@ static void nothing_outside_is_read_or_changed(void) {
     }
 }
 
-/* A name that leads out of the folder, and a move out of it. */
+/* Uses a link to a file outside, and moves files in and out. */
 static bool go_round(void *context) {
     (void)context;
     return TL_EXPECT(is_denied(open("link", O_RDONLY))) && TL_EXPECT(is_denied(open("link", O_WRONLY | O_TRUNC))) &&
@@ -128,7 +129,7 @@ static void links_and_moves_lead_nowhere(void) {
     }
 }
 
-/* ---- what Landlock does not see: with every version, and without ---- */
+/* ---- not covered by Landlock: with each version, and without ---- */
 
 static bool empty(void *context) {
     (void)context;
@@ -138,7 +139,7 @@ static bool empty(void *context) {
            TL_EXPECT(is_denied(truncate(victim, 0)));
 }
 
-static void no_file_is_emptied_by_who_may_not_write_it(void) {
+static void no_file_is_truncated_without_write_access(void) {
     need_filter();
     for (int version = -1; version <= tl_landlock_version(); version++) {
         expect(version, empty);
@@ -170,7 +171,7 @@ static bool can_read(const char *path) {
     return file >= 0 && read(file, &byte, 1) == 1 && close(file) == 0;
 }
 
-static bool read_what_programs_are_made_of(void *context) {
+static bool read_system_files(void *context) {
     int null = open("/dev/null", O_RDWR | O_CLOEXEC);
     int own = open("/proc/self/fd", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     char line[64];
@@ -197,7 +198,7 @@ static bool is_closed(const char *folder, const char *name) {
     return tl_confined_expect(is_denied(open(path, O_RDONLY)), path, __LINE__);
 }
 
-/* By all names that a file of this process has. */
+/* Opens files of this process in /proc by all of their names. */
 static bool look_at_itself(void) {
     char task[64];
     char path[128];
@@ -230,13 +231,14 @@ static bool look_in_threads(void *context) {
            TL_EXPECT(pthread_join(thread, NULL) == 0) && TL_EXPECT(good);
 }
 
-static void a_process_reads_of_itself_what_harms_nobody(void) {
+static void a_process_reads_harmless_files_about_itself(void) {
     int forget = -1;
     need_landlock(1);
     for (int version = 1; version <= tl_landlock_version(); version++) {
         const tl_confine_settings settings = {.folder = inside.folder, .landlock_newest = version};
         if (version == tl_landlock_version()) {
-            /* As when memory is short: then the kernel forgets files of /proc that nobody has open. Only root can tell it to. */
+            /* Only root can drop the caches. The kernel then drops unused files of /proc, as if
+             * memory were short. */
             forget = open("/proc/sys/vm/drop_caches", O_WRONLY | O_CLOEXEC);
         }
         tl_confined_run(settings, look_in_threads, &forget, &confined);
@@ -247,10 +249,10 @@ static void a_process_reads_of_itself_what_harms_nobody(void) {
     }
 }
 
-static void what_programs_are_made_of_is_read(void) {
+static void system_files_for_programs_are_readable(void) {
     need_landlock(1);
     for (int version = 1; version <= tl_landlock_version(); version++) {
-        expect(version, read_what_programs_are_made_of);
+        expect(version, read_system_files);
     }
 }
 
@@ -274,8 +276,8 @@ static bool remove_inside(void *context) {
            TL_EXPECT(rmdir("folder") == 0);
 }
 
-/* Without Landlock nothing is removed, since nothing says which files may be. */
-static void its_own_folder_is_its_own(void) {
+/* Without Landlock no file can be removed, because nothing limits which ones. */
+static void its_own_folder_is_writable(void) {
     need_filter();
     expect(-1, work_inside);
     tl_scratch_empty(&inside);
@@ -296,7 +298,7 @@ static bool write_named(void *context) {
     return TL_EXPECT(write_text(victim));
 }
 
-static void what_is_named_is_reached_besides_and_what_is_missing_passed_over(void) {
+static void listed_paths_are_reached_and_missing_ones_skipped(void) {
     const char *const files[] = {"/none/at/all", victim};
     const char *const folders[] = {outside.folder, "/none"};
     tl_confine_settings settings = {.folder = inside.folder, .read = files, .read_count = 2};
@@ -322,12 +324,12 @@ int main(void) {
     (void)snprintf(below, sizeof below, "%s", tl_scratch_path(&outside, "new"));
     RUN_TEST(nothing_outside_is_read_or_changed);
     RUN_TEST(links_and_moves_lead_nowhere);
-    RUN_TEST(no_file_is_emptied_by_who_may_not_write_it);
+    RUN_TEST(no_file_is_truncated_without_write_access);
     RUN_TEST(no_modes_owners_and_dates_change);
-    RUN_TEST(a_process_reads_of_itself_what_harms_nobody);
-    RUN_TEST(what_programs_are_made_of_is_read);
-    RUN_TEST(its_own_folder_is_its_own);
-    RUN_TEST(what_is_named_is_reached_besides_and_what_is_missing_passed_over);
+    RUN_TEST(a_process_reads_harmless_files_about_itself);
+    RUN_TEST(system_files_for_programs_are_readable);
+    RUN_TEST(its_own_folder_is_writable);
+    RUN_TEST(listed_paths_are_reached_and_missing_ones_skipped);
     tl_scratch_remove(&outside);
     return tl_scratch_finish(&inside, UNITY_END());
 }

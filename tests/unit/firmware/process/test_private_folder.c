@@ -1,4 +1,4 @@
-/* Private folders: fresh, locked, swept when their process is gone, and removed whatever an enemy has put there. */
+/* Private folders: new, locked, removed after the death of their process, whatever they contain. */
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -18,6 +18,7 @@
 #include "firmware/base/log.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
+#include "tests/support/message.h"
 
 enum { DEEP = 5000, MANY = 20000, NOBODY = 65534 };
 
@@ -33,10 +34,10 @@ void setUp(void) {
     folder = (tl_private_folder){.descriptor = -1};
 }
 
-/* Nothing may be left. */
+/* Each test must leave an empty folder. */
 void tearDown(void) {
     tl_private_folder_remove(&folder);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(0, rmdir(parent), "something is left");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, rmdir(parent), "files remain");
 }
 
 static void make(void) {
@@ -53,7 +54,7 @@ static void write_file(int in, const char *name) {
     (void)close(file);
 }
 
-static void test_a_fresh_one(void) {
+static void test_a_new_folder(void) {
     char expected[PATH_MAX + 64];
     struct stat status;
     make();
@@ -81,19 +82,19 @@ static void test_links_are_not_followed(void) {
     TEST_ASSERT_EQUAL_INT(0, symlinkat(outside, folder.descriptor, "a/link"));
     TEST_ASSERT_EQUAL_INT(0, symlinkat(outside, folder.descriptor, "link"));
     tl_private_folder_remove(&folder);
-    TEST_ASSERT_EQUAL_INT(0, unlinkat(there, "kept", 0)); /* was still there */
+    TEST_ASSERT_EQUAL_INT(0, unlinkat(there, "kept", 0)); /* still exists */
     (void)close(there);
     TEST_ASSERT_EQUAL_INT(0, rmdir(outside));
 }
 
-/* As deep as it goes, with few descriptors. */
-static void test_deep_ones(void) {
+/* Very deep folders, removed with few descriptors. */
+static void test_deep_folders(void) {
     struct rlimit before;
     make();
     int at = dup(folder.descriptor);
     for (int i = 0; i < DEEP; i++) {
         TEST_ASSERT_EQUAL_INT(0, mkdirat(at, "d", 0700));
-        write_file(at, "0"); /* a name that is wanted in the root */
+        write_file(at, "0"); /* a name that the removal uses in the root */
         int next = openat(at, "d", O_RDONLY | O_DIRECTORY);
         (void)close(at);
         at = next;
@@ -117,7 +118,7 @@ static void test_many_files(void) {
     tl_private_folder_remove(&folder);
 }
 
-/* As a user whom modes bind: root is asked to become one, in a process of its own. */
+/* Runs `act` in a child without root, because root ignores file modes. */
 static void as_user(void (*act)(void)) {
     int status = 0;
     TEST_ASSERT_EQUAL_INT(0, chmod(parent, 0777));
@@ -154,14 +155,14 @@ static void test_forbidden_folders(void) {
     as_user(remove_forbidden);
 }
 
-/* As who makes one does. */
+/* Making a folder sweeps those of dead processes. */
 static void sweep(const char *kind) {
     tl_private_folder made;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_private_folder_make(kind, 0, &made, &error), error.text);
     tl_private_folder_remove(&made);
 }
 
-/* The folder of a process that was killed, with something in it. */
+/* Leaves the folder of a killed process, with a subfolder. */
 static void leave_one(const char *kind, char path[PATH_MAX]) {
     int ends[2];
     TEST_ASSERT_EQUAL_INT(0, pipe(ends));
@@ -175,14 +176,14 @@ static void leave_one(const char *kind, char path[PATH_MAX]) {
     }
     TEST_ASSERT_EQUAL_INT(sizeof folder.path, read(ends[0], path, PATH_MAX));
     sweep(kind);
-    TEST_ASSERT_TRUE(is_there(path)); /* its process is alive */
+    TEST_ASSERT_TRUE(is_there(path)); /* because its process lives */
     TEST_ASSERT_EQUAL_INT(0, kill(pid, SIGKILL));
     TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, NULL, 0));
     (void)close(ends[0]);
     (void)close(ends[1]);
 }
 
-static void test_what_killed_processes_left(void) {
+static void test_folders_of_killed_processes(void) {
     char left[PATH_MAX];
     char other[PATH_MAX];
     leave_one("test", left);
@@ -199,7 +200,7 @@ static void test_a_folder_for_another_user(void) {
     struct stat status;
     if (getuid() != 0) {
         TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_private_folder_make("test", NOBODY, &folder, &error));
-        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "cannot be shared with user 65534"), error.text);
+        TL_EXPECT_PARTS("twinlock-test|user 65534", error.text);
         return;
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_private_folder_make("test", NOBODY, &folder, &error));
@@ -209,7 +210,8 @@ static void test_a_folder_for_another_user(void) {
     TEST_ASSERT_EQUAL_HEX(S_IRWXU | S_IRWXG, status.st_mode & 0777);
 }
 
-/* Another process, which may not remove files. 0: all was as it should be. */
+/* A process that leaves the removal to another one. Returns 0, or the number of the failed
+ * check. */
 static int leave_to_another(const char *left) {
     char path[PATH_MAX];
     tl_private_folder_leave();
@@ -222,7 +224,7 @@ static int leave_to_another(const char *left) {
     return folder.path[0] == '\0' && here >= 0 && flock(here, LOCK_EX | LOCK_NB) == 0 ? 0 : 2;
 }
 
-static void test_what_another_process_removes(void) {
+static void test_removal_by_another_process(void) {
     char left[PATH_MAX];
     int status = 0;
     leave_one("test", left);
@@ -236,29 +238,29 @@ static void test_what_another_process_removes(void) {
     sweep("test");
 }
 
-static void refuse(const char *folder_for_files, const char *why) {
+static void refuse(const char *folder_for_files, const char *parts) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", folder_for_files, 1));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_private_folder_make("test", 0, &folder, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, why), error.text);
+    TL_EXPECT_PARTS(parts, error.text);
     TEST_ASSERT_EQUAL_STRING("", folder.path);
 }
 
-static void test_no_folder_for_it(void) {
-    refuse("/nowhere", "the folder for temporary files, /nowhere, cannot be used");
-    refuse("/proc", "no folder can be made in /proc");
+static void test_unusable_folders(void) {
+    refuse("/nowhere", "/nowhere|TMPDIR|No such file");
+    refuse("/proc", "/proc|TMPDIR");
 }
 
 int main(void) {
     tl_log_set_level(TL_LOG_WARNING);
     UNITY_BEGIN();
-    RUN_TEST(test_a_fresh_one);
+    RUN_TEST(test_a_new_folder);
     RUN_TEST(test_links_are_not_followed);
-    RUN_TEST(test_deep_ones);
+    RUN_TEST(test_deep_folders);
     RUN_TEST(test_many_files);
     RUN_TEST(test_forbidden_folders);
-    RUN_TEST(test_what_killed_processes_left);
+    RUN_TEST(test_folders_of_killed_processes);
     RUN_TEST(test_a_folder_for_another_user);
-    RUN_TEST(test_what_another_process_removes);
-    RUN_TEST(test_no_folder_for_it);
+    RUN_TEST(test_removal_by_another_process);
+    RUN_TEST(test_unusable_folders);
     return UNITY_END();
 }

@@ -1,10 +1,11 @@
-/* The protocol: what each side may send in each phase, all others refused. */
+/* The protocol: the messages that each side may send in each phase. All others are rejected. */
 #include <stdbool.h>
 #include <string.h>
 
 #include <unity.h>
 
 #include "firmware/process/channel.h"
+#include "tests/support/message.h"
 
 static const tl_protocol_sizes sizes = {.bytes = {[TL_MESSAGE_TICK] = 100,
                                                   [TL_MESSAGE_FINISH] = 100,
@@ -23,7 +24,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* Those that a side may send now, in the order of tl_message, by their letters. */
+/* Expects the messages that a side may send now: a letter each, in the order of tl_message. */
 static void may_send(tl_side side, const char *expected) {
     static const char letters[] = "TFSErbRse";
     char found[TL_MESSAGES + 1] = "";
@@ -36,7 +37,7 @@ static void may_send(tl_side side, const char *expected) {
     TEST_ASSERT_EQUAL_STRING(expected, found);
 }
 
-static void test_a_whole_life(void) {
+static void test_all_phases(void) {
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "re");
     tl_protocol_go_on(&phases, TL_MESSAGE_READY);
@@ -59,8 +60,8 @@ static void test_a_whole_life(void) {
     may_send(TL_CHILD, "");
 }
 
-/* What the child reaches later does not bring it back. */
-static void test_who_was_told_to_end_gets_no_ticks(void) {
+/* The child's later phases do not reset the phase of the parent. */
+static void test_after_the_end_message_there_are_no_ticks(void) {
     tl_protocol_go_on(&phases, TL_MESSAGE_END);
     tl_protocol_go_on(&phases, TL_MESSAGE_READY);
     tl_protocol_go_on(&phases, TL_MESSAGE_BUILT);
@@ -68,33 +69,27 @@ static void test_who_was_told_to_end_gets_no_ticks(void) {
     may_send(TL_CHILD, "Rse");
 }
 
-/* A child that ends leaves the parent where it was. */
+/* The end of the child does not change the phase of the parent. */
 static void test_a_child_that_fails_early(void) {
     tl_protocol_go_on(&phases, TL_MESSAGE_ENDED);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "");
 }
 
-static void refuse(tl_side side, uint32_t type, uint32_t length, const char *why) {
+static void refuse(tl_side side, uint32_t type, uint32_t length, const char *parts) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_protocol_check(&sizes, &phases, side, type, length, &error));
-    TEST_ASSERT_EQUAL_STRING(why, error.text);
+    TL_EXPECT_PARTS(parts, error.text);
 }
 
-static void test_what_is_said(void) {
-    refuse(TL_CHILD, TL_MESSAGES, 0, "the process of the FMUs sent a message of no kind there is, 9");
-    refuse(TL_CHILD, UINT32_MAX, 0, "the process of the FMUs sent a message of no kind there is, 4294967295");
-    refuse(TL_CHILD, TL_MESSAGE_TICK, 100,
-           "the process of the FMUs sent the message \"tick\" while starting, with 100 bytes: not allowed "
-           "(expected 100 bytes of the program)");
-    refuse(TL_PARENT, TL_MESSAGE_TICK, 100,
-           "the program sent the message \"tick\" while starting, with 100 bytes: not allowed (expected 100 bytes "
-           "of the program)");
-    refuse(TL_CHILD, TL_MESSAGE_READY, 9,
-           "the process of the FMUs sent the message \"ready\" while starting, with 9 bytes: not allowed "
-           "(expected 8 bytes of the process of the FMUs)");
-    refuse(TL_CHILD, TL_MESSAGE_READY, 7,
-           "the process of the FMUs sent the message \"ready\" while starting, with 7 bytes: not allowed "
-           "(expected 8 bytes of the process of the FMUs)");
+static void test_messages_of_rejections(void) {
+    refuse(TL_CHILD, TL_MESSAGES, 0, "message|9");
+    refuse(TL_CHILD, UINT32_MAX, 0, "message|4294967295");
+    refuse(TL_CHILD, TL_MESSAGE_TICK, 100, "message|\"tick\"|starting|100 bytes");
+    const tl_error of_child = error;
+    refuse(TL_PARENT, TL_MESSAGE_TICK, 100, "message|\"tick\"|starting|100 bytes");
+    TEST_ASSERT_TRUE_MESSAGE(strcmp(of_child.text, error.text) != 0, "both messages name the same sender");
+    refuse(TL_CHILD, TL_MESSAGE_READY, 9, "message|\"ready\"|starting|9 bytes|8 bytes");
+    refuse(TL_CHILD, TL_MESSAGE_READY, 7, "message|\"ready\"|starting|7 bytes|8 bytes");
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_protocol_check(&sizes, &phases, TL_PARENT, TL_MESSAGE_END, 1, NULL));
 }
 
@@ -105,10 +100,10 @@ static void test_the_longest(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_a_whole_life);
-    RUN_TEST(test_who_was_told_to_end_gets_no_ticks);
+    RUN_TEST(test_all_phases);
+    RUN_TEST(test_after_the_end_message_there_are_no_ticks);
     RUN_TEST(test_a_child_that_fails_early);
-    RUN_TEST(test_what_is_said);
+    RUN_TEST(test_messages_of_rejections);
     RUN_TEST(test_the_longest);
     return UNITY_END();
 }

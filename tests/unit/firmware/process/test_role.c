@@ -1,4 +1,4 @@
-/* Roles: this program, executed again by itself, and what the child is given and not given. */
+/* Roles: the program executes itself again. Tests what the child gets and does not get. */
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -13,17 +13,18 @@
 #include <unity.h>
 
 #include "firmware/process/role.h"
+#include "tests/support/message.h"
 
 enum { REPORT = 3, GATE = 4, OPEN_LOOK = 300 };
 
 static tl_error error;
 static tl_role role;
-static int report[2]; /* of the child's */
-static int gate[2];   /* it ends when we close ours */
+static int report[2]; /* output of the child */
+static int gate[2];   /* the child ends when we close our end */
 
-/* ---- the child, in a process of its own ---- */
+/* ---- the child process ---- */
 
-static int inherited; /* a value that only a forked image knows */
+static int inherited; /* a value that only a forked child has */
 
 static void tell_descriptors(FILE *out) {
     (void)fprintf(out, "open:");
@@ -51,7 +52,7 @@ static void tell_signals(FILE *out) {
     (void)fprintf(out, ", SIGHUP: %s\n", now.sa_handler == SIG_IGN ? "ignored" : "default");
 }
 
-/* As ps shows it, after it has changed. */
+/* Prints the title as ps shows it, after a change. */
 static void tell_own_title(FILE *out) {
     char words[256] = "";
     tl_role_entitle("shadow [motor], which is too long for it");
@@ -72,7 +73,7 @@ static int be_role(const char *title, void *context) {
         (void)raise(SIGSEGV);
     }
     tl_role_enter();
-    tl_role_enter(); /* as after a change of user */
+    tl_role_enter(); /* again, as after a change of the user */
     FILE *out = fdopen(REPORT, "w");
     if (out == NULL) {
         return 1;
@@ -116,7 +117,7 @@ void tearDown(void) {
 
 static void start(const char *title) {
     static const char *const variables[] = {"TMPDIR=/nowhere", "TL_TEST_A=new"};
-    /* In a wrong order on purpose: each number is another's target. */
+    /* In a wrong order: each descriptor is the target of another one. */
     const tl_role_settings settings = {.title = title,
                                        .descriptors = {0,  1,  2,  report[1], gate[0], -1, -1, 1,  -1, 2,  -1, 0,
                                                        -1, -1, -1, 1,         -1,      -1, -1, -1, -1, -1, -1, -1},
@@ -127,7 +128,7 @@ static void start(const char *title) {
     TEST_ASSERT_GREATER_THAN_INT(0, role.pid);
 }
 
-/* All that the child reports before it waits. */
+/* Reads the report of the child up to the point where it waits. */
 static void read_report(char text[2000]) {
     size_t used = 0;
     ssize_t now = 1;
@@ -155,8 +156,8 @@ static void end_child(void) {
     wait_for_end();
 }
 
-/* Descriptors that are not closed on exec, handlers, an ignored signal, a blocked one: nothing of it arrives. */
-static void test_a_child_has_what_it_was_given(void) {
+/* Open descriptors, signal handlers, ignored and blocked signals are not inherited. */
+static void test_a_child_gets_the_given_settings_only(void) {
     char text[2000] = "";
     sigset_t some;
     sigset_t before;
@@ -216,7 +217,7 @@ static void test_its_title_is_its_name(void) {
     (void)!fread(line, 1, sizeof line - 1, file);
     (void)fclose(file);
     if (role.is_forked) {
-        TEST_IGNORE_MESSAGE("a forked image has its parent's name");
+        TEST_IGNORE_MESSAGE("a forked child keeps the title");
     }
     TEST_ASSERT_EQUAL_STRING("twinlock: twin [motor]", line);
 }
@@ -229,17 +230,17 @@ static void test_it_can_be_killed(void) {
     TEST_ASSERT_TRUE(role.has_ended);
     TEST_ASSERT_EQUAL_INT(SIGKILL, role.signal);
     TEST_ASSERT_EQUAL_INT(0, role.pid);
-    tl_role_kill(&role); /* is nothing any more */
+    tl_role_kill(&role); /* has no effect */
     TEST_ASSERT_EQUAL_INT(SIGKILL, role.signal);
 }
 
-static void test_a_crash_is_told(void) {
+static void test_a_crash_is_reported(void) {
     start("crash");
     wait_for_end();
     TEST_ASSERT_EQUAL_INT(SIGSEGV, role.signal);
 }
 
-/* A parent that is killed takes its child along: the child's end of the report is closed then. */
+/* A killed parent ends its child, which closes the child's end of the report. */
 static void test_it_dies_with_its_parent(void) {
     char byte = 0;
     int ready[2];
@@ -264,16 +265,15 @@ static void test_it_dies_with_its_parent(void) {
     (void)close(ready[1]);
 }
 
-/* Who has a parent no more is not begun. */
-static void test_a_descriptor_that_is_none(void) {
+static void test_an_invalid_descriptor(void) {
     const tl_role_settings settings = {
         .title = "twin",
         .descriptors = {0, 1, 2, 999, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1},
         .fallback = be_role};
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_role_start(&settings, &role, &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the process \"twin\" cannot be started"), error.text);
+    TL_EXPECT_PARTS("process|\"twin\"|Bad file descriptor", error.text);
     TEST_ASSERT_EQUAL_INT(0, role.pid);
-    TEST_ASSERT_EQUAL_INT(-1, waitpid(-1, NULL, WNOHANG)); /* nothing is left of it */
+    TEST_ASSERT_EQUAL_INT(-1, waitpid(-1, NULL, WNOHANG)); /* no child remains */
     TEST_ASSERT_EQUAL_INT(ECHILD, errno);
 }
 
@@ -284,12 +284,12 @@ int main(int argc, char **argv) {
         return be_role(title, NULL);
     }
     UNITY_BEGIN();
-    RUN_TEST(test_a_child_has_what_it_was_given);
+    RUN_TEST(test_a_child_gets_the_given_settings_only);
     RUN_TEST(test_an_ignored_hangup_stays_so);
     RUN_TEST(test_its_title_is_its_name);
     RUN_TEST(test_it_can_be_killed);
-    RUN_TEST(test_a_crash_is_told);
+    RUN_TEST(test_a_crash_is_reported);
     RUN_TEST(test_it_dies_with_its_parent);
-    RUN_TEST(test_a_descriptor_that_is_none);
+    RUN_TEST(test_an_invalid_descriptor);
     return UNITY_END();
 }

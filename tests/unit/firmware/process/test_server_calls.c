@@ -1,4 +1,4 @@
-/* What a server may besides, which listens already; and that it reaches nobody but local sockets. */
+/* System calls of a server that listens already. It can connect to local sockets only. */
 #include "firmware/process/confine.h"
 
 #include <errno.h>
@@ -24,7 +24,7 @@ void setUp(void) {
     tl_confine_facts facts;
     tl_confine_probe(&facts);
     if (!facts.filter) {
-        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+        TEST_IGNORE_MESSAGE("no seccomp");
     }
 }
 
@@ -54,7 +54,7 @@ static bool answer_and_ask(void *context) {
            TL_EXPECT(fcntl(memory, F_ADD_SEALS, F_SEAL_WRITE | F_SEAL_SEAL) == 0);
 }
 
-/* A listener with somebody who waits. */
+/* A listener with a client that waits for accept(). */
 static void a_server_accepts_and_asks_local_sockets(void) {
     struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     socklen_t size = sizeof address;
@@ -100,11 +100,11 @@ static bool read_configuration(void *context) {
     return TL_EXPECT(file == NULL && cause == EACCES);
 }
 
-static void a_server_reads_what_it_was_given(void) {
+static void a_server_reads_listed_files_only(void) {
     tl_confine_facts facts;
     tl_confine_probe(&facts);
     if (facts.landlock == 0) {
-        TEST_IGNORE_MESSAGE("this kernel has no Landlock");
+        TEST_IGNORE_MESSAGE("no Landlock");
     }
     expect(read_configuration, NULL);
 }
@@ -114,6 +114,6 @@ int main(void) {
     tl_scratch_make(&scratch, "/tmp", "tl_server_calls");
     RUN_TEST(a_server_accepts_and_asks_local_sockets);
     RUN_TEST(a_server_reaches_nobody_else);
-    RUN_TEST(a_server_reads_what_it_was_given);
+    RUN_TEST(a_server_reads_listed_files_only);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -1,4 +1,5 @@
-/* malloc() and its like, in an FMU's call and out of it; and the random numbers of both. */
+/* malloc() and related functions, inside and outside of an FMU's call, and random numbers of
+ * both. */
 #include <errno.h>
 #include <malloc.h>
 #include <pthread.h>
@@ -12,12 +13,13 @@
 #include <unity.h>
 
 #include "firmware/rollback/fmu_heap.h"
+#include "tests/support/message.h"
 
 enum { SKIPPED = 77 };
 
 static tl_fmu_heap *heaps[2];
 
-/* A compiler leaves out what it takes for allocations that nobody needs. */
+/* Volatile, because a compiler may remove unused allocations. */
 static void *(*volatile take)(size_t size) = malloc;
 static void *(*volatile take_zeroed)(size_t count, size_t size) = calloc;
 static void *(*volatile take_aligned)(size_t alignment, size_t size) = aligned_alloc;
@@ -39,15 +41,15 @@ static bool is_in(const tl_fmu_heap *heap, const void *block) {
     return tl_fmu_heap_holds(heap, block);
 }
 
-/* Also to less. */
+/* Also shrinks a block. */
 static void *grow(void *block, size_t size) {
     void *grown = realloc(block, size);
     TEST_ASSERT_NOT_NULL(grown);
     return grown;
 }
 
-static void test_each_is_served_from_its_own(void) {
-    volatile size_t odd = 48; /* which memalign() rounds up */
+static void test_each_fmu_has_its_own_heap(void) {
+    volatile size_t odd = 48; /* memalign() rounds it up to 64 */
     for (size_t i = 0; i < 2; i++) {
         void *block = NULL;
         TEST_ASSERT_NULL(tl_fmu_allocation_enter(heaps[i]));
@@ -123,7 +125,7 @@ static void test_calloc_is_zero_wherever_it_comes_from(void) {
     }
 }
 
-static void test_what_cannot_be(void) {
+static void test_impossible_requests(void) {
     volatile size_t huge = SIZE_MAX / 2 + 1;
     void *block = &block;
     for (size_t i = 0; i < 2; i++) {
@@ -147,21 +149,21 @@ static void test_what_cannot_be(void) {
     }
 }
 
-static void test_no_more_heaps_than_there_is_room_for(void) {
+static void test_the_number_of_heaps_is_limited(void) {
     tl_error error;
     size_t opened = 0;
     while (opened <= TL_FMU_ALLOCATION_HEAPS && tl_fmu_allocation_open(1 << 16, &error) != NULL) {
         opened++;
     }
     TEST_ASSERT_LESS_THAN_UINT64(TL_FMU_ALLOCATION_HEAPS, opened);
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "256 have at most"));
+    TL_EXPECT_PARTS("256", error.text);
 }
 
 static void test_a_heap_that_is_full(void) {
     (void)tl_fmu_allocation_enter(heaps[0]);
     void *small = take(100);
     TEST_ASSERT_FALSE(heaps[0]->is_not_all);
-    unsigned char *large = take_zeroed(3, 2 << 20); /* it has 4 MiB */
+    unsigned char *large = take_zeroed(3, 2 << 20); /* the heap has 4 MiB */
     void *aligned = take_aligned(4096, 8 << 20);
     TEST_ASSERT_TRUE(heaps[0]->is_not_all);
     TEST_ASSERT_FALSE(is_in(heaps[0], large) || is_in(heaps[0], aligned));
@@ -206,7 +208,7 @@ static void test_memory_that_it_maps_is_noted(void) {
 // NOLINTBEGIN(cert-msc30-c,cert-msc50-cpp,cert-msc32-c,cert-msc51-cpp): these are what is tested
 /* ---- random numbers ---- */
 
-/* What a program that has just started gets. */
+/* The first random numbers of a new program. */
 static void expect_the_first(void) {
     TEST_ASSERT_EQUAL_INT(1804289383, rand());
     TEST_ASSERT_EQUAL_INT64(846930886, random());
@@ -229,7 +231,7 @@ static void test_each_has_its_own_random_numbers(void) {
     double word = drand48();
     TEST_ASSERT_EQUAL_DOUBLE(word_of_other, word);
     (void)tl_fmu_allocation_enter(NULL);
-    TEST_ASSERT_EQUAL_INT(1681692777, rand()); /* the third */
+    TEST_ASSERT_EQUAL_INT(1681692777, rand()); /* the third number of the sequence */
 }
 
 static void test_all_kinds_of_random_numbers(void) {
@@ -253,7 +255,7 @@ static void test_all_kinds_of_random_numbers(void) {
     long signed_of_state = mrand48();
     long signed_of_caller = jrand48(words);
     TEST_ASSERT_EQUAL_INT64(signed_of_state, signed_of_caller);
-    double of_state = drand48(); /* the assertion may look twice */
+    double of_state = drand48(); /* the assertion may evaluate its argument twice */
     double of_caller = erand48(words);
     TEST_ASSERT_EQUAL_DOUBLE(of_state, of_caller);
     lcong48(parameters);
@@ -265,20 +267,20 @@ static void test_all_kinds_of_random_numbers(void) {
 
 int main(void) {
     if (!tl_fmu_allocation_serves()) {
-        printf("skipped: a sanitizer has an allocator of its own\n");
+        printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }
     UNITY_BEGIN();
-    RUN_TEST(test_each_is_served_from_its_own);
+    RUN_TEST(test_each_fmu_has_its_own_heap);
     RUN_TEST(test_a_block_goes_where_it_came_from);
     RUN_TEST(test_realloc_keeps_what_there_was);
     RUN_TEST(test_calloc_is_zero_wherever_it_comes_from);
-    RUN_TEST(test_what_cannot_be);
+    RUN_TEST(test_impossible_requests);
     RUN_TEST(test_a_heap_that_is_full);
     RUN_TEST(test_another_thread_is_in_no_call);
     RUN_TEST(test_memory_that_it_maps_is_noted);
     RUN_TEST(test_each_has_its_own_random_numbers);
     RUN_TEST(test_all_kinds_of_random_numbers);
-    RUN_TEST(test_no_more_heaps_than_there_is_room_for); /* the last one: none is closed again */
+    RUN_TEST(test_the_number_of_heaps_is_limited); /* last, because heaps are never closed */
     return UNITY_END();
 }

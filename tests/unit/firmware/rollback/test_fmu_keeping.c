@@ -1,4 +1,5 @@
-/* What the C library keeps does not lie in the heap of an FMU that called it: looked for in all that the library may write. */
+/* The C library keeps no pointer into the heap of an FMU that called it. Searches all of its
+ * writable memory. */
 #include <grp.h>
 #include <iconv.h>
 #include <libintl.h>
@@ -20,7 +21,7 @@ enum { SKIPPED = 77, AT_EXIT = 70 };
 
 static tl_fmu_heap *heap;
 
-static size_t before; /* words that look like it, and are older than the heap */
+static size_t before; /* words that look like such a pointer, but are older than the heap */
 
 static int count_in_object(struct dl_phdr_info *object, size_t size, void *context) {
     (void)size;
@@ -60,12 +61,12 @@ void tearDown(void) {
     (void)tl_fmu_allocation_enter(NULL);
 }
 
-/* What is allocated here goes with the heap. NOLINTBEGIN(clang-analyzer-unix.Malloc) */
+/* These allocations are freed with the heap. NOLINTBEGIN(clang-analyzer-unix.Malloc) */
 
-/* What nobody has changed keeps the FMU's: this looks, and finds. */
-static void test_something_is_found(void) {
+/* strtok() is not replaced and keeps a pointer: the search finds it. */
+static void test_the_search_finds_a_pointer(void) {
     char *text = strdup("two words");
-    /* cppcheck-suppress strtokCalled ; what it keeps is what is looked for, here and below */
+    /* cppcheck-suppress strtokCalled ; the test needs the pointer that it keeps, here and below */
     TEST_ASSERT_NOT_NULL(strtok(text, " ")); /* NOLINT(concurrency-mt-unsafe) */
     TEST_ASSERT_GREATER_THAN_size_t(0, count_kept());
     /* cppcheck-suppress strtokCalled */
@@ -79,7 +80,7 @@ static void test_the_environment(void) {
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TL_KEEPING"));
     TEST_ASSERT_EQUAL_INT(0, count_kept());
     (void)tl_fmu_allocation_enter(heap);
-    TEST_ASSERT_EQUAL_INT(0, putenv(pair)); /* the pair itself is the caller's: in no place of the library's own */
+    TEST_ASSERT_EQUAL_INT(0, putenv(pair)); /* the library keeps the pair itself in no own memory */
     TEST_ASSERT_EQUAL_INT(0, count_kept());
     TEST_ASSERT_EQUAL_STRING("2", getenv("TL_KEEPING_TWO"));
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TL_KEEPING_TWO"));
@@ -120,7 +121,7 @@ static void test_time_zones(void) {
 
 static void at_exit(void) {}
 
-static void test_what_is_called_at_the_end(void) {
+static void test_functions_at_exit(void) {
     for (int i = 0; i < AT_EXIT; i++) {
         TEST_ASSERT_EQUAL_INT(0, atexit(at_exit));
     }
@@ -158,15 +159,15 @@ static void test_other_tables(void) {
 
 int main(void) {
     if (!tl_fmu_allocation_serves()) {
-        printf("skipped: a sanitizer has an allocator of its own\n");
+        printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }
     UNITY_BEGIN();
     RUN_TEST(test_the_environment);
     RUN_TEST(test_locales);
     RUN_TEST(test_time_zones);
-    RUN_TEST(test_what_is_called_at_the_end);
+    RUN_TEST(test_functions_at_exit);
     RUN_TEST(test_other_tables);
-    RUN_TEST(test_something_is_found);
+    RUN_TEST(test_the_search_finds_a_pointer);
     return UNITY_END();
 }

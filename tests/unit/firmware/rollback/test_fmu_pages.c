@@ -1,4 +1,5 @@
-/* Versions of much memory: any order, to the byte, whether the kernel tells what was written or all is compared. */
+/* Versions of large memory: any order, byte by byte. Changed pages are reported by the kernel or
+ * found by comparison. */
 #include <fcntl.h>
 #include <malloc.h>
 #include <stdint.h>
@@ -30,7 +31,8 @@ static unsigned char *fixed(void) {
     return memory + (size_t)(GROWING + 3) * TL_FMU_PAGE;
 }
 
-/* The kernel notes writes to this address: "uw" in its mapping's flags is userfaultfd's write protection. */
+/* True if the kernel records writes to the address: "uw" in the flags of its mapping is the write
+ * protection of userfaultfd. */
 static bool is_watched(const void *address) {
     char line[1024];
     bool is_here = false;
@@ -40,7 +42,7 @@ static bool is_watched(const void *address) {
     while (!found && fgets(line, sizeof line, file) != NULL) {
         char *rest = NULL;
         unsigned long begin = strtoul(line, &rest, 16);
-        if (rest > line && *rest == '-') { /* "55d0c0a00000-55d0c0a21000 rw-p …": a mapping begins */
+        if (rest > line && *rest == '-') { /* "55d0c0a00000-55d0c0a21000 rw-p …": start of a mapping */
             is_here = begin <= (unsigned long)address && (unsigned long)address < strtoul(rest + 1, NULL, 16);
         }
         found = is_here && strncmp(line, "VmFlags:", 8) == 0;
@@ -98,7 +100,7 @@ static void save(size_t i) {
     used_of[i] = used;
 }
 
-/* As the heap does: what lies behind is zero. */
+/* Memory after the used part is zero, as in the heap. */
 static void restore(size_t i) {
     tl_fmu_pages_restore(pages, &versions[i]);
     used = used_of[i];
@@ -127,8 +129,8 @@ static void test_any_order(void) {
     }
 }
 
-/* Neither is the way back nor what is kept after it. */
-static void test_written_by_somebody_else(void) {
+/* After a write that was not recorded, old and new versions are still right. */
+static void test_a_write_that_is_not_recorded(void) {
     save(0);
     memset(memory, 5, used);
     tl_fmu_pages_lose(pages);
@@ -139,7 +141,7 @@ static void test_written_by_somebody_else(void) {
     expect(1);
 }
 
-/* EFAULT is what a page answers that nobody may write to. */
+/* A system call must not fail with EFAULT on a protected page. */
 static void test_a_system_call_may_write(void) {
     int zeros = open("/dev/zero", O_RDONLY | O_CLOEXEC);
     memset(fixed(), 9, (size_t)FIXED * TL_FMU_PAGE);
@@ -153,8 +155,8 @@ static void test_a_system_call_may_write(void) {
     TEST_ASSERT_EQUAL_INT(0, close(zeros));
 }
 
-/* Once it is seen what differs, a version is said to take that. */
-static void test_what_one_takes(void) {
+/* The size of a version is estimated from the differences between versions. */
+static void test_the_estimated_size(void) {
     save(0);
     size_t supposed = tl_fmu_pages_size(pages);
     for (size_t i = 1; i < VERSIONS; i++) {
@@ -172,9 +174,10 @@ static void write_all(void) {
     }
 }
 
-/* Versions with much in them do not count if they are passed over, and count no more if it is measured anew. */
-static void test_what_says_nothing_of_those_to_come(void) {
-    test_what_one_takes();
+/* Large versions do not count in the estimate while they are excluded, or after a new
+ * measurement. */
+static void test_excluded_versions(void) {
+    test_the_estimated_size();
     size_t known = tl_fmu_pages_size(pages);
     tl_fmu_pages_pass(pages, true);
     write_all();
@@ -190,18 +193,18 @@ static void test_what_says_nothing_of_those_to_come(void) {
     restore(0);
     expect(0);
     tl_fmu_pages_remeasure(pages);
-    test_what_one_takes();
+    test_the_estimated_size();
     TEST_ASSERT_LESS_OR_EQUAL_size_t(known + (size_t)FIXED * TL_FMU_PAGE / 2, tl_fmu_pages_size(pages));
 }
 
-/* What the C library has given out, and addresses that the process has. */
+/* Allocated memory of the C library, and pages of the address space. */
 typedef struct footprint {
     size_t given_out;
     unsigned long long pages;
 } footprint;
 
 static footprint footprint_now(void) {
-    static char text[64]; /* read by hand: a stream would allocate */
+    static char text[64]; /* without a stream, because a stream allocates */
     int file = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
     ssize_t size = read(file, text, sizeof text - 1);
     (void)close(file);
@@ -215,7 +218,8 @@ static void write_to_three(void) {
     }
 }
 
-/* As a twin has it: the first versions tell how much one differs; then there is room for all, and none is made any more. */
+/* As in a twin: the first versions give the estimate. Then memory for all is reserved, and
+ * nothing is allocated. */
 static void test_what_is_reserved_is_enough(void) {
     for (size_t i = 0; i < 12; i++) {
         write_to_three();
@@ -241,14 +245,14 @@ static int run_all(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_is_reserved_is_enough);
     RUN_TEST(test_any_order);
-    RUN_TEST(test_written_by_somebody_else);
+    RUN_TEST(test_a_write_that_is_not_recorded);
     RUN_TEST(test_a_system_call_may_write);
-    RUN_TEST(test_what_one_takes);
-    RUN_TEST(test_what_says_nothing_of_those_to_come);
+    RUN_TEST(test_the_estimated_size);
+    RUN_TEST(test_excluded_versions);
     return UNITY_END();
 }
 
-/* One that may open nothing when it begins: nobody tells it. */
+/* Runs without userfaultfd, because no descriptor is available at the start. */
 static int run_without_kernel(void) {
     struct rlimit before;
     (void)getrlimit(RLIMIT_NOFILE, &before);
@@ -262,7 +266,7 @@ static int run_without_kernel(void) {
 int main(void) {
     int status = 0;
     if (!tl_fmu_allocation_serves()) {
-        printf("skipped: a sanitizer has an allocator of its own, and FMUs are not rolled back by their memory\n");
+        printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }
     (void)fflush(stdout);
@@ -274,6 +278,6 @@ int main(void) {
         _exit(result);
     }
     bool is_right = child > 0 && waitpid(child, &status, 0) == child && status == 0;
-    printf("the kernel %s what was written\n", tl_fmu_written_serves() ? "tells" : "does not tell");
+    printf("userfaultfd: %s\n", tl_fmu_written_serves() ? "yes" : "no");
     return run_all() != 0 || !is_right;
 }

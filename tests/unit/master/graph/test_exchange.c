@@ -4,6 +4,7 @@
 #include <unity.h>
 
 #include "master/graph/exchange.h"
+#include "tests/support/message.h"
 #include "tests/support/test_plan.h"
 
 static const tl_unit kelvin = {"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0};
@@ -44,7 +45,7 @@ static tl_test_fmu *add(const char *name, size_t width, bool discrete) {
     return fmu;
 }
 
-/* Builds what the plan says and instantiates it. */
+/* Builds the graph and the exchange, and creates the instances. */
 static void build(void) {
     tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
     TEST_ASSERT_EQUAL_UINT64(0, plan.report.count);
@@ -55,7 +56,7 @@ static void build(void) {
     }
 }
 
-/* The next sample: every signal good, the first one with this value. */
+/* The next sample: all signals are good, and the first one has this value. */
 static void push(double first) {
     sample.values[0] = first;
     tl_plant_push(&exchange.plant, &sample);
@@ -103,9 +104,9 @@ static void read_out(size_t out) {
     TEST_ASSERT_EQUAL_UINT64(out, port->node);
 }
 
-/* As build(), with an output that is only matched. */
+/* As build(), with an output that no connection reads. */
 static void build_reading_out(size_t out) {
-    plan.plan.match_count = 1; /* makes room for its port */
+    plan.plan.match_count = 1; /* reserves a port */
     tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
     read_out(out);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
@@ -124,9 +125,9 @@ static void assert_steps_through_chain(size_t in, size_t k1, size_t out) {
     for (int64_t i = 0; i < 6; i++) {
         push(1.0); /* from tick 1 on: the input of "in" is 1 from t_1 on */
         step(i);
-        TEST_ASSERT_EQUAL_DOUBLE(i >= 1 ? 1.0 : 0.0, output(in));  /* one step after its own input */
-        TEST_ASSERT_EQUAL_DOUBLE(i >= 2 ? 1.0 : 0.0, output(k1));  /* one component upstream: two */
-        TEST_ASSERT_EQUAL_DOUBLE(i >= 3 ? 1.0 : 0.0, output(out)); /* two upstream: three */
+        TEST_ASSERT_EQUAL_DOUBLE(i >= 1 ? 1.0 : 0.0, output(in));  /* after one step */
+        TEST_ASSERT_EQUAL_DOUBLE(i >= 2 ? 1.0 : 0.0, output(k1));  /* one component upstream */
+        TEST_ASSERT_EQUAL_DOUBLE(i >= 3 ? 1.0 : 0.0, output(out)); /* two upstream */
         TEST_ASSERT_EQUAL_DOUBLE(output(k1), input(out));
     }
 }
@@ -151,7 +152,7 @@ static void all_inputs_are_from_before_the_step(void) {
     build();
     push(0.0);
     initialize();
-    for (int64_t i = 0; i < 4; i++) { /* two values that change places, never merge */
+    for (int64_t i = 0; i < 4; i++) { /* two values change places and never merge */
         step(i);
         TEST_ASSERT_EQUAL_DOUBLE(i % 2 == 0 ? 2.0 : 1.0, output(0));
         TEST_ASSERT_EQUAL_DOUBLE(i % 2 == 0 ? 1.0 : 2.0, output(1));
@@ -187,7 +188,7 @@ static void communication_points_come_from_the_integer(void) {
     }
     for (size_t i = 0; i < 1000; i++) {
         const tl_test_entry *entry = tl_test_log_step(&call_log, &fmus[1], i);
-        TEST_ASSERT_TRUE(entry->time == (double)i / 10.0); /* to the bit, not nearly */
+        TEST_ASSERT_TRUE(entry->time == (double)i / 10.0); /* bit for bit */
         TEST_ASSERT_TRUE(entry->step == 0.1);
         TEST_ASSERT_EQUAL_INT(i % 2 == 0, entry->final);
     }
@@ -211,7 +212,7 @@ static void units_are_converted_on_the_way(void) {
     TEST_ASSERT_EQUAL_DOUBLE(293.15, input(1));
 }
 
-/* A model whose u0 is in K, of a signal in degC. */
+/* A model whose u0 is in K, driven by a signal in degC. */
 static void add_in_kelvin(void) {
     static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0},
                                     {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15}};
@@ -234,7 +235,7 @@ static void a_signals_unit_is_converted_too(void) {
 static void integers_booleans_and_enumerations_are_exchanged_exactly(void) {
     static const int32_t values[] = {0, 1, -1, 2147483647, -2147483647};
     (void)add("a", 1, true);
-    (void)add("b", 2, true); /* an odd number of each, so that places must be right */
+    (void)add("b", 2, true); /* odd numbers of each type, so that a wrong index shows */
     fmus[0].control.raw_true = true;
     tl_test_plan_signal(&plan, "cmd", TL_INTEGER, "");
     tl_test_plan_signal(&plan, "on", TL_BOOLEAN, "");
@@ -272,13 +273,14 @@ static void one_output_may_drive_many_inputs(void) {
     initialize();
     step(0);
     TEST_ASSERT_EQUAL_DOUBLE_ARRAY(((double[]){4.0, 4.0, 4.0}), graph.components[1].inputs.reals, 3);
-    TEST_ASSERT_EQUAL_UINT64(1, graph.components[0].outputs.real_count); /* read once */
+    /* one read for both connections */
+    TEST_ASSERT_EQUAL_UINT64(1, graph.components[0].outputs.real_count);
 }
 
 /* ---- initialisation ---- */
 
 static void a_chain_of_feed_through_settles_before_the_first_step(void) {
-    make_chain(true); /* the worst order */
+    make_chain(true); /* upstream components come last */
     for (size_t i = 0; i < 3; i++) {
         fmus[i].control.feed_through = true;
     }
@@ -298,7 +300,8 @@ static void a_cycle_of_feed_through_ends_too(void) {
     tl_test_plan_connect(&plan, "b.y0", "a.u0");
     fmus[0].control.feed_through = true;
     fmus[1].control.feed_through = true;
-    tl_test_fmu_variable(&fmus[1], "offset")->start.real = 1.0; /* each round adds 1: never settles */
+    /* each round adds 1, so the loop never settles */
+    tl_test_fmu_variable(&fmus[1], "offset")->start.real = 1.0;
     build();
     push(0.0);
     initialize();
@@ -327,7 +330,7 @@ static void a_failure_while_initialising_stops_it(void) {
         push(0.0);
         tl_test_fmu_fail(&fmus[1], calls[i], TL_TEST_FATAL, 1, 1);
         TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_exchange_initialize(&exchange, 0, exchange.plant.newest, &error));
-        TEST_ASSERT_NOT_NULL(strstr(error.text, "k1: "));
+        TL_EXPECT_PARTS("k1|fmi2Fatal", error.text);
         TEST_ASSERT_EQUAL_INT(calls[i], call_log.entries[call_log.count - 1].call);
         if (i + 1 < sizeof calls / sizeof calls[0]) {
             tearDown();
@@ -337,10 +340,10 @@ static void a_failure_while_initialising_stops_it(void) {
 
 /* ---- cut connections ---- */
 
-/* The model alone, its u0 adjusted: the port of that. */
+/* A model whose u0 is adjusted; returns the port of u0. */
 static const tl_port *build_adjusted(void) {
     const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
-    plan.plan.adjust_count = 1; /* room for its port */
+    plan.plan.adjust_count = 1; /* reserves a port */
     tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
     const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
@@ -357,7 +360,8 @@ static void a_cut_connection_delivers_to_the_nominal_only(void) {
     tl_exchange_place_adjusted(&exchange, 0, port, tl_graph_connection_to(&graph, port), 7.0);
     push(3.0);
     initialize();
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_exchange_nominal(&exchange, 0)); /* not 7: the connection delivers it */
+    /* not 7: the connection delivers it */
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_exchange_nominal(&exchange, 0));
     TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_exchange_adjusted(&exchange, 0));
     TEST_ASSERT_EQUAL_DOUBLE(3.0, input(0)); /* while initialising, û is the input */
     push(4.0);
@@ -422,7 +426,8 @@ static void a_snapshot_brings_back_states_and_values_to_the_bit(void) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_restore(&exchange, &error));
     }
     TEST_ASSERT_EQUAL_UINT64(3, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
-    TEST_ASSERT_EQUAL_UINT64(3, exchange.plant.executions); /* a proof is no execution of the plant */
+    /* trial steps do not execute the plant */
+    TEST_ASSERT_EQUAL_UINT64(3, exchange.plant.executions);
 }
 
 static void candidates_begin_where_was_committed(void) {
@@ -440,7 +445,7 @@ static void candidates_begin_where_was_committed(void) {
     TEST_ASSERT_EQUAL_UINT64(3, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
     TEST_ASSERT_EQUAL_UINT64(9, tl_test_log_count(&call_log, NULL, TL_TEST_SET_STATE));
     TEST_ASSERT_EQUAL_UINT64(3 + 12 + 1, exchange.plant.executions);
-    for (size_t n = 0; n < 16; n++) { /* only what is committed is final */
+    for (size_t n = 0; n < 16; n++) { /* only committed steps are final */
         TEST_ASSERT_EQUAL_INT(n < 3 || n == 15, tl_test_log_step(&call_log, &fmus[1], n)->final);
     }
 }
@@ -459,7 +464,7 @@ static void a_component_takes_part_as_far_as_it_reaches(void) {
     }
     TEST_ASSERT_EQUAL_UINT64(3, exchange.plant.executions);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_rewind(&exchange, &error));
-    step(3); /* with all of them */
+    step(3); /* executes all components */
     for (size_t i = 0; i < 3; i++) {
         TEST_ASSERT_EQUAL_UINT64(4 + reach[i], graph.components[i].executions);
     }
@@ -502,7 +507,7 @@ static void a_failed_step_ends_at_once_and_can_be_taken_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
     tl_test_fmu_fail(&fmus[1], TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_exchange_commit(&exchange, 0, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "k1: fmi2DoStep"));
+    TL_EXPECT_PARTS("k1|fmi2DoStep|fmi2Error", error.text);
     TEST_ASSERT_EQUAL_UINT64(1, exchange.failed);
     TEST_ASSERT_EQUAL_UINT64(0, fmus[2].calls[TL_TEST_DO_STEP]);
     TEST_ASSERT_EQUAL_UINT64(0, exchange.plant.executions);

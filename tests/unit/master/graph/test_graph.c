@@ -1,10 +1,11 @@
-/* The structure of a co-simulation: what a plan may say, what it is told when it is wrong, and distances. */
+/* The graph of a co-simulation: valid plans, problems of wrong plans, and distances. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
 #include "master/graph/graph.h"
+#include "tests/support/message.h"
 #include "tests/support/test_plan.h"
 
 static const tl_unit kelvin = {"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0};
@@ -17,7 +18,7 @@ static tl_test_fmu fmus[5];
 static tl_test_plan plan;
 static tl_twin *twin;
 
-/* A plan in order: the signals cmd and y; "motor" with two channels and the discrete variables, all inputs driven. */
+/* A valid plan: "motor" has two channels and the discrete variables; a signal drives each input. */
 static void make_motor(void) {
     tl_test_fmu_init(&fmus[0], 2, true, &call_log);
     tl_test_plan_component(&plan, "motor", &fmus[0]);
@@ -32,7 +33,7 @@ static void make_motor(void) {
     tl_test_plan_connect(&plan, "plant.n", "motor.mode");
 }
 
-/* A component of `width` Real channels. */
+/* A component with `width` Real channels. */
 static tl_test_fmu *add(size_t number, const char *name, size_t width) {
     tl_test_fmu_init(&fmus[number], width, false, &call_log);
     tl_test_plan_component(&plan, name, &fmus[number]);
@@ -50,29 +51,31 @@ void tearDown(void) {
     TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
 }
 
-static void assert_problem(const char *where, const char *words) {
+static void assert_problem(const char *where, const char *parts) {
     char all[2000] = "";
+    const tl_test_problem *problem = NULL;
     for (size_t i = 0; i < plan.report.count && i < TL_TEST_PROBLEMS; i++) {
+        const tl_test_problem *one = &plan.problems[i];
         size_t length = strlen(all);
-        (void)snprintf(all + length, sizeof all - length, "[%s] %s; ", plan.problems[i].where, plan.problems[i].text);
+        (void)snprintf(all + length, sizeof all - length, "[%s] %s; ", one->where, one->text);
+        problem = strcmp(one->where, where) == 0 && tl_test_has_parts(one->text, parts) ? one : problem;
     }
-    const tl_test_problem *problem = tl_test_plan_problem(&plan, where, words);
     TEST_ASSERT_NOT_NULL_MESSAGE(problem, all);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, problem->status);
 }
 
 /* Builds a plan that has exactly one problem. */
-static void assert_refused(const char *where, const char *words) {
+static void assert_refused(const char *where, const char *parts) {
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
-    assert_problem(where, words);
+    assert_problem(where, parts);
     TEST_ASSERT_EQUAL_STRING("", plan.problems[1].text);
     TEST_ASSERT_EQUAL_UINT64(1, plan.report.count);
     TEST_ASSERT_EQUAL_UINT64(0, call_log.count); /* a wrong plan calls no FMU */
 }
 
 static void assert_accepted(void) {
-    tl_twin_destroy(twin); /* of an accepted plan before, or NULL */
+    tl_twin_destroy(twin); /* of an earlier accepted plan, or NULL */
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
     TEST_ASSERT_NOT_NULL(twin);
@@ -88,56 +91,55 @@ static void a_plan_in_order_is_accepted(void) {
 static void an_unknown_component_is_named_with_an_example(void) {
     make_motor();
     tl_test_plan_connect(&plan, "engine.y0", "motor.u0");
-    assert_refused("connect[5]", "found \"engine.y0\", expected component.variable");
-    TEST_ASSERT_NOT_NULL(strstr(plan.problems[0].text, "\"motor."));
+    assert_refused("connect[5]", "engine.y0|\"motor.");
 }
 
 static void a_name_without_a_component_is_unknown(void) {
     make_motor();
     tl_test_plan_connect(&plan, "motor", "motor.u0");
-    assert_refused("connect[5]", "found \"motor\"");
+    assert_refused("connect[5]", "\"motor\"");
 }
 
 static void a_name_that_only_begins_like_a_component_is_unknown(void) {
     make_motor();
     tl_test_plan_connect(&plan, "motors.y0", "motor.u0");
-    assert_refused("connect[5]", "found \"motors.y0\"");
+    assert_refused("connect[5]", "motors.y0");
 }
 
 static void an_unknown_variable_is_named(void) {
     make_motor();
     tl_test_plan_connect(&plan, "motor.y7", "motor.u0");
-    assert_refused("connect[5]", "the FMU of motor has no variable \"y7\"");
+    assert_refused("connect[5]", "motor|\"y7\"");
 }
 
-static void the_variable_that_was_probably_meant_is_named(void) {
+static void the_most_similar_variable_is_named(void) {
     make_motor();
     tl_test_plan_connect(&plan, "motor.Y0", "motor.u0");
-    assert_refused("connect[5]", "the FMU of motor has no variable \"Y0\", perhaps \"y0\" is meant; `twinlock check");
+    assert_refused("connect[5]", "motor|\"Y0\"|\"y0\"|twinlock check");
 }
 
 static void an_unknown_signal_is_named(void) {
     make_motor();
     tl_test_plan_connect(&plan, "plant.torque", "motor.u0");
-    assert_refused("connect[5]", "found \"plant.torque\", but the plant has no such signal");
+    assert_refused("connect[5]", "plant.torque|signal");
 }
 
 static void a_second_connection_to_an_input_is_refused(void) {
     make_motor();
     tl_test_plan_connect(&plan, "motor.y0", "motor.u0");
-    assert_refused("connect[5]", "motor.u0 is connected twice");
+    assert_refused("connect[5]", "motor.u0|twice");
 }
 
 static void types_must_fit(void) {
     make_motor();
     plan.connections[2].from = "plant.cmd";
-    assert_refused("connect[2]", "types do not fit: plant.cmd is Real, motor.flag is Boolean");
+    assert_refused("connect[2]", "plant.cmd|Real|motor.flag|Boolean");
 }
 
 static void an_integer_is_no_boolean(void) {
     make_motor();
     plan.connections[2].from = "motor.count_out";
-    assert_refused("connect[2]", "types do not fit: motor.count_out is Integer, motor.flag is Boolean");
+    assert_refused("connect[2]", "motor.count_out|Integer|motor.flag|Boolean");
 }
 
 static void an_enumeration_fits_an_integer(void) {
@@ -150,31 +152,31 @@ static void an_enumeration_fits_an_integer(void) {
 static void text_is_no_source(void) {
     make_motor();
     plan.connections[2].from = "motor.label_out";
-    assert_refused("connect[2]", "motor.label_out is a String output");
+    assert_refused("connect[2]", "motor.label_out|String");
 }
 
 static void an_input_is_no_source(void) {
     make_motor();
     plan.connections[0].from = "motor.u1";
-    assert_refused("connect[0]", "motor.u1 is a Real input, expected");
+    assert_refused("connect[0]", "motor.u1|input|output");
 }
 
 static void an_output_is_no_target(void) {
     make_motor();
     tl_test_plan_connect(&plan, "plant.cmd", "motor.y0");
-    assert_refused("connect[5]", "motor.y0 is a continuous output, expected an input");
+    assert_refused("connect[5]", "motor.y0|continuous output|input");
 }
 
 static void a_parameter_is_no_target(void) {
     make_motor();
     tl_test_plan_connect(&plan, "plant.cmd", "motor.gain");
-    assert_refused("connect[5]", "motor.gain is a tunable parameter, expected an input");
+    assert_refused("connect[5]", "motor.gain|tunable parameter|input");
 }
 
 static void an_input_that_nothing_drives_is_reported(void) {
     make_motor();
     plan.plan.connection_count = 4; /* the last one, to mode, is left out */
-    assert_refused("components.motor", "input motor.mode is not connected");
+    assert_refused("components.motor", "motor.mode|components.motor.set");
 }
 
 static void an_input_with_a_constant_is_driven(void) {
@@ -199,7 +201,7 @@ static void units_of_another_dimension_are_refused(void) {
     tl_test_fmu_variable(&fmus[0], "y0")->unit = &ampere;
     tl_test_fmu_variable(&fmus[0], "u1")->unit = &kelvin;
     plan.connections[1].from = "motor.y0";
-    assert_refused("connect[1]", "units do not fit: motor.y0 is in \"A\", motor.u1 in \"K\"");
+    assert_refused("connect[1]", "motor.y0|\"A\"|motor.u1|\"K\"");
 }
 
 static void a_unit_of_a_signal_is_looked_up_in_the_fmu(void) {
@@ -209,19 +211,19 @@ static void a_unit_of_a_signal_is_looked_up_in_the_fmu(void) {
     fmus[0].model.unit_count = 2;
     tl_test_fmu_variable(&fmus[0], "u0")->unit = &known[0];
     plan.signals[0].unit = "A";
-    assert_refused("connect[0]", "units do not fit: plant.cmd is in \"A\", motor.u0 in \"K\"");
+    assert_refused("connect[0]", "plant.cmd|\"A\"|motor.u0|\"K\"");
 }
 
 static void a_unit_that_the_fmu_does_not_know_must_have_the_same_name(void) {
     make_motor();
     tl_test_fmu_variable(&fmus[0], "u0")->unit = &kelvin;
     plan.signals[0].unit = "C";
-    assert_refused("connect[0]", "units do not fit: plant.cmd is in \"C\", motor.u0 in \"K\"");
+    assert_refused("connect[0]", "plant.cmd|\"C\"|motor.u0|\"K\"");
     plan.signals[0].unit = "K";
     assert_accepted();
     fmus[0].model.units = &kelvin;
     fmus[0].model.unit_count = 1;
-    plan.signals[0].unit = NULL; /* none is given */
+    plan.signals[0].unit = NULL; /* no unit */
     assert_accepted();
 }
 
@@ -238,7 +240,7 @@ static void a_match_in_another_unit_is_refused(void) {
     tl_test_fmu_variable(&fmus[0], "y0")->unit = &named_only;
     plan.signals[1].unit = "rad";
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("match.motor.y0", "units do not fit: plant.y is in \"rad\", motor.y0 in \"turns\"");
+    assert_refused("match.motor.y0", "plant.y|\"rad\"|motor.y0|\"turns\"");
 }
 
 /* ---- set ---- */
@@ -246,20 +248,20 @@ static void a_match_in_another_unit_is_refused(void) {
 static void a_set_of_an_unknown_variable_is_refused(void) {
     make_motor();
     tl_test_plan_set(&plan, "inertia", 1.0);
-    assert_refused("set.inertia", "the FMU of motor has no variable \"inertia\"");
+    assert_refused("set.inertia", "motor|\"inertia\"");
 }
 
 static void a_set_of_an_output_is_refused(void) {
     make_motor();
     tl_test_plan_set(&plan, "y0", 1.0);
-    assert_refused("set.y0", "motor.y0 is a continuous output and cannot be set");
+    assert_refused("set.y0", "motor.y0|continuous output|parameter");
 }
 
 static void a_set_of_a_constant_is_refused(void) {
     make_motor();
     tl_test_fmu_variable(&fmus[0], "lag")->variability = TL_CONSTANT;
     tl_test_plan_set(&plan, "lag", 1.0);
-    assert_refused("set.lag", "motor.lag is a constant parameter and cannot be set");
+    assert_refused("set.lag", "motor.lag|constant parameter");
 }
 
 static void a_set_must_fit_the_type(void) {
@@ -275,13 +277,13 @@ static void a_set_must_fit_the_type(void) {
     tl_test_plan_set_value(&plan, "lag", yes);
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
-    TEST_ASSERT_EQUAL_UINT64(6, plan.report.count); /* all at once */
-    assert_problem("set.gain", "motor.gain is Real: expected a number");
-    assert_problem("set.count", "motor.count is Integer: expected a whole number");
-    assert_problem("set.mode", "motor.mode is Enumeration: expected a whole number");
-    assert_problem("set.flag", "motor.flag is Boolean: expected true or false");
-    assert_problem("set.label", "motor.label is String: expected text");
-    assert_problem("set.lag", "motor.lag is Real: expected a number");
+    TEST_ASSERT_EQUAL_UINT64(6, plan.report.count); /* all are reported */
+    assert_problem("set.gain", "motor.gain|Real|number");
+    assert_problem("set.count", "motor.count|Integer|whole number");
+    assert_problem("set.mode", "motor.mode|Enumeration|whole number");
+    assert_problem("set.flag", "motor.flag|Boolean|true|false");
+    assert_problem("set.label", "motor.label|String|text");
+    assert_problem("set.lag", "motor.lag|Real|number");
 }
 
 static void a_number_that_is_not_finite_cannot_be_set(void) {
@@ -293,9 +295,9 @@ static void a_number_that_is_not_finite_cannot_be_set(void) {
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
     TEST_ASSERT_EQUAL_UINT64(3, plan.report.count);
-    assert_problem("set.gain", "motor.gain is Real: expected a number");
-    assert_problem("set.count", "expected a whole number");
-    assert_problem("set.mode", "expected a whole number");
+    assert_problem("set.gain", "motor.gain|Real|number");
+    assert_problem("set.count", "motor.count|Integer|whole number");
+    assert_problem("set.mode", "motor.mode|Enumeration|whole number");
 }
 
 static void a_set_may_have_the_variables_own_type(void) {
@@ -330,38 +332,37 @@ static void an_fmu_for_one_instance_only_is_not_used_twice(void) {
     fmus[0].model.capabilities.can_be_instantiated_only_once = true;
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
-    assert_problem("components.other", "motor and other use the same FMU");
+    assert_problem("components.other", "motor|other");
 }
 
-/* ---- what is adjusted and matched ---- */
+/* ---- adjusted and matched variables ---- */
 
 static void a_fixed_parameter_cannot_be_adjusted(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.lag", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.lag", "motor.lag is a fixed parameter: it cannot change while the simulation runs");
+    assert_refused("adjust.motor.lag", "motor.lag|fixed parameter|tunable");
 }
 
 static void only_reals_and_booleans_are_adjusted(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.count", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.count",
-                   "motor.count is Integer, expected an input or a tunable parameter that is Real or Boolean");
+    assert_refused("adjust.motor.count", "motor.count|Integer|Real|Boolean");
 }
 
 static void an_output_is_not_adjusted(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.y1", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.y1", "motor.y1 is a continuous output, expected");
+    assert_refused("adjust.motor.y1", "motor.y1|continuous output|input");
 }
 
 static void an_unknown_variable_is_not_adjusted(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.d", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.d", "has no variable \"d\"");
+    assert_refused("adjust.motor.d", "motor|\"d\"");
 }
 
 static void a_connected_input_has_no_nominal_of_its_own(void) {
@@ -369,7 +370,7 @@ static void a_connected_input_has_no_nominal_of_its_own(void) {
     tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.u0", 1.0);
     adjust->has_nominal = true;
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.u0", "motor.u0 is connected, so its nominal value comes from the connection");
+    assert_refused("adjust.motor.u0", "motor.u0|connection|\"nominal\"");
 }
 
 static void bounds_must_leave_something(void) {
@@ -378,7 +379,7 @@ static void bounds_must_leave_something(void) {
     adjust->lower = 2.0;
     tl_test_fmu_variable(&fmus[0], "gain")->maximum = 1.5;
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.gain", "nothing is left to adjust between the bounds 2 and 1.5");
+    assert_refused("adjust.motor.gain", "2|1.5");
 }
 
 static void a_parameter_without_a_start_value_needs_a_nominal(void) {
@@ -386,7 +387,7 @@ static void a_parameter_without_a_start_value_needs_a_nominal(void) {
     tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.gain", 1.0);
     tl_test_fmu_variable(&fmus[0], "gain")->has_start = false;
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.gain", "motor.gain has no start value: give it \"nominal\"");
+    assert_refused("adjust.motor.gain", "motor.gain|start value|\"nominal\"");
     adjust->has_nominal = true;
     assert_accepted();
 }
@@ -394,36 +395,36 @@ static void a_parameter_without_a_start_value_needs_a_nominal(void) {
 static void a_match_is_an_output(void) {
     make_motor();
     tl_test_plan_match(&plan, "motor.gain", "plant.y", 1.0);
-    assert_refused("match.motor.gain", "motor.gain is a Real parameter, expected an output");
+    assert_refused("match.motor.gain", "motor.gain|Real parameter|output");
 }
 
 static void a_match_is_not_text(void) {
     make_motor();
     tl_test_plan_match(&plan, "motor.label_out", "plant.y", 1.0);
-    assert_refused("match.motor.label_out", "motor.label_out is a String output");
+    assert_refused("match.motor.label_out", "motor.label_out|String");
 }
 
 static void a_match_is_with_a_signal(void) {
     make_motor();
     tl_test_plan_match(&plan, "motor.y0", "motor.y1", 1.0);
-    assert_refused("match.motor.y0", "found \"motor.y1\", expected a signal of the plant, for example \"plant.cmd\"");
+    assert_refused("match.motor.y0", "motor.y1|plant.cmd");
 }
 
 static void a_match_has_the_signals_type(void) {
     make_motor();
     tl_test_plan_match(&plan, "motor.flag_out", "plant.y", 1.0);
-    assert_refused("match.motor.flag_out", "types do not fit: motor.flag_out is Boolean, plant.y is Real");
+    assert_refused("match.motor.flag_out", "motor.flag_out|Boolean|plant.y|Real");
 }
 
 static void no_path_is_reported_for_both_ends(void) {
     (void)add(0, "a", 1);
     (void)add(1, "b", 1);
     tl_test_plan_signal(&plan, "y", TL_REAL, "");
-    tl_test_plan_connect(&plan, "b.y0", "a.u0"); /* against the arrow */
+    tl_test_plan_connect(&plan, "b.y0", "a.u0"); /* in the other direction */
     tl_test_plan_connect(&plan, "plant.y", "b.u0");
     tl_test_plan_adjust(&plan, "a.gain", 1.0);
     tl_test_plan_match(&plan, "b.y0", "plant.y", 1.0);
-    assert_refused("adjust.a.gain", "no path leads from a.gain to any matched output");
+    assert_refused("adjust.a.gain", "a.gain|path");
 }
 
 static void a_match_that_nothing_reaches_is_reported(void) {
@@ -435,16 +436,16 @@ static void a_match_that_nothing_reaches_is_reported(void) {
     tl_test_plan_adjust(&plan, "a.gain", 1.0);
     tl_test_plan_match(&plan, "a.y0", "plant.y", 1.0);
     tl_plan_match *other = tl_test_plan_match(&plan, "b.y0", "plant.y", 1.0);
-    assert_refused("match.b.y0", "no path leads from any adjusted variable to b.y0");
+    assert_refused("match.b.y0", "b.y0|path|\"weight\"");
     other->weight = 0.0;
     assert_accepted();
 }
 
-static void without_a_weight_there_is_nothing_to_correct_by(void) {
+static void an_adjusted_variable_needs_a_match_with_a_weight(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.gain", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0)->weight = 0.0;
-    assert_refused("adjust.motor.gain", "it can correct nothing");
+    assert_refused("adjust.motor.gain", "motor.gain|path");
 }
 
 static void a_state_that_cannot_be_saved_matters_only_to_synchronising(void) {
@@ -462,13 +463,12 @@ static void a_state_that_cannot_be_saved_matters_only_to_synchronising(void) {
     assert_refused("components.motor", "canGetAndSetFMUstate");
 }
 
-static void an_unknown_algorithm_is_told_the_known_ones(void) {
+static void the_known_algorithms_are_listed_for_an_unknown_one(void) {
     make_motor();
     plan.plan.algorithm = "simulated-annealing";
     tl_test_plan_adjust(&plan, "motor.gain", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("synchronise.algorithm",
-                   "found \"simulated-annealing\", expected one of \"secant\", \"nelder-mead\"");
+    assert_refused("synchronise.algorithm", "\"simulated-annealing\"|\"secant\"|\"nelder-mead\"|\"boolean\"");
 }
 
 static void every_problem_is_reported_at_once(void) {
@@ -503,15 +503,15 @@ static void numbers_out_of_their_range_are_refused(void) {
     plan.plan.step = 0;
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
-    assert_problem("step_s", "macro step");
-    assert_problem("synchronise.margin", "margin");
-    assert_problem("adjust.motor.gain", "\"step\"");
-    assert_problem("adjust.motor.gain", "\"nominal\"");
-    assert_problem("match.motor.y0", "\"tolerance\"");
-    assert_problem("match.motor.y0", "\"weight\"");
-    assert_problem("adjust.motor.offset", "a bound is not a number");
-    assert_problem("plant.cmd", "\"initial\"");
-    assert_problem("plant.n", "2147483647");
+    assert_problem("step_s", "0 s");
+    assert_problem("synchronise.margin", "0|1");
+    assert_problem("adjust.motor.gain", "\"step\"|0");
+    assert_problem("adjust.motor.gain", "\"nominal\"|nan");
+    assert_problem("match.motor.y0", "\"tolerance\"|0");
+    assert_problem("match.motor.y0", "\"weight\"|-1");
+    assert_problem("adjust.motor.offset", "bound");
+    assert_problem("plant.cmd", "\"initial\"|-inf");
+    assert_problem("plant.n", "\"initial\"|2147483647");
     TEST_ASSERT_EQUAL_UINT64(9, plan.report.count);
 }
 
@@ -530,9 +530,9 @@ static void too_many_of_anything_is_refused(void) {
     }
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
-    assert_problem("plant", "found 65, expected at most 64");
-    assert_problem("synchronise.adjust", "found 9, expected at most 8");
-    assert_problem("synchronise.match", "found 17, expected at most 16");
+    assert_problem("plant", "65|64");
+    assert_problem("synchronise.adjust", "9|8");
+    assert_problem("synchronise.match", "17|16");
     TEST_ASSERT_EQUAL_UINT64(3, plan.report.count);
 }
 
@@ -541,7 +541,7 @@ static void too_many_of_anything_is_refused(void) {
 static tl_arena arena;
 static tl_graph graph;
 
-/* The structure of the plan alone. */
+/* Builds the graph only, without instances. */
 static void build_graph(void) {
     tl_arena_init(&arena);
     memset(&graph, 0, sizeof graph);
@@ -625,7 +625,7 @@ static void a_prediction_shorter_than_the_distance_is_refused(void) {
     tl_test_plan_adjust(&plan, "in.u0", 1.0);
     tl_test_plan_match(&plan, "out.y0", "plant.y", 1.0);
     plan.plan.prediction = 2;
-    assert_refused("synchronise.horizon.prediction", "found 2, expected at least 3");
+    assert_refused("synchronise.horizon.prediction", "2|3");
     plan.plan.prediction = 3;
     assert_accepted();
     TEST_ASSERT_EQUAL_UINT32(3, tl_twin_get_facts(twin).prediction);
@@ -640,7 +640,7 @@ static void every_adjusted_variable_must_matter_within_the_prediction(void) {
     tl_test_plan_adjust(&plan, "out.offset", 1.0);
     tl_test_plan_match(&plan, "out.y0", "plant.y", 1.0);
     plan.plan.prediction = 1;
-    assert_refused("synchronise.horizon.prediction", "found 1, expected at least 2");
+    assert_refused("synchronise.horizon.prediction", "1|2");
     plan.plan.prediction = 0;
     assert_accepted();
     TEST_ASSERT_EQUAL_UINT32(2, tl_twin_get_facts(twin).prediction);
@@ -653,7 +653,7 @@ static void run_connections(void) {
     RUN_TEST(a_name_without_a_component_is_unknown);
     RUN_TEST(a_name_that_only_begins_like_a_component_is_unknown);
     RUN_TEST(an_unknown_variable_is_named);
-    RUN_TEST(the_variable_that_was_probably_meant_is_named);
+    RUN_TEST(the_most_similar_variable_is_named);
     RUN_TEST(an_unknown_signal_is_named);
     RUN_TEST(a_second_connection_to_an_input_is_refused);
     RUN_TEST(types_must_fit);
@@ -700,9 +700,9 @@ static void run_synchronisation(void) {
     RUN_TEST(a_match_has_the_signals_type);
     RUN_TEST(no_path_is_reported_for_both_ends);
     RUN_TEST(a_match_that_nothing_reaches_is_reported);
-    RUN_TEST(without_a_weight_there_is_nothing_to_correct_by);
+    RUN_TEST(an_adjusted_variable_needs_a_match_with_a_weight);
     RUN_TEST(a_state_that_cannot_be_saved_matters_only_to_synchronising);
-    RUN_TEST(an_unknown_algorithm_is_told_the_known_ones);
+    RUN_TEST(the_known_algorithms_are_listed_for_an_unknown_one);
     RUN_TEST(every_problem_is_reported_at_once);
 }
 

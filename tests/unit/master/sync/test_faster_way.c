@@ -1,9 +1,15 @@
-/* Which of two exact ways a component is led back by, with a clock that its calls move on: the choice, what it costs to make, and that no result shows it. */
+/* The choice between two exact rollback methods of a component: its own states, or copies of its
+ * memory.
+ *
+ * The calls of the FMU advance the clock. The tests check the choice and its cost, and that it
+ * changes no result.
+ */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
 #include "master/sync/proof.h"
+#include "tests/support/message.h"
 #include "tests/support/test_plan.h"
 
 enum { TICKS = 20, STEP = 1000, SLOW = 50000, FAST = 10000 };
@@ -14,15 +20,15 @@ static tl_test_plan plan;
 static tl_test_run run;
 static tl_time now;
 
-/* What it takes to save or to restore by its own states, and by copies; and what became of them. */
+/* Times to save or to restore with own states and with copies, and what the twin did. */
 static struct ways {
     tl_time by_states, by_copy;
-    bool is_there;   /* there is a choice */
-    bool is_inexact; /* a copy brings nothing back */
-    bool refuses;    /* to be led back to what was kept */
+    bool is_there;   /* a copy is possible */
+    bool is_inexact; /* a copy restores nothing */
+    bool refuses;    /* fails to restore the kept state */
     bool is_by_copy;
     bool was_final;
-    bool sees_final; /* y goes by whether a step is final */
+    bool sees_final; /* y depends on the final flag of a step */
     int kept, preferred, given_up;
     tl_fmi2_times times;
     fmi2FMUstate aside, beginning;
@@ -35,7 +41,7 @@ static tl_time read_clock(void *context) {
     return now;
 }
 
-/* ---- both ways: a state is taken in truth by each ---- */
+/* ---- both methods; each really uses the states of the test FMU ---- */
 
 static fmi2Status save(fmi2Component instance, fmi2FMUstate *state) {
     now += ways.is_by_copy ? ways.by_copy : ways.by_states;
@@ -61,7 +67,7 @@ static fmi2Status come_back(fmi2Component instance) {
     return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.aside);
 }
 
-/* To the other way. */
+/* Switches to the other method. */
 static fmi2Status give_up_states(fmi2Component instance, const char *why) {
     (void)snprintf(ways.why, sizeof ways.why, "%s", why);
     ways.given_up++;
@@ -83,7 +89,7 @@ static void let_go(fmi2Component instance) {
     }
 }
 
-/* That a step is final is for the judge of calls no matter: a copy leads back behind it. */
+/* Hides the final flag from the call checker, because a copy can go back behind a final step. */
 static fmi2Status do_step(fmi2Component instance, fmi2Real point, fmi2Real step, fmi2Boolean final) {
     fmi2Status status = ways.own.do_step(instance, point, step, fmi2False);
     ways.was_final = final != fmi2False;
@@ -197,33 +203,33 @@ static void a_copy_that_is_slower_is_not(void) {
     expect_states();
 }
 
-static void what_is_won_is_more_than_a_little(void) {
+static void a_small_gain_is_not_enough(void) {
     ways.by_copy = SLOW - SLOW / 5;
     expect_states();
 }
 
-/* More than ten times as fast, and not worth it. */
-static void what_is_won_is_worth_it(void) {
+/* More than ten times as fast, but the absolute gain is too small. */
+static void a_gain_of_microseconds_is_not_enough(void) {
     fmu.control.cost = 0;
     ways.by_states = 5400;
     ways.by_copy = 450;
     expect_states();
 }
 
-/* The step is what takes long. */
-static void a_step_counts(void) {
+/* The step dominates the time. */
+static void the_time_of_a_step_counts(void) {
     fmu.control.cost = 100 * SLOW;
     expect_states();
 }
 
-static void who_has_no_choice_is_not_timed(void) {
+static void without_a_choice_nothing_is_timed(void) {
     ways.is_there = false;
     lead(with);
-    TEST_ASSERT_EQUAL_INT(1, ways.kept); /* for the proof */
+    TEST_ASSERT_EQUAL_INT(1, ways.kept); /* for the rollback check */
     TEST_ASSERT_EQUAL_INT(0, ways.preferred);
 }
 
-static void one_that_takes_long_is_not_timed_for_long(void) {
+static void a_slow_method_is_timed_only_briefly(void) {
     ways.by_states = TL_SECOND / 10;
     lead(with);
     TEST_ASSERT_EQUAL_INT(1, ways.preferred);
@@ -240,8 +246,8 @@ static void a_copy_that_is_not_exact_is_given_up(void) {
     TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
 }
 
-/* Found before anything is timed; and without a clock as well. */
-static void who_goes_by_what_is_final_goes_by_a_copy(void) {
+/* The check finds this before it times the methods, also without a clock. */
+static void an_fmu_that_depends_on_the_final_flag_is_copied(void) {
     for (int i = 0; i < 2; i++) {
         plan.plan.now = i == 0 ? read_clock : NULL;
         ways.sees_final = true;
@@ -249,7 +255,7 @@ static void who_goes_by_what_is_final_goes_by_a_copy(void) {
         TEST_ASSERT_EQUAL_INT(1, ways.given_up);
         TEST_ASSERT_EQUAL_INT(0, ways.preferred);
         TEST_ASSERT_TRUE(ways.is_by_copy && ways.was_final);
-        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ways.why, "final steps"), ways.why);
+        TL_EXPECT_PARTS("final", ways.why);
         if (i == 0) {
             tearDown();
             setUp();
@@ -258,9 +264,9 @@ static void who_goes_by_what_is_final_goes_by_a_copy(void) {
     TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
 }
 
-static uint64_t steps_until_timed; /* of the proof before */
+static uint64_t steps_until_timed; /* of the rollback check before it */
 
-/* The first step that is timed. */
+/* Notes the first timed step. */
 static fmi2Status keep_and_count(fmi2Component instance) {
     steps_until_timed = fmu.calls[TL_TEST_DO_STEP];
     return keep(instance);
@@ -271,19 +277,19 @@ static void find_steps_until_timed(void) {
                                            size,           has_choice, prefer_copy};
     fmu.functions.aside = &counting;
     lead(with);
-    steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last of them begins with a copy */
+    steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last round begins with a copy */
     tearDown();
     setUp();
 }
 
-static void a_step_that_fails_is_no_way(void) {
+static void a_method_with_a_failed_step_is_not_chosen(void) {
     find_steps_until_timed();
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, steps_until_timed + 3, steps_until_timed + 3);
     lead(with);
     TEST_ASSERT_EQUAL_INT(0, ways.preferred);
 }
 
-static void a_step_that_is_fatal_ends_it(void) {
+static void a_fatal_step_ends_the_twin(void) {
     find_steps_until_timed();
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, steps_until_timed + 3, steps_until_timed + 3);
     tl_test_run_build(&run, &plan);
@@ -291,28 +297,27 @@ static void a_step_that_is_fatal_ends_it(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
 }
 
-static void who_cannot_be_led_back_to_the_beginning_ends_it(void) {
+static void an_fmu_that_cannot_return_to_the_start_ends_the_twin(void) {
     ways.refuses = true;
     tl_test_run_build(&run, &plan);
     tick();
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.error.text, "motor: does not come back to where its proof began"),
-                                 run.error.text);
+    TL_EXPECT_PARTS("motor", run.error.text);
 }
 
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_copy_that_is_faster_is_taken);
     RUN_TEST(a_copy_that_is_slower_is_not);
-    RUN_TEST(what_is_won_is_more_than_a_little);
-    RUN_TEST(what_is_won_is_worth_it);
-    RUN_TEST(a_step_counts);
-    RUN_TEST(who_has_no_choice_is_not_timed);
-    RUN_TEST(one_that_takes_long_is_not_timed_for_long);
+    RUN_TEST(a_small_gain_is_not_enough);
+    RUN_TEST(a_gain_of_microseconds_is_not_enough);
+    RUN_TEST(the_time_of_a_step_counts);
+    RUN_TEST(without_a_choice_nothing_is_timed);
+    RUN_TEST(a_slow_method_is_timed_only_briefly);
     RUN_TEST(a_copy_that_is_not_exact_is_given_up);
-    RUN_TEST(who_goes_by_what_is_final_goes_by_a_copy);
-    RUN_TEST(a_step_that_fails_is_no_way);
-    RUN_TEST(a_step_that_is_fatal_ends_it);
-    RUN_TEST(who_cannot_be_led_back_to_the_beginning_ends_it);
+    RUN_TEST(an_fmu_that_depends_on_the_final_flag_is_copied);
+    RUN_TEST(a_method_with_a_failed_step_is_not_chosen);
+    RUN_TEST(a_fatal_step_ends_the_twin);
+    RUN_TEST(an_fmu_that_cannot_return_to_the_start_ends_the_twin);
     return UNITY_END();
 }

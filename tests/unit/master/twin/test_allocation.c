@@ -1,8 +1,10 @@
-/* No allocation in the cycle: every call of the allocator over 10,000 steps of a locked twin, by who made it.
+/* No allocation in the cycle: counts each allocation in 10,000 steps of a locked twin, by caller.
  *
- * The allocator's functions are defined here and lead on to the C library's, so every object of the process comes by. Who
- * called is told by the return address. Whatever is called while an FMU works is the FMU's, also where it comes by way of
- * a callback of ours. A sanitizer has an allocator of its own: there the test is skipped. */
+ * The allocator functions are defined here and call those of the C library, so all objects of the
+ * process use them. The return address tells the caller. All calls during a call of an FMU count as
+ * the FMU's, also those of our callbacks. A sanitizer replaces the allocator; there the test is
+ * skipped.
+ */
 #include <stdio.h>
 
 enum { SKIPPED = 77 };
@@ -10,7 +12,7 @@ enum { SKIPPED = 77 };
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 
 int main(void) {
-    printf("skipped: a sanitizer has an allocator of its own\n");
+    printf("skipped: not with a sanitizer\n");
     return SKIPPED;
 }
 
@@ -34,7 +36,7 @@ enum { CALLERS = 8, NAME = 64, STEPS = 10000, STEPS_OF_NLOPT = 2000, WARM_UP = 1
 /* ---- the tally ---- */
 
 typedef struct tally {
-    char name[NAME]; /* "" where it is free */
+    char name[NAME]; /* "": unused */
     uint64_t taken;
     uint64_t given_back;
 } tally;
@@ -84,7 +86,7 @@ static void note_given_back(const void *address) {
 
 /* ---- the allocator ---- */
 
-/* dlsym() itself may take memory before it has told where the allocator is; that is never given back. */
+/* dlsym() may allocate before it has found the allocator. This memory is never freed. */
 static unsigned char early[4096];
 static size_t early_used;
 
@@ -107,12 +109,12 @@ static struct {
     void *(*aligned_alloc)(size_t, size_t);
 } real;
 
-/* Into an object of function type, as POSIX would have it. */
+/* Stores the address in a function pointer, as POSIX recommends. */
 static void find(void *function, const char *name) {
     *(void **)function = dlsym(RTLD_NEXT, name);
 }
 
-/* False while it is being found. */
+/* False during the search for the allocator. */
 static bool is_found(void) {
     static bool finding;
     if (real.aligned_alloc == NULL && !finding) {
@@ -166,10 +168,10 @@ void *aligned_alloc(size_t alignment, size_t size) {
 
 static const char *nlopt; /* file name of the library */
 static uint64_t searches;
-static uint64_t least; /* blocks per search */
+static uint64_t least; /* fewest blocks per search */
 static uint64_t most;
 static uint64_t taken_before;
-static int64_t most_beyond; /* blocks of a step beyond its evaluations */
+static int64_t most_beyond; /* most blocks of a step beyond its evaluations */
 
 static void note_search(void) {
     uint64_t taken = tally_of(nlopt)->taken;
@@ -180,7 +182,7 @@ static void note_search(void) {
     most = of_search > most ? of_search : most;
 }
 
-/* In front of the library's. */
+/* Replaces the function of the library and calls it. */
 nlopt_result nlopt_optimize(nlopt_opt opt, double *x, double *value) {
     nlopt_result (*optimize)(nlopt_opt, double *, double *) = NULL;
     *(void **)&optimize = dlsym(RTLD_NEXT, "nlopt_optimize");
@@ -200,7 +202,7 @@ static tl_test_log call_log;
 static tl_test_fmu discrete;
 static tl_test_plan plan;
 static tl_test_run run;
-static bool wasteful; /* the FMU takes and gives back memory in each step */
+static bool wasteful; /* the FMU allocates and frees memory in each step */
 
 static fmi2Status fmu_step(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean final) {
     in_fmu = true;
@@ -261,7 +263,7 @@ typedef struct setting {
     tl_keep keep;
 } setting;
 
-/* cmd → a → b, with everything that a measurement can go through. */
+/* cmd → a → b, with penalties, bounds and a Huber limit. */
 static void add_chain(const setting *set) {
     add_lag("a");
     add_lag("b");
@@ -335,7 +337,8 @@ static void forget_tallies(void) {
     most_beyond = 0;
 }
 
-/* One tick: mostly searched, at times measured, missed or without a good measurement; at times the FMUs begin anew. */
+/* One tick. Most are searched; some are timed, missed, or without a good measurement; a few reset
+ * the FMUs. */
 static void tick(void) {
     int64_t number = run.sample.tick;
     double t = (double)number;
@@ -357,12 +360,12 @@ static void tick(void) {
     outcomes[run.record.outcome] += run.ready ? 1 : 0;
 }
 
-/* FMUs make states where a search needs more than ever before, and keep them. */
+/* FMUs allocate states if a search needs more than ever before, and keep them. */
 static uint64_t taken_outside_fmus(void) {
     return taken_in_all() - tally_of("FMU")->taken;
 }
 
-/* So many steps that count, after some that do not. */
+/* Counts so many steps after the warm-up. */
 static void count_steps(const setting *set, int steps) {
     build(set);
     for (int i = 0; i < WARM_UP; i++) {
@@ -379,12 +382,13 @@ static void count_steps(const setting *set, int steps) {
     }
     counting = false;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    TEST_ASSERT_TRUE(outcomes[TL_OPTIMISED] + outcomes[TL_BEST_SO_FAR] > (uint64_t)steps / 10); /* it is locked */
+    /* the twin is locked */
+    TEST_ASSERT_TRUE(outcomes[TL_OPTIMISED] + outcomes[TL_BEST_SO_FAR] > (uint64_t)steps / 10);
     TEST_ASSERT_TRUE(outcomes[TL_CAUGHT_UP] > (uint64_t)steps / 200);
     TEST_ASSERT_TRUE(outcomes[TL_FREE_RUN] > 0 || set->prediction > 1);
 }
 
-/* What everybody took, for people. */
+/* Prints all counts. */
 static void print_tallies(const setting *set) {
     for (size_t i = 0; i < CALLERS && tallies[i].name[0] != '\0'; i++) {
         printf("%s, %zu unknowns, %s took %llu blocks, gave back %llu", set->algorithm,
@@ -434,8 +438,8 @@ static void the_boolean_solver_takes_nothing(void) {
     TEST_ASSERT_EQUAL_UINT64(0, taken_in_all());
 }
 
-/* Room for a state is made where it is first needed, once for a place in the cache, and by the FMU. */
-static void where_outputs_are_kept_only_an_fmu_makes_its_states(void) {
+/* The FMU allocates a state when it is first needed, once per cache slot. */
+static void if_outputs_are_kept_only_fmus_allocate_states(void) {
     const setting set = {
         .algorithm = "secant", .variables = 1, .prediction = 4, .saving = true, .keep = TL_KEEP_OUTPUTS};
     count_steps(&set, STEPS);
@@ -445,8 +449,8 @@ static void where_outputs_are_kept_only_an_fmu_makes_its_states(void) {
     TEST_ASSERT_EQUAL_UINT64(tally_of("FMU")->taken, taken_in_all());
 }
 
-/* What an FMU takes is seen, and is its own. */
-static void what_an_fmu_takes_is_told_apart(void) {
+/* Allocations of an FMU are counted for the FMU. */
+static void allocations_of_an_fmu_are_counted_separately(void) {
     const setting set = {.algorithm = "secant", .variables = 1, .prediction = 1};
     wasteful = true;
     count_steps(&set, STEPS);
@@ -456,14 +460,14 @@ static void what_an_fmu_takes_is_told_apart(void) {
     TEST_ASSERT_EQUAL_UINT64(tally_of("FMU")->taken, taken_in_all());
 }
 
-/* Room for states beyond those of the start. */
+/* FMUs allocate only states beyond those of the start, and keep them. */
 static void assert_states_are_kept(const setting *set) {
     uint64_t places = tl_twin_get_ledger(run.twin, 0).nodes_peak + tl_twin_get_ledger(run.twin, 1).nodes_peak;
     TEST_ASSERT_TRUE(tally_of("FMU")->taken <= (set->saving ? places : 0) && places < STEPS_OF_NLOPT);
     TEST_ASSERT_EQUAL_UINT64(0, tally_of("FMU")->given_back);
 }
 
-/* Nobody but NLopt takes anything, and NLopt gives it back. */
+/* Only NLopt allocates, and it frees all. */
 static void count_nlopt(const char *algorithm, size_t variables, uint32_t prediction) {
     const setting set = {
         .algorithm = algorithm, .variables = variables, .prediction = prediction, .shape = TL_DYNAMIC, .saving = true};
@@ -496,8 +500,9 @@ static void lbfgs_takes_two_blocks_for_a_search(void) {
     }
 }
 
-/* Theirs is not a constant: a node for each corner of a simplex, and again where it shrinks or a new one is begun. */
-static void nelder_mead_and_sbplx_take_a_block_for_a_question_at_most(void) {
+/* Not a constant number: NLopt allocates a node per corner of a simplex, and again if a simplex
+ * shrinks or restarts. */
+static void nelder_mead_and_sbplx_take_at_most_a_block_per_evaluation(void) {
     static const char *const algorithms[] = {"nelder-mead", "sbplx"};
     for (size_t i = 0; i < 2; i++) {
         for (size_t variables = 1; variables <= 2; variables++) {
@@ -515,11 +520,11 @@ int main(void) {
     RUN_TEST(the_allocator_is_watched);
     RUN_TEST(our_solver_takes_nothing);
     RUN_TEST(the_boolean_solver_takes_nothing);
-    RUN_TEST(where_outputs_are_kept_only_an_fmu_makes_its_states);
-    RUN_TEST(what_an_fmu_takes_is_told_apart);
+    RUN_TEST(if_outputs_are_kept_only_fmus_allocate_states);
+    RUN_TEST(allocations_of_an_fmu_are_counted_separately);
     RUN_TEST(bobyqa_takes_five_blocks_for_a_search);
     RUN_TEST(lbfgs_takes_two_blocks_for_a_search);
-    RUN_TEST(nelder_mead_and_sbplx_take_a_block_for_a_question_at_most);
+    RUN_TEST(nelder_mead_and_sbplx_take_at_most_a_block_per_evaluation);
     return UNITY_END();
 }
 

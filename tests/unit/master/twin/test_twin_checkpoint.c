@@ -1,8 +1,11 @@
-/* A twin as bytes, and led along the u of an earlier run: the same to the bit as one that was never interrupted. */
+/* A twin that is saved, loaded, and follows the u of an earlier run: bit for bit as one without
+ * interruption. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/message.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/test_scene.h"
 
@@ -11,7 +14,7 @@ enum { TICKS = 240 };
 static tl_test_scene scene;
 static tl_test_run *const run = &scene.run;
 
-/* By step; of the run that was not interrupted, and of the one that is looked at. */
+/* By step: the run without interruption, and the run under test. */
 static tl_record whole[TICKS], part[TICKS];
 static bool in_whole[TICKS], in_part[TICKS];
 
@@ -37,7 +40,7 @@ static void keep(tl_record *records, bool *there) {
     }
 }
 
-/* Searches to tick `to`, of which every thirteenth was missed. */
+/* Searches until tick `to`; every thirteenth tick is missed. */
 static void search_to(int64_t to, tl_record *records, bool *there) {
     while (run->sample.tick <= to) {
         tl_test_scene_show(&scene);
@@ -50,7 +53,7 @@ static void search_to(int64_t to, tl_record *records, bool *there) {
     }
 }
 
-/* The u of the whole run, to tick `to`. */
+/* Follows the u of the whole run until tick `to`. */
 static void follow_to(int64_t to, tl_record *records, bool *there) {
     while (run->sample.tick <= to) {
         int64_t step = run->sample.tick - tl_twin_get_facts(run->twin).lead;
@@ -68,7 +71,7 @@ static void forget(void) {
 static void save(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_save(run->twin, NULL, 0, &size, &run->error));
     free(bytes);
-    bytes = calloc(size + 1, 1); /* one more, to be one too many */
+    bytes = calloc(size + 1, 1); /* one more, for a test with one too many */
     TEST_ASSERT_NOT_NULL(bytes);
     if (size != 0) {
         size_t needed = size;
@@ -77,7 +80,7 @@ static void save(void) {
     }
 }
 
-/* A new twin with the bytes of `tick`. */
+/* A new twin, loaded from the checkpoint of `tick`. */
 static void load(tl_test_scene_kind of, int64_t tick) {
     tl_test_scene_build(&scene, of);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_load(run->twin, tick, bytes, size, &run->error), run->error.text);
@@ -108,9 +111,10 @@ static void expect_same_course(tl_test_scene_kind of, bool with_measurement) {
     TEST_ASSERT_GREATER_THAN_size_t_MESSAGE(20, compared, tl_test_scene_name(of));
 }
 
-/* ---- the same ---- */
+/* ---- equal runs ---- */
 
-/* In an event horizon the winner of a search takes the twin's place: only one that follows as well can be the same. */
+/* With an event horizon the winner of a search replaces the twin, so the whole run must follow
+ * too. */
 static void run_whole(tl_test_scene_kind of, int64_t saved_at) {
     forget();
     tl_test_scene_build(&scene, of);
@@ -127,13 +131,13 @@ static void run_whole(tl_test_scene_kind of, int64_t saved_at) {
     }
 }
 
-static void test_loaded_and_led_along(void) {
+static void test_a_loaded_twin_follows(void) {
     static const int64_t ticks[] = {8, 9, 30, 60, 77, 131, 199};
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
             run_whole(of, ticks[i]);
             if (size == 0) {
-                TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, of); /* an FMU would have to be executed again */
+                TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, of); /* an FMU would have to repeat steps */
                 continue;
             }
             load(of, ticks[i]);
@@ -145,7 +149,7 @@ static void test_loaded_and_led_along(void) {
     }
 }
 
-static void test_led_along_from_the_start(void) {
+static void test_a_new_twin_follows(void) {
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENE_STROKES; of++) {
         run_whole(of, 20);
         tl_test_scene_build(&scene, of);
@@ -155,10 +159,10 @@ static void test_led_along_from_the_start(void) {
     }
 }
 
-/* Loaded, and searched on at once, with solvers that begin every search with an empty head anyway: nothing shows that it was
- * interrupted. Of strokes only between two of them. */
-static void test_loaded_and_searched_on(void) {
-    static const int64_t ticks[] = {9, 24, 60, 78, 131, 158}; /* the one after 24 is missed */
+/* A loaded twin searches at once, with solvers without memory: the run is equal. Strokes: only
+ * between two of them. */
+static void test_a_loaded_twin_searches(void) {
+    static const int64_t ticks[] = {9, 24, 60, 78, 131, 158}; /* tick 25 is missed */
     scene.forgetful = true;
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
@@ -175,7 +179,8 @@ static void test_loaded_and_searched_on(void) {
             search_to(TICKS - 1, part, in_part);
             tl_test_scene_end(&scene);
             expect_same_course(of, true);
-            TEST_ASSERT_TRUE(of != TL_SCENE_MEASURED || whole[TICKS - 20].delay != 0); /* it has been found */
+            /* the delay has been measured */
+            TEST_ASSERT_TRUE(of != TL_SCENE_MEASURED || whole[TICKS - 20].delay != 0);
             for (int64_t step = ticks[i] + 1; step < TICKS; step++) {
                 bool both = in_part[step] && in_whole[step];
                 TEST_ASSERT_TRUE_MESSAGE(!both || whole[step].evaluations == part[step].evaluations,
@@ -186,8 +191,9 @@ static void test_loaded_and_searched_on(void) {
     }
 }
 
-/* After it was led along it searches on; to do so twice gives the same twice, effort included, and as much as the ledger says. */
-static void test_it_goes_on_and_repeats(void) {
+/* A loaded twin follows, then searches. A repetition gives the same values and executions, as the
+ * ledger predicts. */
+static void test_following_and_searching_repeats(void) {
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         static tl_record first[TICKS];
         run_whole(of, 77);
@@ -212,7 +218,7 @@ static void test_it_goes_on_and_repeats(void) {
     }
 }
 
-/* Whoever saves all the time has the same twin, and executes as much. */
+/* Saving after each tick changes neither values nor executions. */
 static void test_saving_changes_nothing(void) {
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         run_whole(of, 20);
@@ -229,16 +235,16 @@ static void test_saving_changes_nothing(void) {
         }
         tl_test_scene_end(&scene);
         expect_same_course(of, true);
-        for (int64_t step = 0; step < TICKS && of != TL_SCENE_LONG;
-             step++) { /* there an FMU may have a longer way to catch up */
+        /* in TL_SCENE_LONG an FMU may have more steps to repeat */
+        for (int64_t step = 0; step < TICKS && of != TL_SCENE_LONG; step++) {
             TEST_ASSERT_EQUAL_UINT32(whole[step].executions * in_part[step], part[step].executions * in_part[step]);
         }
     }
 }
 
-/* ---- in the middle, from start values ---- */
+/* ---- start in the middle, with start values ---- */
 
-static void test_begun_at_a_tick(void) {
+static void test_a_twin_starts_at_a_tick(void) {
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         int64_t age = tl_test_scene_age(of);
         forget();
@@ -247,7 +253,7 @@ static void test_begun_at_a_tick(void) {
         tl_test_scene_move(&scene, 100);
         TEST_ASSERT_EQUAL_INT64(100 + age, tl_twin_get_facts(run->twin).first);
         search_to(TICKS - 1, part, in_part);
-        for (int64_t step = 0; step < 180; step++) { /* of a lead of a few ticks */
+        for (int64_t step = 0; step < 180; step++) { /* the lead is a few ticks */
             TEST_ASSERT_EQUAL_INT_MESSAGE(step >= 100 + age, in_part[step], tl_test_scene_name(of));
         }
         bool set_up = false;
@@ -264,8 +270,8 @@ static void test_begun_at_a_tick(void) {
     }
 }
 
-/* Where older samples are looked up, that which is shown at the first instant is not the newest. */
-static void test_it_begins_with_what_the_plant_shows_then(void) {
+/* With delays, the sample of the first instant is not the newest one. */
+static void test_the_first_step_uses_the_sample_of_its_instant(void) {
     scene.good = true;
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENE_STROKES; of++) {
         tl_test_scene_build(&scene, of);
@@ -286,16 +292,17 @@ static void test_it_begins_with_what_the_plant_shows_then(void) {
     }
 }
 
-/* ---- what is not right ---- */
+/* ---- wrong checkpoints ---- */
 
-static void expect_not_loaded(tl_status status, const char *words) {
+static void expect_not_loaded(tl_status status, const char *parts) {
     TEST_ASSERT_EQUAL_INT(status, tl_twin_load(run->twin, 20, bytes, size, &run->error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run->error.text, words), run->error.text);
+    TL_EXPECT_PARTS(parts, run->error.text);
     tl_test_run_step(run);
-    TEST_ASSERT_EQUAL_INT(status, run->status); /* it is of no use any more */
+    TEST_ASSERT_EQUAL_INT(status, run->status); /* the twin stays unusable */
 }
 
 static void test_bytes_that_end_too_soon_or_too_late(void) {
+    char parts[64];
     run_whole(TL_SCENE_LAG, 20);
     size_t all = size;
     for (size = 0; size < all; size += size + 64 < all ? 37 : 1) {
@@ -305,25 +312,26 @@ static void test_bytes_that_end_too_soon_or_too_late(void) {
     }
     size = all + 1;
     tl_test_scene_build(&scene, TL_SCENE_LAG);
-    expect_not_loaded(TL_BAD_DATA, "bytes where");
+    (void)snprintf(parts, sizeof parts, "checkpoint|%zu|%zu", size, all);
+    expect_not_loaded(TL_BAD_DATA, parts);
     tl_test_scene_end(&scene);
 }
 
 static void test_bytes_of_another_twin(void) {
     run_whole(TL_SCENE_LAG, 20);
     tl_test_scene_build(&scene, TL_SCENE_FREE);
-    expect_not_loaded(TL_BAD_DATA, "is not of this twin");
+    expect_not_loaded(TL_BAD_DATA, "checkpoint|20");
     tl_test_scene_end(&scene);
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_twin_load(run->twin, 21, bytes, size, &run->error));
     tl_test_scene_end(&scene);
     bytes[0] ^= 1;
     tl_test_scene_build(&scene, TL_SCENE_LAG);
-    expect_not_loaded(TL_BAD_DATA, "is not of this twin at tick 20");
+    expect_not_loaded(TL_BAD_DATA, "checkpoint|20");
     tl_test_scene_end(&scene);
 }
 
-/* Somewhere in the bytes: a bit, a byte, or a word of eight that is the worst there is. */
+/* Changes a bit, a byte, or a word of eight bytes at a random place. */
 static void damage(tl_test_random *random) {
     static const uint64_t words[] = {0,
                                      1,
@@ -331,7 +339,7 @@ static void damage(tl_test_random *random) {
                                      INT64_MAX,
                                      (uint64_t)INT64_MIN,
                                      UINT64_C(0x7FF0000000000000), /* infinite */
-                                     UINT64_C(0x7FF8000000000000), /* no number */
+                                     UINT64_C(0x7FF8000000000000), /* NaN */
                                      UINT64_C(0x7FEFFFFFFFFFFFFF),
                                      UINT64_C(0x0202020202020202),
                                      1000000};
@@ -352,16 +360,17 @@ static void damage(tl_test_random *random) {
     }
 }
 
-/* Whoever can write the bytes can write their hash too. They are refused, or the twin goes on in some state of its own: nothing is
- * read or written beside what is there, and no flag is neither true nor false (the sanitizers look). */
-static void test_bytes_that_were_made_to_do_harm(void) {
+/* An attacker can write the hash too. The twin rejects damaged bytes or continues in some state of
+ * its own. Sanitizers check that it accesses no memory outside its buffers, and that flags are true
+ * or false. */
+static void test_damaged_bytes_do_no_harm(void) {
     enum { DAMAGED = 150, MORE = 12 };
     tl_test_random random = {20261122};
     size_t refused = 0;
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         run_whole(of, 60);
         if (size == 0) {
-            continue; /* TL_SCENE_LONG: an FMU would have to be executed again */
+            continue; /* TL_SCENE_LONG: an FMU would have to repeat steps */
         }
         unsigned char *whole_bytes = malloc(size);
         TEST_ASSERT_NOT_NULL(whole_bytes);
@@ -380,7 +389,7 @@ static void test_bytes_that_were_made_to_do_harm(void) {
                 tl_test_scene_show(&scene);
                 tl_test_run_step(run);
             }
-            tl_test_log_clear(&scene.log); /* an FMU whose own state was damaged says what it likes */
+            tl_test_log_clear(&scene.log); /* an FMU with a damaged state may report violations */
             tl_test_scene_end(&scene);
         }
         free(whole_bytes);
@@ -392,14 +401,14 @@ static void test_an_fmu_that_refuses_bytes(void) {
     run_whole(TL_SCENE_LAG, 20);
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     tl_test_fmu_fail(&scene.fmus[1], TL_TEST_DESERIALIZE, TL_TEST_ERROR, 1, 1);
-    expect_not_loaded(TL_FMU_FAILED, "fmi2DeSerializeFMUstate");
+    expect_not_loaded(TL_FMU_FAILED, "b|fmi2DeSerializeFMUstate|fmi2Error");
     tl_test_scene_end(&scene);
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     tl_test_fmu_fail(&scene.fmus[0], TL_TEST_DESERIALIZE, TL_TEST_FATAL, 1, 1);
-    expect_not_loaded(TL_FMU_FATAL, "fmi2DeSerializeFMUstate");
+    expect_not_loaded(TL_FMU_FATAL, "fmi2DeSerializeFMUstate|fmi2Fatal");
 }
 
-/* It says so, and goes on as if it had not been asked. */
+/* Saving fails, and the twin continues unchanged. */
 static void test_an_fmu_that_refuses_to_be_saved(void) {
     static const tl_test_call calls[] = {TL_TEST_SERIALIZED_SIZE, TL_TEST_SERIALIZE};
     for (size_t i = 0; i < 2; i++) {
@@ -422,34 +431,35 @@ static void test_an_fmu_that_refuses_to_be_saved(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run->status);
 }
 
-/* One that goes another way than by its own states has no bytes any more; it is found out when the twin has begun. */
+/* An FMU that is not rolled back by its own states cannot be serialised. The twin finds that after
+ * its start. */
 static void lose_bytes(tl_test_fmu *fmu) {
     fmu->functions.serialized_fmu_state_size = NULL;
     fmu->functions.serialize_fmu_state = NULL;
     fmu->functions.deserialize_fmu_state = NULL;
 }
 
-static void test_an_fmu_that_has_no_bytes_any_more(void) {
+static void test_an_fmu_that_cannot_be_serialised(void) {
     run_whole(TL_SCENE_PLAIN, 20);
     tl_test_scene_build(&scene, TL_SCENE_PLAIN);
     search_to(50, part, in_part);
     lose_bytes(&scene.fmus[1]);
     size_t needed = 0;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_save(run->twin, bytes, size, &needed, &run->error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run->error.text, "only these can be turned into bytes"), run->error.text);
+    TL_EXPECT_PARTS("b|states", run->error.text);
     search_to(TICKS - 1, part, in_part);
     tl_test_scene_end(&scene);
     expect_same_course(TL_SCENE_PLAIN, true);
     tl_test_scene_build(&scene, TL_SCENE_PLAIN);
     lose_bytes(&scene.fmus[1]);
-    expect_not_loaded(TL_FMU_FAILED, "only these can be turned into bytes");
+    expect_not_loaded(TL_FMU_FAILED, "b|states");
 }
 
-static void test_what_can_be_saved(void) {
+static void test_which_twins_can_be_saved(void) {
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     TEST_ASSERT_TRUE(tl_twin_can_save(run->twin));
     save();
-    TEST_ASSERT_EQUAL_size_t(0, size); /* nothing has begun */
+    TEST_ASSERT_EQUAL_size_t(0, size); /* no step yet */
     scene.fmus[1].model.capabilities.can_serialize_state = false;
     TEST_ASSERT_FALSE(tl_twin_can_save(run->twin));
     scene.fmus[1].model.capabilities.can_serialize_state = true;
@@ -460,19 +470,19 @@ static void test_what_can_be_saved(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_loaded_and_led_along);
-    RUN_TEST(test_led_along_from_the_start);
-    RUN_TEST(test_loaded_and_searched_on);
-    RUN_TEST(test_it_goes_on_and_repeats);
+    RUN_TEST(test_a_loaded_twin_follows);
+    RUN_TEST(test_a_new_twin_follows);
+    RUN_TEST(test_a_loaded_twin_searches);
+    RUN_TEST(test_following_and_searching_repeats);
     RUN_TEST(test_saving_changes_nothing);
-    RUN_TEST(test_begun_at_a_tick);
-    RUN_TEST(test_it_begins_with_what_the_plant_shows_then);
+    RUN_TEST(test_a_twin_starts_at_a_tick);
+    RUN_TEST(test_the_first_step_uses_the_sample_of_its_instant);
     RUN_TEST(test_bytes_that_end_too_soon_or_too_late);
     RUN_TEST(test_bytes_of_another_twin);
-    RUN_TEST(test_bytes_that_were_made_to_do_harm);
+    RUN_TEST(test_damaged_bytes_do_no_harm);
     RUN_TEST(test_an_fmu_that_refuses_bytes);
     RUN_TEST(test_an_fmu_that_refuses_to_be_saved);
-    RUN_TEST(test_an_fmu_that_has_no_bytes_any_more);
-    RUN_TEST(test_what_can_be_saved);
+    RUN_TEST(test_an_fmu_that_cannot_be_serialised);
+    RUN_TEST(test_which_twins_can_be_saved);
     return UNITY_END();
 }
