@@ -32,7 +32,7 @@ VOLATILE = (
 )
 
 # A renamed column or key gets a row here, so that builds of before and after can be compared, and digests stay as they are.
-NAMES = {"y": "simulated", "y_hat": "measured", "u": "applied", "u_hat": "nominal",
+NAMES = {"y": "simulated", "y_hat": "measured", "u": "applied", "u_hat": "nominal", "caught_up": "repeated", "unstored": "uncached",
          "delta": "difference", "error": "difference", "correction": "difference"}
 NAME = re.compile(rf"(?<![^\W_])({'|'.join(sorted(NAMES, key=len, reverse=True))})(?![^\W_])")
 
@@ -58,7 +58,7 @@ COMMITTED = {
     "outputs": ("step", "signal", "simulated", "measured", "quality", "readings", "squares", "rejected"),
     "adjustments": ("step", "signal", "applied", "nominal"),
     "steps": ("step", "t_ns", "outcome", "stop", "J", "J_nominal", "evaluations", "executions", "predicted", "flags", "held"),
-    "components": ("component", "plain", "predicted", "executions", "caught_up", "unstored"),
+    "components": ("component", "plain", "predicted", "executions", "repeated", "uncached"),
 }
 
 

@@ -56,12 +56,12 @@ def test_booleans_by_modbus():
         found = {value for value, in query(database, "SELECT DISTINCT value FROM v_samples WHERE name LIKE ? AND "
                                            "quality = 'good'", f"%{name}")}
         expect(found == values, f"{name} was read as {found}")
-    u = [value for value, in query(database, "SELECT u FROM adjustments ORDER BY step")]
-    nominal = [value for value, in query(database, "SELECT u_hat FROM adjustments ORDER BY step")]
+    u = [value for value, in query(database, "SELECT applied FROM adjustments ORDER BY step")]
+    nominal = [value for value, in query(database, "SELECT nominal FROM adjustments ORDER BY step")]
     expect(set(nominal) == {0, 1}, f"what the control says never changes: {set(nominal)}")
     hangs = u[:round((5.0 - BEGIN_S) / 0.05)]
     expect(not any(hangs), f"belt 2 was on while the product hung, in {sum(hangs)} steps")
-    counted = [y for y, in query(database, "SELECT y FROM v_outputs WHERE name = 'process.messages' ORDER BY step")]
+    counted = [y for y, in query(database, "SELECT simulated FROM v_outputs WHERE name = 'process.messages' ORDER BY step")]
     expect(counted[-1] == 3 and set(counted) <= {0, 1, 2, 3}, f"messages counted: {set(counted)}")
     again = scratch() / "again.db"
     repeated = replay_json(config, "--recording", database, "--db", again)

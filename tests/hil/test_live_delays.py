@@ -89,7 +89,7 @@ def test_a_free_twin_that_measures():
     expect_events(database, ("info", "ms measured, and used from now on"))
     again = scratch() / "again.db"
     run_well(["replay", path, "--recording", database, "--db", again])
-    for table, columns in (("outputs", "step, y, y_hat, quality"), ("steps", "step, t_ns, outcome")):
+    for table, columns in (("outputs", "step, simulated, measured, quality"), ("steps", "step, t_ns, outcome")):
         sql = f"SELECT {columns} FROM {table} WHERE run = 1 ORDER BY step"
         expect(query(database, sql) == query(again, sql), f"{table} differ")
     expect_same_events(database, 1, again)

@@ -68,7 +68,7 @@ def run_live(measurements):
 def expect_many_cycles(database):
     """The search that has found the throttle was left and taken up again, each time within the period. That is asserted
     of the median: one cycle may be late for what else the machine does, most of them only for the search."""
-    found, u, value = query(database, "SELECT step, u, J FROM v_steps JOIN adjustments USING (run, step) "
+    found, u, value = query(database, "SELECT step, applied, J FROM v_steps JOIN adjustments USING (run, step) "
                             "WHERE outcome = 'optimised' ORDER BY step LIMIT 1")[0]
     expect(u != FIRST and value < 1, f"the throttle found at step {found} is {u}, J = {value}")
     cycles = query(database, "SELECT executions, used_ns FROM steps WHERE step < ? AND stop = ?", found, STOP_TIME)

@@ -51,7 +51,7 @@ def live(match, spoil=lambda count, value: value, **signal):
 def mse_of(database):
     """How far the twin is from a sine with that period, of whatever phase: a delay is no part of it, what comes and goes with each message is."""
     steps = round(PERIODS * PERIOD_S / STEP_S)
-    y = [row[0] for row in query(database, "SELECT y FROM outputs WHERE run = 1 AND step >= ? ORDER BY step LIMIT ?", round(SETTLED_S / STEP_S), steps)]
+    y = [row[0] for row in query(database, "SELECT simulated FROM outputs WHERE run = 1 AND step >= ? ORDER BY step LIMIT ?", round(SETTLED_S / STEP_S), steps)]
     expect(len(y) == steps, f"{len(y)} steps, wanted {steps}")
     wave = [2 * math.pi * i * STEP_S / PERIOD_S for i in range(steps)]
     mean = sum(y) / steps

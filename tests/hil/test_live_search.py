@@ -30,7 +30,7 @@ def test_a_variable_that_does_not_matter():
     expect_events(database, ("warning", words))
     expect(sum(words in text for _, text in events(database)) == 1, f"more than once: {events(database)}")
     held = number(database, "SELECT count(*) FROM v_steps WHERE held = 'motor.d'")
-    moved = number(database, "SELECT count(*) FROM steps JOIN adjustments USING (run, step) WHERE held AND delta <> 0")
+    moved = number(database, "SELECT count(*) FROM steps JOIN adjustments USING (run, step) WHERE held AND correction <> 0")
     expect(held >= 20 and moved == 0, f"held in {held} of {rows} steps, elsewhere than at nominal in {moved}")
     check_replay(config, database, rows)
 

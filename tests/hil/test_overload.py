@@ -37,7 +37,7 @@ def test_stopped_process():
     expect(searched == [], f"steps that were made up have searched: {searched}")
     other = query(database, "SELECT s.step FROM steps s JOIN adjustments a USING (run, step) "
                   "JOIN adjustments b ON b.run = a.run AND b.step = a.step - 1 "
-                  "WHERE s.outcome = ? AND a.u <> b.u", MADE_UP)
+                  "WHERE s.outcome = ? AND a.applied <> b.applied", MADE_UP)
     expect(other == [], f"steps were made up with another u than the last one: {other}")
     expect_events(database, ("warning", "ticks missed and made up"))
     print(f"    {told['steps']} steps, {told['skipped']} skipped, {told['deadline_misses']} deadline misses")

@@ -50,7 +50,7 @@ def twin(fifo):
 
 def found_it(database):
     """Steps with about the true gain. (Where there is no time for a search, as on a busy machine, it is nominal.)"""
-    return number(database, "SELECT count(*) FROM adjustments WHERE run = 1 AND abs(u - ?) < 0.2", GAIN)
+    return number(database, "SELECT count(*) FROM adjustments WHERE run = 1 AND abs(applied - ?) < 0.2", GAIN)
 
 
 def test_it_is_locked_in_real_time():

@@ -15,7 +15,7 @@ from twinlock_test import HUNG_S, BUILD, Skip, expect, main, run_well, scratch
 PROBE = BUILD / "tests" / "retune_probe"
 SKIPPED = 77
 FOLLOWED = 9  # master/sync/record.h
-STEPS = ("SELECT a.step, a.signal, a.u, a.u_hat, o.y, s.J, s.outcome, s.evaluations FROM adjustments a JOIN outputs o USING (run, step) "
+STEPS = ("SELECT a.step, a.signal, a.applied, a.nominal, o.simulated, s.J, s.outcome, s.evaluations FROM adjustments a JOIN outputs o USING (run, step) "
          "JOIN steps s USING (run, step) WHERE run = ? ORDER BY a.step, a.signal")
 TUNINGS = ("SELECT tick, substr(configuration, 1, 12), who, origin, why FROM tunings WHERE run = ? ORDER BY tick")
 
@@ -105,7 +105,7 @@ def test_taken_and_repeated():
         expect([(row[0], *row[2:]) for row in rows] == [(at, "ann", "test", "to see what it does"), (later, "bo", "test", "to see what it does")], f"{rows}")
         told = [row[0] for row in query(database, "SELECT text FROM events WHERE source = 'retune' ORDER BY event")]
         expect(len(told) == 3 and "refused: found 100000 evaluations" in told[1] and told[0] == f"configuration {rows[0][1]} in force", f"{told}")
-        nominals = query(database, "SELECT u_hat, count(*) FROM adjustments GROUP BY u_hat ORDER BY min(step)")
+        nominals = query(database, "SELECT nominal, count(*) FROM adjustments GROUP BY nominal ORDER BY min(step)")
         expect([row[0] for row in nominals] == [0.0031, 0.01, 0.02], f"{nominals}")
         page = run_well(["show", database])
         expect(re.search(rf"Retuned while it ran \(UTC\)\n.* tick {at} +configuration {rows[0][1]}  ann, test: to see what it does\n", page), page)
@@ -141,7 +141,7 @@ def test_the_twin_is_killed():
         expect(query(database, "SELECT tick, who FROM tunings WHERE run = 1 ORDER BY tick") in ([(at, "ann")], []), f"{query(database, TUNINGS, 1)}")
         rows = query(database, "SELECT tick, who FROM tunings WHERE run = 2 ORDER BY tick")
         expect(rows == [(min(at, followed) if at >= rows[0][0] else rows[0][0], "ann"), (later, "ann")], f"{rows}, at {at}, followed to {followed}")
-        own = query(database, "SELECT u_hat, min(step) FROM adjustments WHERE run = 2 AND step >= ? GROUP BY u_hat ORDER BY 2", followed)
+        own = query(database, "SELECT nominal, min(step) FROM adjustments WHERE run = 2 AND step >= ? GROUP BY nominal ORDER BY 2", followed)
         expect([row[0] for row in own] == [0.01, 0.02], f"{own}")
         expect_repeated(config, database, 1)
         expect_repeated(config, database, 2)

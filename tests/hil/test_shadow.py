@@ -22,7 +22,7 @@ SHORT = "--shadow", "2", "--probation", "3"
 LONG = "--shadow", "2", "--probation", "600"
 HANDED_OVER = "another configuration has taken over"
 RUNS = "SELECT r.run, b.resumed_run, b.resumed_tick, b.resumed_from, r.prediction, r.ended_reason FROM runs r JOIN beginnings b USING (run) ORDER BY r.run"
-STEPS = ("SELECT a.step, a.signal, a.u, a.u_hat, o.y, s.J, s.outcome, s.evaluations, s.flags FROM adjustments a JOIN outputs o USING (run, step) "
+STEPS = ("SELECT a.step, a.signal, a.applied, a.nominal, o.simulated, s.J, s.outcome, s.evaluations, s.flags FROM adjustments a JOIN outputs o USING (run, step) "
          "JOIN steps s USING (run, step) WHERE run = ? AND a.step >= ? ORDER BY a.step, a.signal")
 
 

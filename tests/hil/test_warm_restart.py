@@ -124,7 +124,7 @@ def check_repeated(config, database, run_number):
 
 def same_course(database, before, run_number):
     """What the new run led the twin along is to the bit what the run before had."""
-    sql = """SELECT n.step, n.y, o.y, na.u, oa.u FROM outputs n JOIN outputs o USING (step, signal)
+    sql = """SELECT n.step, n.simulated, o.simulated, na.applied, oa.applied FROM outputs n JOIN outputs o USING (step, signal)
              JOIN adjustments na ON na.run = n.run AND na.step = n.step
              JOIN adjustments oa ON oa.run = o.run AND oa.step = n.step
              WHERE n.run = ? AND o.run = ? ORDER BY n.step"""

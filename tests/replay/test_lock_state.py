@@ -40,7 +40,7 @@ def lock_events(database):
 def miss(database, steps):
     """As a live run would have it that missed so many ticks after the step with the most negative u: its last correction was noise."""
     with closing(sqlite3.connect(database)) as connection:
-        (step,), = connection.execute("SELECT step FROM adjustments WHERE step BETWEEN 3000 AND 6000 ORDER BY u LIMIT 1")
+        (step,), = connection.execute("SELECT step FROM adjustments WHERE step BETWEEN 3000 AND 6000 ORDER BY applied LIMIT 1")
         connection.execute("UPDATE steps SET outcome = ?, stop = 0, evaluations = 0, J = NULL, J_nominal = NULL "
                            "WHERE step > ? AND step <= ?", (MADE_UP, step, step + steps))
         connection.execute("UPDATE runs SET verb = 'run'")

@@ -26,8 +26,8 @@ BAD_USAGE, BAD_DATA, TRY_AGAIN = 2, 65, 75
 STEPS = 1401
 
 # Colours of page.css: paper and light, and dark.
-LIGHT = {"simulated": (0, 103, 165), "measured": (232, 163, 61), "delta": (0, 122, 94)}
-DARK = {"simulated": (90, 180, 240), "measured": (185, 119, 42), "delta": (63, 199, 159)}
+LIGHT = {"simulated": (0, 103, 165), "measured": (232, 163, 61), "difference": (0, 122, 94)}
+DARK = {"simulated": (90, 180, 240), "measured": (185, 119, 42), "difference": (63, 199, 159)}
 
 # The pixels of a colour on each plot's lower canvas, which has the curves: their number, and their bounds as parts of it.
 PIXELS = """((red, green, blue) => Array.from(document.querySelectorAll('.plot'), (plot) => {
@@ -109,13 +109,13 @@ def expect_curve(pixels, what):
 
 def expect_plots(browser, colours):
     """The five plots of config/motor/lock.json: y and ŷ, Δy, u and û, Δu, effort."""
-    simulated, measured, delta = (coloured(browser, colours[name]) for name in ("simulated", "measured", "delta"))
+    simulated, measured, difference = (coloured(browser, colours[name]) for name in ("simulated", "measured", "difference"))
     expect(len(simulated) == 5, f"{len(simulated)} plots")
-    for pixels, name, plot in ((simulated, "y", 0), (measured, "\u0177", 0), (delta, "\u0394y", 1),
-                               (simulated, "u", 2), (delta, "\u0394u", 3), (simulated, "executions", 4)):
+    for pixels, name, plot in ((simulated, "y", 0), (measured, "\u0177", 0), (difference, "\u0394y", 1),
+                               (simulated, "u", 2), (difference, "\u0394u", 3), (simulated, "executions", 4)):
         expect_curve(pixels[plot], name)
     for plot in (0, 2, 4):
-        expect(delta[plot]["count"] == 0, f"plot {plot} has a deviation")
+        expect(difference[plot]["count"] == 0, f"plot {plot} has a deviation")
     expect(simulated[0]["bottom"] - simulated[0]["top"] > 0.4, f"y does not fill its plot: {simulated[0]}")
 
 
@@ -170,7 +170,7 @@ def test_the_curves_are_those_of_csv():
     path, _ = report("replay", LOCK, "--csv", table)
     rows, data = read_table(table), data_of(path)
     match, adjust = data["match"][0], data["adjust"][0]
-    pairs = ((match["y"], rows["motor.omega"]), (match["measured"], rows["plant.omega"]),
+    pairs = ((match["simulated"], rows["motor.omega"]), (match["measured"], rows["plant.omega"]),
              (adjust["u"], rows["motor.d"]), (adjust["nominal"], rows["motor.d nominal"]),
              (data["evaluations"], rows["evaluations"]))
     for drawn, written in pairs:
@@ -194,7 +194,7 @@ def test_a_free_run():
 
 def test_zoom_and_cursor():
     path, _ = report("replay", LOCK)
-    y = data_of(path)["match"][0]["y"]
+    y = data_of(path)["match"][0]["simulated"]
     with Browser() as browser:
         browser.open(path)
         whole = x_labels(browser)
@@ -260,7 +260,7 @@ def test_paper():
         browser.print(PICTURES / "lock.pdf")
         plots = strokes(PICTURES / "lock.pdf")
         expect(len(plots) == 5, f"{len(plots)} plots on paper")
-        for plot, names in zip(plots, (("simulated", "measured"), ("delta",), ("simulated",), ("delta",), ("simulated",))):
+        for plot, names in zip(plots, (("simulated", "measured"), ("difference",), ("simulated",), ("difference",), ("simulated",))):
             for name in names:
                 expect(plot.get(on_paper(LIGHT[name]), 0) >= STEPS - 1, f"{name}: {plot}")
         expect(x_labels(browser) == before, "the page on the screen is another after printing")
@@ -289,13 +289,13 @@ def test_a_live_run():
         "UPDATE runs SET verb = 'run', started = '2026-11-21T10:00:00.000Z'",
         "UPDATE steps SET used_ns = 1000000 + step * 1000", "UPDATE steps SET used_ns = 11000000 WHERE step = 50",
         "UPDATE signals SET type = 'Boolean' WHERE kind = 'adjust'",
-        "UPDATE adjustments SET u = (step / 100) % 2, u_hat = 0",
+        "UPDATE adjustments SET applied = (step / 100) % 2, nominal = 0",
         "UPDATE outputs SET quality = 4 WHERE step BETWEEN 300 AND 360",
         *(f"DELETE FROM {table} WHERE step BETWEEN 800 AND 900" for table in ("steps", "outputs", "adjustments")),
         "INSERT INTO events (run, at, tick, severity, source, text) VALUES"
         " (1, '2026-11-21T10:00:03.000Z', 300, 1, 'plant', 'plant.omega: no link')")
     data = data_of(path)
-    measured, y = data["match"][0]["measured"], data["match"][0]["y"]
+    measured, y = data["match"][0]["measured"], data["match"][0]["simulated"]
     expect(measured[300:361] == [None] * 61 and None not in measured[:300], "bad values are drawn as if good")
     expect(y[800:901] == [None] * 101 and None not in y[:800], "a gap is drawn over")
     expect(data["match"][0]["bad"] == [[300, 360, 16]], f"{data['match'][0]['bad']}")
@@ -336,7 +336,7 @@ def test_a_run_without_steps():
 def test_a_configuration_that_is_not_understood():
     """Of a newer program: tolerance and solver are not known, all else is."""
     data = data_of(recorded("UPDATE configurations SET text = '{\"twinlock\": 99}'"))
-    expect(data["match"][0]["tolerance"] == 0 and len(data["match"][0]["y"]) == STEPS, "tolerance or curves")
+    expect(data["match"][0]["tolerance"] == 0 and len(data["match"][0]["simulated"]) == STEPS, "tolerance or curves")
 
 
 # ---- names ----
@@ -410,7 +410,7 @@ def test_a_long_run_is_thinned():
     config = edited_config("motor/free.json", {"duration_s": None})
     path, _ = report("replay", config, "--recording", recording, "--csv", table)
     rows, match = read_table(table), data_of(path)["match"][0]
-    for drawn, written in ((match["y"], rows["motor.omega"]), (match["measured"], rows["plant.omega"])):
+    for drawn, written in ((match["simulated"], rows["motor.omega"]), (match["measured"], rows["plant.omega"])):
         for extreme in (max, min):
             expect(extreme(drawn) == float(f"{extreme(written):.9g}"), f"{extreme.__name__}: {extreme(drawn)}")
     at_most(path.stat().st_size, 2_000_000, "page of 100000 steps, bytes")
@@ -423,7 +423,7 @@ def test_a_long_run_is_thinned():
         shown = figures(browser)
         expect(shown["width"] == 16, f"width: {shown['width']}")
         expect("No extreme is left out" in browser.ask("document.body.innerText"), "thinning is not said")
-        expect(len(coloured(browser, LIGHT["delta"])) == 3, "plots")
+        expect(len(coloured(browser, LIGHT["difference"])) == 3, "plots")
 
 
 # ---- files ----

@@ -10,7 +10,7 @@ import hostile_fmu
 from twinlock_test import PLAIN_LOCK, NOT_LOCKED, PATIENCE, SANITIZER, Skip, at_most, edited_config, expect, main, run_well, scratch, start
 
 RESET = 32
-STEPS = "SELECT s.step, outcome, flags, evaluations, J, y, u FROM steps s JOIN outputs USING (run, step) " \
+STEPS = "SELECT s.step, outcome, flags, evaluations, J, simulated, applied FROM steps s JOIN outputs USING (run, step) " \
         "JOIN adjustments USING (run, step) ORDER BY s.step"
 
 

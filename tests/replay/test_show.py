@@ -85,7 +85,7 @@ def test_windows_are_what_the_database_holds():
     with sqlite3.connect(database) as connection:
         for window, end in zip(windows, ends):
             (mean, count), = connection.execute(
-                "SELECT avg(delta), count(*) FROM adjustments JOIN signals USING (run, signal)"
+                "SELECT avg(correction), count(*) FROM adjustments JOIN signals USING (run, signal)"
                 " WHERE kind = 'adjust' AND name = ? AND step >= ? AND step < ?", (name, window["from_step"], end))
             expect(count == window["steps"], f"{window}: {count} steps")
             expect(math.isclose(mean, window["correction_mean"], rel_tol=1e-9, abs_tol=1e-15), f"{window}: {mean}")

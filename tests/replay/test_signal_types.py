@@ -145,7 +145,7 @@ def test_database_and_back():
               COUNT: "Integer", "event_to_cyclic.missed": "Integer", U: "Boolean"}
     expect({name.replace("plant.", ""): kind for name, kind in types.items()} ==
            {name.replace("plant.", ""): kind for name, kind in wanted.items()}, f"types: {types}")
-    values = {value for value, in select(database, "SELECT DISTINCT u FROM adjustments UNION SELECT u_hat FROM adjustments")}
+    values = {value for value, in select(database, "SELECT DISTINCT applied FROM adjustments UNION SELECT nominal FROM adjustments")}
     expect(values == {0, 1}, f"u and nominal in the database: {values}")
 
 

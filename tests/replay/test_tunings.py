@@ -9,7 +9,7 @@ from pathlib import Path
 from live_test import bits, query
 from twinlock_test import PLAIN_LOCK, edited_config, expect, main, run, run_well, scratch
 
-STEPS = "SELECT step, u, u_hat, y, J, outcome, evaluations FROM adjustments JOIN outputs USING (run, step, signal) JOIN steps USING (run, step) WHERE run = 1 ORDER BY step"
+STEPS = "SELECT step, applied, nominal, simulated, J, outcome, evaluations FROM adjustments JOIN outputs USING (run, step, signal) JOIN steps USING (run, step) WHERE run = 1 ORDER BY step"
 AT = 300
 
 
@@ -59,7 +59,7 @@ def test_followed():
     expect([bits(row) for row in before[:AT - 1]] == [bits(row) for row in after[:AT - 1]], "another step before the tick")
     nominal = [row[0] for row in after if row[2] == 0.05]
     expect(nominal == list(range(AT - 1, AT + 99)), f"nominal from {nominal[:1]} to {nominal[-1:]}")
-    within = max(abs(row[3] - y_hat) for row, (y_hat,) in zip(after, query(again, "SELECT y_hat FROM outputs ORDER BY step")) if AT <= row[0] < AT + 99)
+    within = max(abs(row[3] - measured) for row, (measured,) in zip(after, query(again, "SELECT measured FROM outputs ORDER BY step")) if AT <= row[0] < AT + 99)
     expect(within <= 0.3, f"off by {within} with a tolerance of 0.3")
     rows = "SELECT tick, configuration, at, who, origin, why FROM tunings ORDER BY tick"
     expect(query(again, rows) == query(database, rows), "what the replay recorded of them")

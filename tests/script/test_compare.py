@@ -78,7 +78,7 @@ def test_every_case():
 
 def test_a_digest_is_of_every_bit():
     file = scratch() / "digests.txt"
-    other = build(of_database("UPDATE outputs SET y = y * (1 + 2.3e-16) WHERE step = 100"))
+    other = build(of_database("UPDATE outputs SET simulated = simulated * (1 + 2.3e-16) WHERE step = 100"))
     code, out, err = compare(other, other, *QUICK, "--digests", file)
     expect(code == 0 and not err, f"{code}\n{out}{err}")
     (name, found), = digests_of(file.read_text(encoding="utf-8")).items()
@@ -89,12 +89,12 @@ def test_a_digest_is_of_every_bit():
 def test_a_renamed_column_is_the_same():
     """By its canonical name, and so is its digest; one without such a name is not."""
     files = [scratch() / "digests.txt" for _ in range(2)]
-    renamed = build(of_database("ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal"), "sed s/correction_mean/correction_mean/")
+    renamed = build(of_database("ALTER TABLE adjustments RENAME COLUMN nominal TO u_hat"), "sed s/correction_mean/delta_mean/")
     for before, after, file in ((build(), renamed, files[0]), (renamed, build(), files[1])):
         code, out, err = compare(before, after, "--quick", "--only", "^variant/two$", "--digests", file)
         expect(code == 0 and not err and out.startswith("compare: same; "), f"{code}\n{out}{err}")
     expect(files[0].read_text(encoding="utf-8") == files[1].read_text(encoding="utf-8"), "other digests")
-    unknown = build(of_database("ALTER TABLE adjustments RENAME COLUMN u_hat TO nobody"))
+    unknown = build(of_database("ALTER TABLE adjustments RENAME COLUMN nominal TO nobody"))
     code, out, err = compare(unknown, unknown, *QUICK, "--digests", files[0])
     expect(code == 2 and "adjustments has no nominal: add the new names to NAMES" in err, f"{code}\n{out}{err}")
 
@@ -106,7 +106,7 @@ def test_a_value_of_a_table():
 
 def test_a_value_of_a_database():
     """One bit of it, where no table tells."""
-    update = of_database("UPDATE outputs SET y = y * (1 + 2.3e-16) WHERE step = 100")
+    update = of_database("UPDATE outputs SET simulated = simulated * (1 + 2.3e-16) WHERE step = 100")
     expect_found(update, "values", "database, outputs: line 102, simulated: ")
 
 

@@ -336,7 +336,7 @@ def kept_database(path):
     if found is None:
         return None
     try:
-        steps = [query(path, sql) for sql in ("PRAGMA integrity_check", "SELECT step, t_ns FROM steps", "SELECT step, y, y_hat FROM outputs")]
+        steps = [query(path, sql) for sql in ("PRAGMA integrity_check", "SELECT step, t_ns FROM steps", "SELECT step, simulated, measured FROM outputs")]
     except sqlite3.DatabaseError as error:
         steps = str(error)
     return (*found[:3], found[-2], found[-1].endswith(b"attack"), steps)

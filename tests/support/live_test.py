@@ -132,8 +132,8 @@ def check_rows(path, run=1):
                f"{table} has {len(rows)} rows, steps {len(steps)}")
     ticks = query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)
     expect([row[0] for row in ticks] == list(range(len(ticks))), "ticks are missing in samples")
-    for value in "u", "u_hat", "y", "y_hat":
-        table = "adjustments" if value.startswith("u") else "outputs"
+    for value in "applied", "nominal", "simulated", "measured":
+        table = "adjustments" if value in ("applied", "nominal") else "outputs"
         bad = number(path, f"SELECT count(*) FROM {table} WHERE run = ? AND typeof({value}) <> 'real'", run)
         expect(bad == 0, f"{bad} rows of {value} are no numbers")
     return len(steps)
@@ -210,7 +210,7 @@ def last_step(database):
 
 
 RESULTS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.J, s.J_nominal, s.flags, s.held,
-                    o.y, o.y_hat, o.quality, a.u, a.u_hat
+                    o.simulated, o.measured, o.quality, a.applied, a.nominal
              FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step)
              WHERE run = ? ORDER BY step"""
 COSTS = "SELECT step, executions, predicted FROM steps WHERE run = ? ORDER BY step"
@@ -300,7 +300,7 @@ def expect_events(database, *wanted):
 
 def check_free_run(database):
     """The twin ran free in the very steps whose measurement was not good, on the last one that was."""
-    rows = query(database, f"""SELECT s.step, s.outcome, o.quality, o.y_hat, p.quality, p.value
+    rows = query(database, f"""SELECT s.step, s.outcome, o.quality, o.measured, p.quality, p.value
                                FROM steps s JOIN outputs o USING (run, step)
                                JOIN ({SAMPLES}) p ON p.tick = s.step + 1
                                WHERE s.run = :run ORDER BY s.step""", {"run": 1, "name": "plant.omega"})

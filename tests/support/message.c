@@ -3,6 +3,7 @@
 
 #include <ctype.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <string.h>
 
 static bool is_inside_word(char c) {
@@ -32,7 +33,7 @@ static bool has_part(const char *message, const char *part, size_t length) {
 }
 
 bool tl_test_has_parts(const char *message, const char *parts) {
-    if (message == NULL || message[0] == '\0') {
+    if (message == NULL || message[0] == '\0' || parts[0] == '\0') {
         return false;
     }
     while (parts[0] != '\0') {
@@ -43,4 +44,12 @@ bool tl_test_has_parts(const char *message, const char *parts) {
         parts += length + (parts[length] == '|' ? 1 : 0);
     }
     return true;
+}
+
+void tl_test_expect_parts(const char *parts, const char *message, int line) {
+    static char text[2048];
+    if (!tl_test_has_parts(message, parts)) {
+        (void)snprintf(text, sizeof text, "\"%s\" lacks a part of \"%s\"", message == NULL ? "" : message, parts);
+        UNITY_TEST_FAIL((UNITY_LINE_TYPE)line, text);
+    }
 }

@@ -11,10 +11,11 @@
 #include <unity.h>
 
 /* True if the message contains each of the parts, which '|' separates: "plant.level|18.55|0|5".
- * A part matches whole words and whole numbers only: "5" is not in "18.55". An empty list is in each message that is not empty. */
+ * A part matches whole words and whole numbers only: "5" is not in "18.55". An empty list is in no message. */
 bool tl_test_has_parts(const char *message, const char *parts);
 
-/* The test fails, and prints the message, unless it has all parts. */
-#define TL_EXPECT_PARTS(parts, message) TEST_ASSERT_TRUE_MESSAGE(tl_test_has_parts(message, parts), message)
+/* The test fails unless the message has all parts; prints both. */
+#define TL_EXPECT_PARTS(parts, message) tl_test_expect_parts(parts, message, __LINE__)
+void tl_test_expect_parts(const char *parts, const char *message, int line);
 
 #endif

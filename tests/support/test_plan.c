@@ -6,6 +6,8 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/message.h"
+
 static void add_problem(void *context, tl_status status, const char *where, const char *text) {
     tl_test_plan *plan = context;
     size_t number = plan->report.count - 1; /* counted already */
@@ -108,7 +110,7 @@ tl_twin *tl_test_plan_build(tl_test_plan *plan) {
 const tl_test_problem *tl_test_plan_problem(const tl_test_plan *plan, const char *where, const char *words) {
     for (size_t i = 0; i < plan->report.count && i < TL_TEST_PROBLEMS; i++) {
         const tl_test_problem *problem = &plan->problems[i];
-        if (strcmp(problem->where, where) == 0 && strstr(problem->text, words) != NULL) {
+        if (strcmp(problem->where, where) == 0 && tl_test_has_parts(problem->text, words)) {
             return problem;
         }
     }

@@ -9,7 +9,7 @@ from test_live_gpio import Chip
 from twinlock_test import PLAIN_BOX, edited_config, expect, main
 
 # What the drive asks for, A, while the start bit has no link. It would fall below 0 within 0.1 s if the bit fell.
-ASKED = """SELECT count(*), min(u_hat) FROM adjustments a JOIN samples s ON s.run = a.run AND s.tick = a.step
+ASKED = """SELECT count(*), min(nominal) FROM adjustments a JOIN samples s ON s.run = a.run AND s.tick = a.step
            JOIN signals ON signals.run = s.run AND signals.signal = s.signal
            WHERE signals.kind = 'plant' AND name = 'plant.enabled' AND quality = ?"""
 

@@ -70,7 +70,7 @@ def expect_start_bit(database, pulls):
                                                       WHERE name = 'plant.enabled' AND quality = 0 ORDER BY tick""")]
     edges = sum(one != other for one, other in zip(levels, levels[1:]))
     expect(edges == pulls >= 2, f"{edges} edges were seen of {pulls}")
-    slowest, fastest = query(database, "SELECT min(y), max(y) FROM outputs")[0]
+    slowest, fastest = query(database, "SELECT min(simulated), max(simulated) FROM outputs")[0]
     expect(slowest < 2 and fastest > 55, f"the twin's speed was between {slowest} and {fastest} rad/s")
 
 

@@ -403,14 +403,14 @@ static void test_json(void) {
     TEST_ASSERT_EQUAL_DOUBLE(3200, number_of(root, "evaluations", NULL, NULL));
     TEST_ASSERT_EQUAL_DOUBLE(1600, number_of(root, "optimised_steps", NULL, NULL));
     TEST_ASSERT_EQUAL_DOUBLE(16, number_of(root, "outcomes", "optimised", NULL));
-    TEST_ASSERT_EQUAL_DOUBLE(tl_sql_number(path, "SELECT sum(delta * delta) / (count(*) - 1) FROM outputs WHERE"
+    TEST_ASSERT_EQUAL_DOUBLE(tl_sql_number(path, "SELECT sum(error * error) / (count(*) - 1) FROM outputs WHERE"
                                                  " signal = 0 AND quality = 0"),
                              number_of(root, "match", "motor.omega", "mse"));
     TEST_ASSERT_EQUAL_DOUBLE(1200, number_of(root, "match", "motor.i", "left_out"));
     TEST_ASSERT_EQUAL_DOUBLE(2, number_of(root, "match", "motor.i", "max"));
-    TEST_ASSERT_TRUE(fabs(tl_sql_number(path, "SELECT avg(delta) FROM adjustments WHERE signal = 0") -
+    TEST_ASSERT_TRUE(fabs(tl_sql_number(path, "SELECT avg(correction) FROM adjustments WHERE signal = 0") -
                           number_of(root, "adjust", "motor.d", "correction_mean")) < 1e-15);
-    TEST_ASSERT_EQUAL_DOUBLE(tl_sql_number(path, "SELECT max(u) FROM adjustments WHERE signal = 0"),
+    TEST_ASSERT_EQUAL_DOUBLE(tl_sql_number(path, "SELECT max(applied) FROM adjustments WHERE signal = 0"),
                              number_of(root, "adjust", "motor.d", "max"));
     TEST_ASSERT_EQUAL_DOUBLE(24, number_of(root, "adjust", "drive.u", "last"));
     const cJSON *windows = cJSON_GetObjectItem(
@@ -692,9 +692,9 @@ static void test_nonsense_is_damage(void) {
         "UPDATE runs SET name = CAST(x'ff41' AS TEXT)",
         "UPDATE runs SET name = printf('%5000d', 1)",
         "UPDATE runs SET steps_written = -1",
-        "UPDATE adjustments SET u = 'text' WHERE step = 20",
-        "UPDATE adjustments SET u_hat = 9e999 WHERE step = 20",
-        "UPDATE outputs SET y = x'00' WHERE step = 20",
+        "UPDATE adjustments SET applied = 'text' WHERE step = 20",
+        "UPDATE adjustments SET nominal = 9e999 WHERE step = 20",
+        "UPDATE outputs SET simulated = x'00' WHERE step = 20",
         "UPDATE outputs SET quality = -1 WHERE step = 20",
         "UPDATE steps SET J = 'a' WHERE step = 20",
         "UPDATE steps SET used_ns = -5 WHERE step = 20",

@@ -218,7 +218,7 @@ static void test_damaged_runs_are_not_gone_on_with(void) {
         "UPDATE samples SET value = 9e999 WHERE tick > 100",
         "UPDATE samples SET stamp_ns = 9223372036854775807 WHERE tick > 100",
         "UPDATE samples SET signal = 60 WHERE tick > 100 AND signal = 1",
-        "UPDATE adjustments SET u = x'00' WHERE step > 100",
+        "UPDATE adjustments SET applied = x'00' WHERE step > 100",
         "UPDATE beginnings SET start_ns = 9223372036854775807",
         "UPDATE checkpoints SET tick = -1",
         "UPDATE checkpoints SET bytes = 'text'",

@@ -627,8 +627,8 @@ static void test_more_impossible_values(void) {
     expect_damage("UPDATE steps SET executions = 'many' WHERE step = 3");
     expect_damage("UPDATE steps SET flags = -1 WHERE step = 3");
     expect_damage("UPDATE adjustments SET signal = 8 WHERE step = 3 AND signal = 1");
-    expect_damage("UPDATE adjustments SET u = 'text' WHERE step = 3 AND signal = 1");
-    expect_damage("UPDATE adjustments SET u = -9e999 WHERE step = 3 AND signal = 1");
+    expect_damage("UPDATE adjustments SET applied = 'text' WHERE step = 3 AND signal = 1");
+    expect_damage("UPDATE adjustments SET applied = -9e999 WHERE step = 3 AND signal = 1");
     expect_damage("UPDATE signals SET type = 'Complex' WHERE kind = 'match'");
     expect_damage("UPDATE signals SET unit = x'41' WHERE kind = 'match'");
     expect_damage("UPDATE runs SET step_ns = 3600000000001");

@@ -226,10 +226,10 @@ static void test_impossible_rows_are_damage(void) {
     expect_damage("UPDATE steps SET flags = 4294967296 WHERE step = 4");
     expect_damage("UPDATE steps SET held = NULL WHERE step = 4");
     expect_damage("UPDATE steps SET held = 1.5 WHERE step = 4");
-    expect_damage("UPDATE outputs SET y_hat = 9e999 WHERE step = 4");
+    expect_damage("UPDATE outputs SET measured = 9e999 WHERE step = 4");
     expect_damage("UPDATE outputs SET readings = NULL WHERE step = 4");
     expect_damage("UPDATE outputs SET rejected = NULL WHERE step = 4");
-    expect_damage("UPDATE adjustments SET u = x'00' WHERE step = 4");
+    expect_damage("UPDATE adjustments SET applied = x'00' WHERE step = 4");
     expect_damage("UPDATE adjustments SET signal = 2 WHERE step = 4 AND signal = 1");
 }
 

@@ -121,8 +121,8 @@ static void test_steps_come_back_bit_for_bit(void) {
         ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
                       " flags, held FROM steps ORDER BY step");
     sqlite3_stmt *output = ask(
-        database, "SELECT y, y_hat, quality, delta, readings, squares, rejected FROM outputs ORDER BY step, signal");
-    sqlite3_stmt *adjusted = ask(database, "SELECT u, u_hat, delta FROM adjustments ORDER BY step, signal");
+        database, "SELECT simulated, measured, quality, error, readings, squares, rejected FROM outputs ORDER BY step, signal");
+    sqlite3_stmt *adjusted = ask(database, "SELECT applied, nominal, correction FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
         tl_record record;
         tl_made_record(step, &record);
@@ -170,9 +170,9 @@ static void test_what_is_not_finite_is_null(void) {
     tl_recorder_put_step(bench.recorder, &record, ledger);
     tl_bench_close(&bench, "end");
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM samples WHERE value IS NULL"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE y IS NULL"));
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE delta IS NULL"));
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM adjustments WHERE delta IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE simulated IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE error IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM adjustments WHERE correction IS NULL"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE J IS NULL"));
 }
 
@@ -591,9 +591,9 @@ static void test_the_largest_run(void) {
     TEST_ASSERT_EQUAL_INT64(
         1000, tl_sql_integer(bench.path, "SELECT count(*) FROM samples WHERE signal = 63 AND value = tick"));
     TEST_ASSERT_EQUAL_INT64(
-        1000, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE signal = 15 AND y_hat = step"));
+        1000, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE signal = 15 AND measured = step"));
     TEST_ASSERT_EQUAL_INT64(
-        1000, tl_sql_integer(bench.path, "SELECT count(*) FROM adjustments WHERE signal = 7 AND u_hat = step"));
+        1000, tl_sql_integer(bench.path, "SELECT count(*) FROM adjustments WHERE signal = 7 AND nominal = step"));
     TEST_ASSERT_EQUAL_INT64(999, tl_sql_integer(bench.path, "SELECT executions FROM components WHERE component = 63"));
 }
 

@@ -217,7 +217,7 @@ static void test_a_duration_in_mode_hold(void) {
 
 static void test_a_duration_in_mode_ahead(void) {
     run_for_a_duration(TL_AHEAD);
-    TEST_ASSERT_EQUAL_DOUBLE(5.0, tl_sql_number(database, "SELECT y_hat FROM outputs WHERE step = 50"));
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, tl_sql_number(database, "SELECT measured FROM outputs WHERE step = 50"));
 }
 
 static void test_stamps_are_recorded_relative_to_the_first_tick(void) {
@@ -253,7 +253,7 @@ static void test_missed_ticks_are_made_up(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database,
                                               "SELECT count(*) FROM steps s JOIN adjustments a USING (run, step) "
                                               "JOIN adjustments b ON b.run = a.run AND b.step = a.step - 1 "
-                                              "WHERE s.outcome = 6 AND a.u <> b.u"));
+                                              "WHERE s.outcome = 6 AND a.applied <> b.applied"));
     TEST_ASSERT_TRUE(tl_sql_integer(database, "SELECT count(*) FROM events WHERE text LIKE '%made up%'") >= 1);
     expect_gaps();
 }
@@ -350,8 +350,8 @@ static void retune_in_mode(tl_pairing measurements) {
                                                                  "text LIKE 'configuration ____________ in force'"));
     TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", heard.tick));
     /* 5 is 0.05 of the wide tolerance, and ten of the other one: nominal before, whatever was missed; found after. */
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(u)) FROM adjustments WHERE step", "<", heard.tick - lead));
-    TEST_ASSERT_TRUE(recorded("max(abs(u)) FROM adjustments WHERE step", ">=", heard.tick - lead) > 0.5);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(applied)) FROM adjustments WHERE step", "<", heard.tick - lead));
+    TEST_ASSERT_TRUE(recorded("max(abs(applied)) FROM adjustments WHERE step", ">=", heard.tick - lead) > 0.5);
 }
 
 static void test_another_tuning_in_mode_lag(void) {
@@ -383,7 +383,7 @@ static void test_a_tuning_that_is_refused(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
                                                         "severity = 1 AND text LIKE 'configuration % refused: %'"));
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_sql_number(database, "SELECT max(abs(u)) FROM adjustments"));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_sql_number(database, "SELECT max(abs(applied)) FROM adjustments"));
 }
 
 /* A writer that died in the middle: nothing happens until another one has come. */

@@ -239,8 +239,8 @@ static void expect_repeated(const char *horizon, const char *search) {
     count_ways();
     run_again();
     expect_same("SELECT step, outcome, J, J_nominal, evaluations, held, flags FROM steps ORDER BY step", what);
-    expect_same("SELECT step, y, y_hat, quality FROM outputs ORDER BY step", what);
-    expect_same("SELECT step, signal, u, u_hat FROM adjustments ORDER BY step, signal", what);
+    expect_same("SELECT step, simulated, measured, quality FROM outputs ORDER BY step", what);
+    expect_same("SELECT step, signal, applied, nominal FROM adjustments ORDER BY step, signal", what);
     tl_scratch_empty(&scratch);
 }
 
