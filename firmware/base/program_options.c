@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/text.h"
 #include "master/base/text.h"
 
 /* Values of getopt_long() for the verb's options start here, so that they differ from all
@@ -84,7 +85,18 @@ static void print_option(const tl_option *option, size_t widest) {
         used = 0;
     }
     (void)printf("%*s", indent - used, "");
-    print_lines(option->help, indent);
+    tl_wrapped_continue(stdout, option->help, indent, indent);
+}
+
+static void print_options(const reading *self, bool rare, size_t widest) {
+    const char *heading = rare ? "\nless common options:\n" : "\noptions:\n";
+    for (size_t i = 0; i < self->count; i++) {
+        if (self->options[i]->rare == rare) {
+            (void)fputs(heading, stdout);
+            print_option(self->options[i], widest);
+            heading = "";
+        }
+    }
 }
 
 void tl_options_print_help(const tl_option_table *table, size_t verb) {
@@ -94,10 +106,12 @@ void tl_options_print_help(const tl_option_table *table, size_t verb) {
         size_t width = width_of(self.options[i]);
         widest = width <= table->widest && width > widest ? width : widest;
     }
-    (void)printf("usage: twinlock %s %s\n\n%s\n\n", self.verb->name, self.verb->usage, self.verb->description);
-    for (size_t i = 0; i < self.count; i++) {
-        print_option(self.options[i], widest);
-    }
+    (void)printf("usage: twinlock %s %s\n\n", self.verb->name, self.verb->usage);
+    tl_wrapped_print(stdout, self.verb->description, 0, 0);
+    (void)fputs("\n  ", stdout);
+    print_lines(self.verb->examples, (int)strlen("  "));
+    print_options(&self, false, widest);
+    print_options(&self, true, widest);
 }
 
 /* ---- errors
@@ -227,7 +241,7 @@ static tl_options_outcome check_together(const reading *self) {
         return tl_options_refuse(self->verb, "expected at most one of %s", list);
     }
     if (only != NULL && changes != NULL) {
-        return tl_options_refuse(self->verb, "--%s is of no use with --%s", changes->name, only->name);
+        return tl_options_refuse(self->verb, "--%s has no effect with --%s", changes->name, only->name);
     }
     return TL_OPTIONS_READ;
 }

@@ -22,7 +22,8 @@ typedef struct tl_verb_row {
     const char *usage;       /* for example "CONFIG [options]" */
     const char *noun;        /* "configuration": the single argument; NULL: the caller checks the arguments */
     const char *purpose;     /* half a line; NULL: the verb is in no list */
-    const char *description; /* lines; no newline after the last */
+    const char *description; /* is wrapped when printed */
+    const char *examples;    /* command lines; no newline after the last */
 } tl_verb_row;
 
 typedef struct tl_option {
@@ -31,9 +32,10 @@ typedef struct tl_option {
     const char *value;                            /* name of its value in the help; NULL: no value */
     bool (*read)(const char *text, void *target); /* false: the value is invalid; NULL: prints the help */
     size_t offset;                                /* of the target in the settings of the verb */
-    const char *help;                             /* lines; no newline after the last */
+    const char *help;                             /* is wrapped when printed */
     const char *expected;                         /* description of valid values; NULL: values are not checked */
     const char *needs;                            /* name of another option that must be given too, or NULL */
+    bool rare;                                    /* listed below the common options */
     bool alone;                                   /* at most one of the options with `alone` may be given */
     bool changes;                                 /* defines a change, or gives the reason for it */
     bool only;                                    /* makes no change, or a limited one: not allowed with `changes` */
@@ -42,7 +44,7 @@ typedef struct tl_option {
 typedef struct tl_option_table {
     const tl_verb_row *verbs;
     size_t verb_count;
-    const tl_option *options; /* in the order of the help */
+    const tl_option *options; /* in the order of the help, rare ones last */
     size_t option_count;
     size_t widest; /* wider options are printed on a line of their own in the help */
 } tl_option_table;

@@ -89,8 +89,11 @@ static size_t columns_of(const char *word, size_t length) {
 }
 
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent) {
-    int column = first;
     (void)fprintf(file, "%*s", first, "");
+    tl_wrapped_continue(file, text, first, indent);
+}
+
+void tl_wrapped_continue(FILE *file, const char *text, int column, int indent) {
     for (const char *word = text; *word != '\0';) {
         size_t length = strcspn(word, " ");
         int columns = (int)columns_of(word, length);

@@ -42,6 +42,9 @@ void tl_clean_field(char *field, size_t room);
  * `indent`. */
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent);
 
+/* The same on a line that has `column` columns already. */
+void tl_wrapped_continue(FILE *file, const char *text, int column, int indent);
+
 /* ---- UTC for users and databases: "2026-11-21T10:02:03.456Z".
  *
  * Purpose: one format for all time stamps that leave the process. Internal times are monotonic

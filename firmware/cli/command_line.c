@@ -27,7 +27,7 @@ static const struct {
     const char *name;
     const char *purpose; /* half a line of help */
 } PROGRAMS[] = {
-    {"serve", "take changed configurations by HTTPS"},
+    {"serve", "accept changed configurations over HTTPS"},
     {"token", "manage access tokens"},
 };
 
@@ -89,7 +89,7 @@ static const struct {
 static void print_usage(FILE *file) {
     const char *before = "Exit codes: ";
     (void)fputs("usage: twinlock VERB …\n\n"
-                "Keeps the simulation of a plant locked to the plant, and records what it had to correct.\n\n",
+                "Keeps the simulation of a plant locked to the plant and records corrections.\n\n",
                 file);
     for (size_t i = 0; i < TL_VERB_COUNT; i++) {
         (void)fprintf(file, "  %-8s %s\n", tl_verb_rows[i].name, tl_verb_rows[i].purpose);
@@ -97,8 +97,7 @@ static void print_usage(FILE *file) {
     for (size_t i = 0; i < PROGRAM_COUNT; i++) {
         (void)fprintf(file, "  %-8s %s\n", PROGRAMS[i].name, PROGRAMS[i].purpose);
     }
-    (void)fputs(
-        "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);
+    (void)fputs("\n`twinlock help VERB` explains a verb. `twinlock --version` prints the version.\n", file);
     for (size_t i = 0; i < sizeof EXITS / sizeof EXITS[0]; i++) {
         (void)fprintf(file, "%s%d %s", before, tl_exit_code(EXITS[i].status), EXITS[i].meaning);
         before = i + 1 == EXITS_OF_A_LINE ? ",\n            " : ", ";

@@ -116,36 +116,42 @@ static bool read_right(const char *text, void *target) {
 /* ---- option table ---- */
 
 const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
-    [TL_VERB_CHECK] =
-        {"check", "CONFIG [options]", "configuration", "validate a configuration and its FMUs without running",
-         "Validates a configuration with its FMUs: keys, variables, types, units, connections, paths,\n"
-         "horizon. Tells what a step will cost, in executions and, by a short dry run, in time. Warns of\n"
-         "what is right and perhaps not meant. Nothing is read from the plant."},
-    [TL_VERB_REPLAY] =
-        {"replay", "CONFIG [options]", "configuration", "run a recording through the twin, as fast as it can",
-         "Runs a recording of the plant through the twin and tells how well they agree. Time budgets are\n"
-         "ignored, so the same recording gives the same result to the bit."},
-    [TL_VERB_RUN] = {"run", "CONFIG [options]", "configuration", "keep the twin locked to the plant, in real time",
-                     "Keeps the twin locked to the plant in real time, until SIGTERM or Ctrl-C, or for the configured\n"
-                     "duration. It only listens: nothing it does can reach the plant."},
-    [TL_VERB_PLANT] =
-        {"plant", "CONFIG [options]", "configuration", "play a recording or a plant model as a real plant",
-         "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, if CONFIG\n"
-         "has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by Modbus TCP\n"
-         "at the addresses where the configuration reads them (playing starts with the first request), sent\n"
-         "as CAN frames, or written into a FIFO; not by Modbus RTU, nor of GPIO lines."},
-    [TL_VERB_SHOW] =
-        {"show", "DATABASE [options]", "database", "show what was corrected, when and why",
-         "Shows what a run that was recorded had to correct, when and why: how well the twin followed, Δu per\n"
-         "adjusted variable and since when, events. Works while the run is going on."},
-    [TL_VERB_RELOAD] =
-        {"reload", "CONFIG [options]", "configuration", "bring a changed configuration into a running plant's twin",
-         "Hands a changed configuration to the run that was started with it and with --control. CONFIG \"-\" is\n"
-         "standard input. At most 262144 bytes are read, held against the configuration in force, and\n"
-         "activated: tolerances, weights, bounds, penalties and budgets in place; what takes another twin by a\n"
-         "twin that runs beside the run's first, and takes over between two ticks; all else by a restart of\n"
-         "the run, with a gap, if --restart allows that. It is on probation then, and returned from by itself\n"
-         "if deadlines are missed or the lock is lost."},
+    [TL_VERB_CHECK] = {"check", "CONFIG [options]", "configuration",
+                       "validate a configuration and its FMUs without running",
+                       "Validates a configuration and its FMUs: keys, variables, types, units, connections. "
+                       "Steps the FMUs for a moment and prints what a step costs. Warns of settings that "
+                       "are valid but unlikely to be meant. Does not ask the plant.",
+                       "twinlock check tank.json\n"
+                       "twinlock check tank.json --recording monday.csv  # proposes settings"},
+    [TL_VERB_REPLAY] = {"replay", "CONFIG [options]", "configuration", "run a recording through the twin",
+                        "Runs a recording of the plant through the twin, as fast as the machine can, and prints "
+                        "how well both agree. Time limits are ignored: the result is the same to the bit.",
+                        "twinlock replay tank.json --recording monday.csv --report monday.html"},
+    [TL_VERB_RUN] = {"run", "CONFIG [options]", "configuration", "keep the twin locked to the plant in real time",
+                     "Keeps the twin locked to the plant in real time until Ctrl-C or SIGTERM. It only listens: "
+                     "nothing that it does can reach the plant.",
+                     "twinlock run tank.json --db tank.db\n"
+                     "twinlock run tank.json --supervise --state /var/lib/twinlock/tank"},
+    [TL_VERB_PLANT] = {"plant", "CONFIG [options]", "configuration", "play a recording or a model as a plant",
+                       "Plays a plant in real time, for rehearsals and tests: the recording of CONFIG, or its FMUs "
+                       "with seeded noise if CONFIG has \"emulate\". Serves the signals by Modbus TCP at the addresses "
+                       "that CONFIG reads (playing starts with the first request), as CAN frames, or in a FIFO. "
+                       "Modbus RTU and GPIO lines cannot be played.",
+                       "twinlock plant tank.json\n"
+                       "twinlock plant tank.json --record monday.csv"},
+    [TL_VERB_SHOW] = {"show", "DATABASE [options]", "database", "show what was corrected, when and why",
+                      "Shows a recorded run: how long the twin was in lock, its errors, the corrections and when "
+                      "they changed, events. Works during a run.",
+                      "twinlock show tank.db --since 8h\n"
+                      "twinlock show tank.db --report tank.html"},
+    [TL_VERB_RELOAD] = {"reload", "CONFIG [options]", "configuration", "change the configuration of a running twin",
+                        "Sends a changed configuration to the run of it that has --control. Tuning values change in "
+                        "place. Other changes start a second twin beside the first, which takes over between two "
+                        "ticks, or restart the run if --restart permits it. The new version is then on probation: "
+                        "if deadlines are missed or the lock is lost, it is rolled back. CONFIG \"-\" is standard "
+                        "input, at most 262144 bytes.",
+                        "twinlock reload tank.json --wait\n"
+                        "twinlock reload tank.json --rollback"},
 };
 
 enum {
@@ -163,128 +169,129 @@ enum {
 static const tl_option OPTIONS[] = {
     {CHECK, "variables", NULL, tl_option_switch, SETS(variables), .help = "list all variables of the FMUs"},
     {CHECK, "recording", "FILE", tl_option_text, SETS(recording),
-     .help =
-         "instead: look through a recording, as `replay` takes it, and propose between,\ncondition and tolerance by its noise and message times; no FMU is loaded"},
-    {PLANT, "for", "CONFIG2", tl_option_text, SETS(listener),
-     .help = "serve what this configuration reads; default: CONFIG itself"},
+     .help = "instead, measure noise and message times of a recording, and "
+             "propose \"between\", \"condition\" and tolerances; loads no FMU"},
     {REPLAY, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "a CSV file, or a database that `twinlock run` wrote; default: as configured"},
+     .help = "a CSV file, or a database that `twinlock run` wrote; default: that of CONFIG"},
     {PLANT, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "the CSV file to play; with \"emulate\", what drives the FMUs; default: as\nconfigured"},
-    {REPLAY, "run", "N", read_run, SETS(run), .help = "of a database; default: its last run",
+     .help = "the CSV file to play, or with \"emulate\" the inputs of the FMUs; default: that of CONFIG"},
+    {REPLAY, "run", "N", read_run, SETS(run), .help = "run of a database; default: its last run",
      .expected = "the number of a run, for example 3"},
     {CHECK, "run", "N", read_run, SETS(run), .needs = "recording",
-     .help = "with --recording: of a database; default: its last run",
+     .help = "with --recording: run of a database; default: its last run",
      .expected = "the number of a run, for example 3"},
-    {CHECK, "json", NULL, tl_option_switch, SETS(json), .needs = "recording",
-     .help = "with --recording: print one JSON object"},
-    {SHOW, "run", "N|last", read_run_or_last, SETS(run), .help = "which run; default: the last one",
+    {SHOW, "run", "N|last", read_run_or_last, SETS(run), .help = "which run; default: last",
      .expected = "the number of a run, for example 3, or last"},
     {SHOW, "since", "TIME", read_since, SETS(since),
-     .help = "only what came after: a date (UTC: 2026-11-21, 2026-11-21T10:02), or how far back\n"
-             "from the run's end (90s, 15m, 8h, 2d)",
+     .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "
+             "or in the last part of the run (90s, 15m, 8h, 2d)",
      .expected = "a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d"},
-    {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events, not only the last ten"},
-    {REPLAY, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object instead of a table"},
+    {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events; default: the last ten"},
+    {REPLAY, "db", "FILE", tl_option_text, SETS(database), .help = "record into a SQLite database, as `run` does"},
+    {RUN, "db", "FILE", tl_option_text, SETS(database),
+     .help = "record into this SQLite database; default: that of CONFIG"},
+    {REPLAY, "report", "FILE", tl_option_text, SETS(report),
+     .help = "write an HTML page with key figures, plots and events"},
+    {SHOW, "report", "FILE", tl_option_text, SETS(report),
+     .help = "write an HTML page with key figures, plots and events", .alone = true},
+    {REPLAY, "csv", "FILE", tl_option_text, SETS(trajectory),
+     .help = "write simulated, measured, applied and nominal values of "
+             "each step (\"-\": to standard output, without the summary)"},
+    {SHOW, "csv", "TABLE", read_table, SETS(table), .help = "CSV table: outputs, adjustments, steps, samples or events",
+     .expected = "outputs, adjustments, steps, samples or events", .alone = true},
+    {CHECK, "json", NULL, tl_option_switch, SETS(json), .needs = "recording",
+     .help = "with --recording: print one JSON object"},
+    {REPLAY | RUN, "json", NULL, tl_option_switch, SETS(json), .help = "print the summary as one JSON object"},
     {SHOW, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object", .alone = true},
     {REPLAY | RUN | SHOW, "verbose", NULL, tl_option_switch, SETS(verbose),
      .help = "also outcomes, executions, the ledger and MSEs"},
-    {REPLAY, "db", "FILE", tl_option_text, SETS(database), .help = "record into a SQLite database, as `run` does"},
-    {RUN, "db", "FILE", tl_option_text, SETS(database),
-     .help = "record into this SQLite database; default: as configured"},
-    {REPLAY, "csv", "FILE", tl_option_text, SETS(trajectory),
-     .help = "write y, ŷ, u and û of every step (\"-\": standard output, without the table)"},
-    {SHOW, "csv", "TABLE", read_table, SETS(table),
-     .help = "print a table as CSV: outputs, adjustments, steps, samples or events",
-     .expected = "outputs, adjustments, steps, samples or events", .alone = true},
-    {REPLAY, "report", "FILE", tl_option_text, SETS(report),
-     .help = "write a page with key figures, plots and events, for a browser and for paper"},
-    {SHOW, "report", "FILE", tl_option_text, SETS(report),
-     .help = "write a page with key figures, plots and events, for a browser and for paper", .alone = true},
-    {REPLAY, "realtime", NULL, tl_option_switch, SETS(realtime), .help = "at the plant's own pace"},
-    {REPLAY, "plain", NULL, tl_option_switch, SETS(plain),
-     .help = "execute everything: no saving by structure or sequences; the results are the\nsame to the bit"},
+    {REPLAY | RUN, "require-lock", "PERCENT", read_percent, SETS(require_lock),
+     .help = "exit code 3 if the twin was in lock in less than PERCENT of "
+             "the steps; default: if it never was",
+     .expected = "a percentage above 0, at most 100, for example 95"},
     {RUN, "duration", "S", read_seconds, SETS(duration_s), .help = "end after S seconds of plant time",
      .expected = "seconds > 0 and below 1e9, for example 14"},
     {RUN, "status", NULL, tl_option_switch, SETS(status),
-     .help = "a status line per second also if the output is no terminal"},
-    {RUN, "json", NULL, tl_option_switch, SETS(json), .help = "print the summary as one JSON object at the end"},
-    {REPLAY | RUN, "require-lock", "PERCENT", read_percent, SETS(require_lock),
-     .help = "end with 3 unless the twin was in lock in at least so much of the steps;\n"
-             "without this option, unless it was at some time",
-     .expected = "a percentage above 0, at most 100, for example 95"},
+     .help = "print a status line each second; default: on a terminal only"},
     {RUN, "supervise", NULL, tl_option_switch, SETS(supervise), .alone = true,
-     .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
-             "loop (safe hold); tell systemd, if that started it"},
+     .help = "restart the twin if it hangs or dies; after five failures "
+             "record without a twin (safe hold); notify systemd"},
     {RUN, "state", "DIR", tl_option_text, SETS(state), .needs = "supervise",
-     .help =
-         "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox, and try what FMUs save before it is needed"},
-    {RUN, "control", "SOCKET", tl_option_text, SETS(control), .needs = "state",
-     .help = "with --state: take changed configurations by this socket; versions are kept\nin DIR/versions"},
-    {RUN, "allowed", "FILE", tl_option_text, SETS(allowed), .needs = "control",
-     .help =
-         "with --control: names of files and libraries that a configuration from the\nnetwork may have, lines \"file NAME\", \"library NAME\"; default:\n/etc/twinlock/allowed"},
-    {RELOAD, "control", "SOCKET", tl_option_text, SETS(control),
-     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file;\nneeded with \"-\""},
-    {RELOAD, "right", "RIGHT", read_right, SETS(right),
-     .help = "ask with this right only: read, retune or commission; default: all that the box\nmay",
-     .expected = "read, retune or commission"},
-    {RELOAD, "no-activate", NULL, tl_option_switch, SETS(only_check), .changes = true,
-     .help = "all steps but the activation"},
-    {RELOAD, "restart", NULL, tl_option_switch, SETS(restart), .changes = true,
-     .help = "end the run and begin anew for what needs that, or if the box does not carry\nboth twins"},
-    {RELOAD, "shadow", "S", read_whole_seconds, SETS(shadow_s), .changes = true,
-     .help = "whole seconds for which another twin runs beside the run's before it takes\nover; default 60",
-     .expected = "whole seconds from 1 to 3600, for example 60"},
-    {RELOAD, "accept-worse", NULL, tl_option_switch, SETS(accept_worse), .changes = true,
-     .help = "let another twin take over also if an output is more than twice as far off as\n"
-             "the run's, and out of its tolerance"},
-    {RELOAD, "probation", "S", read_whole_seconds, SETS(probation_s), .changes = true,
-     .help = "whole seconds in which it has to prove itself; default 300",
-     .expected = "whole seconds from 1 to 3600, for example 60"},
-    {RELOAD, "require-lock", "PERCENT", read_percent, SETS(keep_lock), .changes = true,
-     .help = "keep it if the twin was in lock in at least so much of the probation's\nsteps; default 95",
-     .expected = "a percentage above 0, at most 100, for example 95"},
-    {RELOAD, "until-confirmed", NULL, tl_option_switch, SETS(until_confirmed), .changes = true,
-     .help = "keep it only if somebody confirms it during the probation"},
-    {RELOAD, "wait", NULL, tl_option_switch, SETS(wait), .changes = true,
-     .help = "end when it is kept, or returned from; also over a restart"},
-    {RELOAD, "why", "TEXT", tl_option_text, SETS(why), .changes = true,
-     .help = "a word to those who look at the versions later"},
-    {RELOAD, "confirm", NULL, tl_option_switch, SETS(confirm), .alone = true, .only = true,
-     .help = "keep the version that is on probation; nothing is sent"},
-    {RELOAD, "rollback", NULL, tl_option_switch, SETS(rollback), .alone = true,
-     .help = "bring the version before back, or cancel a change that is under way; nothing is\nsent"},
-    {RELOAD, "version", "N", read_number, SETS(version), .needs = "rollback", .help = "with --rollback: which version",
-     .expected = "the number of a version, see --versions"},
-    {RELOAD, "versions", NULL, tl_option_switch, SETS(versions), .alone = true, .only = true,
-     .help = "list what is kept, and what was refused last"},
-    {RELOAD, "state", NULL, tl_option_switch, SETS(show), .alone = true, .only = true, .help = "say how the run is"},
+     .help = "with --supervise: keep the restart count in DIR over a reset of "
+             "the box, and test saved states of FMUs before they are needed"},
     {RUN, "watchdog", "DEVICE", tl_option_text, SETS(watchdog), .needs = "supervise",
-     .help = "with --supervise: stroke this watchdog (/dev/watchdog) while the twin is alive"},
-    {RUN, "watchdog-timeout", "S", read_whole_seconds, SETS(watchdog_s), .needs = "watchdog",
-     .help = "whole seconds after which it resets the box; default 30",
-     .expected = "whole seconds from 1 to 3600, for example 30"},
-    {PLANT, "fifo", "FILE", tl_option_text, SETS(fifo), .alone = true,
-     .help = "write rows into this FIFO instead (made if it does not exist)"},
+     .help = "with --supervise: send keepalives to this watchdog, for example /dev/watchdog, while the twin is alive"},
+    {RUN, "control", "SOCKET", tl_option_text, SETS(control), .needs = "state",
+     .help = "with --state: accept changed configurations on this socket; versions are kept in DIR/versions"},
     {PLANT, "record", "FILE", tl_option_text, SETS(record), .alone = true,
      .help = "write all rows into a new CSV file, as fast as possible, and end"},
-    {PLANT, "real-bus", NULL, tl_option_switch, SETS(real_bus),
-     .help = "send CAN frames on an interface that is hardware, too; default: vcan only"},
-    {PLANT, "seed", "N", read_number, SETS(seed), .help = "of the noise and the message times; default 1",
+    {PLANT, "fifo", "FILE", tl_option_text, SETS(fifo), .alone = true,
+     .help = "write rows into this FIFO; creates it if needed"},
+    {PLANT, "seed", "N", read_number, SETS(seed), .help = "seed of noise and message times; default: 1",
      .expected = "a whole number"},
-    {CHECK | REPLAY | PLANT, "call-limit", "S", read_seconds, SETS(call_limit_s),
-     .help = "end with 70 if an FMU does not return from a call for S seconds; default 60",
+    {RELOAD, "wait", NULL, tl_option_switch, SETS(wait), .changes = true,
+     .help = "end when the version is kept or rolled back"},
+    {RELOAD, "restart", NULL, tl_option_switch, SETS(restart), .changes = true,
+     .help =
+         "permit a restart of the run, with a gap, if the change needs one or if the box has no room for two twins"},
+    {RELOAD, "no-activate", NULL, tl_option_switch, SETS(only_check), .changes = true,
+     .help = "validate and compare only"},
+    {RELOAD, "why", "TEXT", tl_option_text, SETS(why), .changes = true, .help = "a remark, recorded with the version"},
+    {RELOAD, "confirm", NULL, tl_option_switch, SETS(confirm), .alone = true, .only = true,
+     .help = "keep the version that is on probation; sends nothing"},
+    {RELOAD, "rollback", NULL, tl_option_switch, SETS(rollback), .alone = true,
+     .help = "return to the version before, or cancel a change; sends nothing"},
+    {RELOAD, "version", "N", read_number, SETS(version), .needs = "rollback",
+     .help = "with --rollback: to this version", .expected = "the number of a version, see --versions"},
+    {RELOAD, "versions", NULL, tl_option_switch, SETS(versions), .alone = true, .only = true,
+     .help = "list versions and the last refused changes"},
+    {RELOAD, "state", NULL, tl_option_switch, SETS(show), .alone = true, .only = true,
+     .help = "print the state of the run"},
+    {RELOAD, "control", "SOCKET", tl_option_text, SETS(control), .rare = true,
+     .help = "socket of the run; default: /run/twinlock/NAME/control, where "
+             "NAME.json is CONFIG; required if CONFIG is \"-\""},
+    {RELOAD, "right", "RIGHT", read_right, SETS(right), .rare = true,
+     .help = "use only this right: read, retune or commission; default: all rights of the box",
+     .expected = "read, retune or commission"},
+    {RELOAD, "shadow", "S", read_whole_seconds, SETS(shadow_s), .rare = true, .changes = true,
+     .help = "seconds for which a second twin runs beside the first before it takes over; default: 60",
+     .expected = "whole seconds from 1 to 3600, for example 60"},
+    {RELOAD, "accept-worse", NULL, tl_option_switch, SETS(accept_worse), .rare = true, .changes = true,
+     .help = "permit a takeover if the error of an output has doubled and is outside its tolerance"},
+    {RELOAD, "probation", "S", read_whole_seconds, SETS(probation_s), .rare = true, .changes = true,
+     .help = "seconds of probation; default: 300", .expected = "whole seconds from 1 to 3600, for example 60"},
+    {RELOAD, "require-lock", "PERCENT", read_percent, SETS(keep_lock), .rare = true, .changes = true,
+     .help = "roll back if the twin was in lock in less than PERCENT of the steps of the probation; default: 95",
+     .expected = "a percentage above 0, at most 100, for example 95"},
+    {RELOAD, "until-confirmed", NULL, tl_option_switch, SETS(until_confirmed), .rare = true, .changes = true,
+     .help = "roll back unless --confirm comes during the probation"},
+    {REPLAY, "plain", NULL, tl_option_switch, SETS(plain), .rare = true,
+     .help = "execute every component in every evaluation; the results are the same to the bit"},
+    {REPLAY, "realtime", NULL, tl_option_switch, SETS(realtime), .rare = true, .help = "at the pace of the plant"},
+    {PLANT, "for", "CONFIG2", tl_option_text, SETS(listener), .rare = true,
+     .help = "serve what CONFIG2 reads; default: what CONFIG reads"},
+    {PLANT, "real-bus", NULL, tl_option_switch, SETS(real_bus), .rare = true,
+     .help = "permit CAN frames on real hardware; default: vcan only"},
+    {RUN, "allowed", "FILE", tl_option_text, SETS(allowed), .rare = true, .needs = "control",
+     .help = "with --control: files and libraries that a configuration from "
+             "the network may name, in lines \"file NAME\", \"library NAME\"; "
+             "default: /etc/twinlock/allowed"},
+    {RUN, "watchdog-timeout", "S", read_whole_seconds, SETS(watchdog_s), .rare = true, .needs = "watchdog",
+     .help = "seconds without keepalive until it resets the box; default: 30",
+     .expected = "whole seconds from 1 to 3600, for example 30"},
+    {CHECK | REPLAY | PLANT, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true,
+     .help = "exit code 70 if a call of an FMU takes S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {RUN, "call-limit", "S", read_seconds, SETS(call_limit_s), .alone = true,
-     .help = "without --supervise: end with 70 if the FMUs hang for ten times S seconds;\ndefault 60",
+    {RUN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true, .alone = true,
+     .help = "without --supervise: exit code 70 if the FMUs hang for ten times S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib),
-     .help = "how much memory the process of the FMUs may take; default: half of the\nmachine's, at most 4096",
+    {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib), .rare = true,
+     .help = "memory of the FMU process in MiB; default: half of the machine's, at most 4096",
      .expected = "MiB from 64 to 1048576, for example 2048"},
-    {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, tl_option_switch, SETS(unconfined),
-     .help = "let FMUs do what this user can: files, network, programs; for FMUs that\nneed it, and are trusted"},
-    {EVERY, "help", .help = "this text"},
+    {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, tl_option_switch, SETS(unconfined), .rare = true,
+     .help =
+         "give the FMUs all rights of this user: files, network, programs; only for FMUs that need them and are trusted"},
+    {EVERY, "help", .rare = true, .help = "this text"},
 };
 
 /* Option names up to this width have their help on the same line. */

@@ -45,11 +45,13 @@ enum { SERVE = 1 << 0, TOKEN = 1 << 1 }; /* bits: rows of VERBS */
 
 static const tl_verb_row VERBS[] = {
     {"serve", "[options]", NULL, NULL,
-     "Lets others change the configuration of running plants by HTTPS, and ask how they are. It needs a\n"
-     "token from each (`twinlock token`), and plants that `twinlock run --control` keeps."},
+     "Lets users with a token change the configuration of running plants over HTTPS, and ask "
+     "for their state. Needs `twinlock token add`, and a run with --control for each plant.",
+     "twinlock serve --listen 192.0.2.7:8443\ntwinlock serve --fingerprint"},
     {"token", "add NAME --role ROLE | list | revoke NAME", NULL, NULL,
-     "Makes a token, shows it once, and keeps what tells it again; lists those there are; takes one back.\n"
-     "`twinlock serve` looks at each request anew."},
+     "Creates an access token and prints it once; only its hash is kept. Lists tokens, or revokes "
+     "one. A change applies to the next request.",
+     "twinlock token add anna --role retune\ntwinlock token revoke anna"},
 };
 static const tl_verb_row *const SERVE_VERB = &VERBS[0], *const TOKEN_VERB = &VERBS[1];
 
@@ -57,28 +59,30 @@ static const tl_verb_row *const SERVE_VERB = &VERBS[0], *const TOKEN_VERB = &VER
 
 static const tl_option OPTIONS[] = {
     {SERVE, "listen", "ADDRESS", tl_option_text, SETS(listen),
-     "an address of this box with a port, such as 192.0.2.7:8443 or [::]:8443; default\n127.0.0.1:8443, which nobody outside of the box reaches"},
-    {SERVE, "host", "NAME", tl_option_listed, SETS(hosts),
-     "a name that others call this box by, besides its addresses and its own name; may be\ngiven several times",
-     .expected = "at most 8 of them"},
-    {SERVE, "certificate", "FILE", tl_option_text, SETS(certificate),
-     "a certificate of your own (PEM, with those that signed it); default: one that is made\nhere at the first start"},
-    {SERVE, "key", "FILE", tl_option_text, SETS(key), "its key (PEM); default: in the same file",
-     .needs = "certificate"},
-    {SERVE, "state", "DIR", tl_option_text, SETS(state),
-     "where the certificate that is made here lies; default /var/lib/twinlock-serve"},
-    {SERVE, "tokens", "FILE", tl_option_text, SETS(tokens),
-     "who may do what, as `twinlock token` writes it; default /etc/twinlock-serve/tokens"},
-    {SERVE, "plants", "DIR", tl_option_text, SETS(plants),
-     "where plants have their control sockets, as NAME/control; default /run/twinlock"},
+     "address and port of this box, for example 192.0.2.7:8443 or [::]:8443; default: "
+     "127.0.0.1:8443, which only this box can reach"},
     {SERVE, "fingerprint", NULL, tl_option_switch, SETS(fingerprint),
-     "print the pin of this box's key, for `curl --pinnedpubkey`, and the SHA-256 of its\ncertificate, as browsers show it; then end"},
-    {SERVE, "unconfined", NULL, tl_option_switch, SETS(unconfined),
-     "keep what the user may do: files, programs, connections"},
+     "print the pin of the key for `curl --pinnedpubkey` and the SHA-256 of the "
+     "certificate as browsers show it, and end"},
     {TOKEN, "role", "ROLE", tl_option_text, SETS(role),
-     "read: see how plants are; retune: and change values of theirs; commission: and name\nother hosts, devices, files and components"},
-    {TOKEN, "tokens", "FILE", tl_option_text, SETS(tokens), "the file of tokens; default /etc/twinlock-serve/tokens"},
-    {SERVE | TOKEN, "help", .help = "this text"},
+     "read: see the state of plants; retune: also change values; commission: also change "
+     "hosts, devices, files and components"},
+    {SERVE, "host", "NAME", tl_option_listed, SETS(hosts),
+     "a further name of this box, besides its addresses and host name; may be repeated",
+     .expected = "at most 8 of them", .rare = true},
+    {SERVE, "certificate", "FILE", tl_option_text, SETS(certificate),
+     "own certificate (PEM, with its issuers); default: created at the first start", .rare = true},
+    {SERVE, "key", "FILE", tl_option_text, SETS(key), "its key (PEM); default: in the same file",
+     .needs = "certificate", .rare = true},
+    {SERVE, "state", "DIR", tl_option_text, SETS(state),
+     "folder of the created certificate; default: /var/lib/twinlock-serve", .rare = true},
+    {SERVE | TOKEN, "tokens", "FILE", tl_option_text, SETS(tokens),
+     "file of tokens; default: /etc/twinlock-serve/tokens", .rare = true},
+    {SERVE, "plants", "DIR", tl_option_text, SETS(plants),
+     "folder of the control sockets, NAME/control; default: /run/twinlock", .rare = true},
+    {SERVE, "unconfined", NULL, tl_option_switch, SETS(unconfined),
+     "keep all rights of this user: files, programs, connections", .rare = true},
+    {SERVE | TOKEN, "help", .help = "this text", .rare = true},
 };
 
 static const tl_option_table TABLE = {VERBS, COUNT(VERBS), OPTIONS, COUNT(OPTIONS), .widest = 0};
@@ -90,10 +94,10 @@ static tl_options_outcome read_options(const tl_verb_row *verb, int argc, char *
     tl_options_outcome outcome =
         tl_program_options_read(&TABLE, (size_t)(verb - VERBS), argc, argv, settings, words, &count);
     if (outcome == TL_OPTIONS_READ && count < least) {
-        return tl_options_refuse(verb, "something is missing: found %zu of at least %zu words", count, least);
+        return tl_options_refuse(verb, "found %zu words, expected at least %zu", count, least);
     }
     if (outcome == TL_OPTIONS_READ && count > most) {
-        return tl_options_refuse(verb, "found \"%.64s\", which is one word too many", (*words)[most]);
+        return tl_options_refuse(verb, "found the surplus word \"%.64s\"", (*words)[most]);
     }
     return outcome;
 }
@@ -114,8 +118,7 @@ static tl_status listen_on(const char *text, int *listener, uint16_t *port, tl_e
                        "--listen: found \"%.64s\", expected an address with a port, such as 192.0.2.7:8443", text);
     }
     *listener = tl_tcp_listen((const struct sockaddr *)&address, size, BACKLOG, port);
-    return *listener >= 0 ? TL_OK
-                          : tl_fail(error, TL_TRY_AGAIN, "%s: cannot be listened on: %s", text, strerror(errno));
+    return *listener >= 0 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: cannot listen: %s", text, strerror(errno));
 }
 
 /* ---- serving ---- */

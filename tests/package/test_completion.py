@@ -68,7 +68,7 @@ def test_values_of_options():
     expect(found == ["samples", "steps"], f"{found}")
     expect(offered("run", "a.json", "--duration", "", folder=folder) == [], "files for a number")
     expect(offered("show", "x.db", "--run", "", folder=folder) == [], "files for a number or last")
-    tables = re.search(r"--csv TABLE +print a table as CSV: (.*)", run_well(["show", "--help"]))[1]
+    tables = re.search(r"--csv TABLE +CSV table: (.*)", run_well(["show", "--help"]))[1]
     expect(sorted(re.split(r", | or ", tables)) == offered("show", "x.db", "--csv", ""), f"tables are {tables}")
 
 

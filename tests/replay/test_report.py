@@ -171,7 +171,7 @@ def test_the_curves_are_those_of_csv():
     rows, data = read_table(table), data_of(path)
     match, adjust = data["match"][0], data["adjust"][0]
     pairs = ((match["simulated"], rows["motor.omega"]), (match["measured"], rows["plant.omega"]),
-             (adjust["u"], rows["motor.d"]), (adjust["nominal"], rows["motor.d nominal"]),
+             (adjust["applied"], rows["motor.d"]), (adjust["nominal"], rows["motor.d nominal"]),
              (data["evaluations"], rows["evaluations"]))
     for drawn, written in pairs:
         expect(len(drawn) == len(written) == STEPS, f"{len(drawn)} points")
