@@ -1,4 +1,5 @@
-/* The host of an activation, with a played supervisor and played twins: what it orders and says of two places. */
+/* The live host of the config manager, with simulated supervisor and twins.
+ * Tests its orders and what it reports about the two twin slots. */
 #include <stdio.h>
 #include <string.h>
 
@@ -54,7 +55,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* ---- the others ---- */
+/* ---- supervisor and twins ---- */
 
 static void obey(tl_live_shadow state, const char *text) {
     (void)snprintf(stage.why, sizeof stage.why, "%s", text);
@@ -163,8 +164,8 @@ static void test_a_shadow_is_looked_at(void) {
     figures.output[0].pairs = 5;
     figures.output[0].sum_of_squares = 2.5;
     figures.output[0].tolerance = 0.5;
-    memset(figures.output[0].name, 'x', sizeof figures.output[0].name); /* no end, */
-    memcpy(figures.output[0].unit, "m\x1b", 3);                         /* and what commands a terminal */
+    memset(figures.output[0].name, 'x', sizeof figures.output[0].name); /* not terminated */
+    memcpy(figures.output[0].unit, "m\x1b", 3);                         /* a control character */
     publish(1, &figures);
     figures = (tl_run_status){.phase = TL_RUN_LIVE, .steps = 9};
     publish(0, &figures);
@@ -187,9 +188,9 @@ static void test_a_shadow_is_looked_at(void) {
     figures = (tl_run_status){.phase = TL_RUN_LIVE};
     publish(1, &figures);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_LIVE, phase());
-    obey(TL_LIVE_SHADOW_ENDED, "it was ended by signal 9");
+    obey(TL_LIVE_SHADOW_ENDED, "signal 9");
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_FAILED, phase());
-    TEST_ASSERT_EQUAL_STRING("it was ended by signal 9", shadow.why);
+    TEST_ASSERT_EQUAL_STRING("signal 9", shadow.why);
 }
 
 /* ---- the FMUs' files ---- */
@@ -219,20 +220,20 @@ static void test_files_of_fmus(void) {
     (void)snprintf(path, sizeof path, "%s/motor.json", scratch.folder);
     host.path = path;
     write_fmu("one");
-    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* nobody says what is loaded */
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* the loaded FMUs are unknown */
     memcpy(twins[0].digest, hash, sizeof hash);
     TEST_ASSERT_FALSE(has_other_fmus(TEXT));
     write_fmu("another");
     TEST_ASSERT_TRUE(has_other_fmus(TEXT));
-    TEST_ASSERT_FALSE(has_other_fmus("{}")); /* no text that was ever in force */
+    TEST_ASSERT_FALSE(has_other_fmus("{}")); /* not a configuration */
     memset(twins[0].digest, 'x', sizeof twins[0].digest);
-    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* a twin that talks nonsense */
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* an invalid digest */
     tl_scratch_empty(&scratch);
     memcpy(twins[0].digest, hash, sizeof hash);
-    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* it is gone: whoever tries it says so */
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* no file: the check of the candidate reports it */
 }
 
-/* ---- a flip ---- */
+/* ---- a handover ---- */
 
 static void begin_and_handover(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
@@ -259,12 +260,12 @@ static void test_a_handover(void) {
 
 static void test_a_handover_that_is_refused(void) {
     begin_and_handover();
-    obey(TL_LIVE_SHADOW_ENDED, "there is no shadow");
+    obey(TL_LIVE_SHADOW_ENDED, "no shadow");
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, handed_over());
-    TEST_ASSERT_EQUAL_STRING("there is no shadow", why);
+    TEST_ASSERT_EQUAL_STRING("no shadow", why);
 }
 
-/* The one before has ordered it, and died. */
+/* Its predecessor has ordered the handover, and died. */
 static void test_a_successor_sees_what_came_of_a_handover(void) {
     begin_and_handover();
     begin_host();
@@ -277,14 +278,14 @@ static void test_a_successor_sees_what_came_of_a_handover(void) {
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
     TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
     TEST_ASSERT_TRUE(functions.handover(functions.context));
-    obey(TL_LIVE_SHADOW_ENDED, "it has died");
+    obey(TL_LIVE_SHADOW_ENDED, "died");
     begin_host();
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, handed_over());
 }
 
-/* ---- tunings and figures follow ---- */
+/* ---- tunings and run status ---- */
 
-static void test_tunings_are_of_the_runs_place(void) {
+static void test_tunings_go_to_the_live_slot(void) {
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
     TEST_ASSERT_EQUAL_STRING(TUNED, in_force());
@@ -294,7 +295,7 @@ static void test_tunings_are_of_the_runs_place(void) {
     stage.place = 1;
     TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
     TEST_ASSERT_TRUE(tune(TUNED));
-    TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1])); /* above all that the recorder knows */
+    TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1])); /* above those of the recorder */
     TEST_ASSERT_FALSE(tune(OTHER));
     recorder.state.tuning = 4;
     TEST_ASSERT_TRUE(tune(OTHER));
@@ -304,8 +305,8 @@ static void test_tunings_are_of_the_runs_place(void) {
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
 }
 
-/* Another twin was told it. */
-static void test_a_new_tenant_takes_no_tuning_of_the_one_before(void) {
+/* The tuning was for another twin. */
+static void test_a_new_shadow_gets_no_old_tuning(void) {
     tl_live_tuning_head head;
     begin_and_handover();
     announce();
@@ -339,7 +340,7 @@ static void test_failures_are_those_of_the_configuration(void) {
     TEST_ASSERT_TRUE(view.figures.twin_alive);
 }
 
-/* The supervisor says it; an FMU's name may be in it. */
+/* The reason may contain the name of an FMU, so control characters are escaped. */
 static void test_why_the_twin_has_failed(void) {
     char failure[TL_HANDOVER_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
     functions.look(functions.context, &view);
@@ -347,33 +348,33 @@ static void test_why_the_twin_has_failed(void) {
     tl_latest_publish(&stage.failure, failure, sizeof failure);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("it hung, in fmi2DoStep of mo\\x1Btor", view.figures.failure);
-    memset(failure, 'x', sizeof failure); /* without an end */
+    memset(failure, 'x', sizeof failure); /* not terminated */
     tl_latest_publish(&stage.failure, failure, sizeof failure);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_size_t(TL_RUN_FAILURE - 1, strlen(view.figures.failure));
 }
 
-/* What the twin sees of the plant. */
-static void test_sight(void) {
+/* Paired measurements, or all steps if the twin matches nothing. */
+static void test_measurements(void) {
     static tl_run_status figures;
     figures = (tl_run_status){.steps = 50, .plant_is_shut = true, .outputs = 2, .output = {{.pairs = 7}, {.pairs = 4}}};
     publish(0, &figures);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
     TEST_ASSERT_TRUE(view.figures.plant_is_shut);
-    figures.outputs = 0; /* it matches nothing */
+    figures.outputs = 0; /* it matches no output */
     figures.plant_is_shut = false;
     publish(0, &figures);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(50, view.figures.pairs);
     TEST_ASSERT_FALSE(view.figures.plant_is_shut);
-    figures.outputs = UINT32_MAX; /* a lie */
+    figures.outputs = UINT32_MAX; /* an impossible number */
     publish(0, &figures);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
 }
 
-/* Whatever of the run's is damaged on disk is in memory. */
+/* The host has the texts in memory, in case that the files are damaged. */
 static void test_texts_of_the_run(void) {
     static char text[TL_CONFIG_MAX_BYTES + 1];
     size_t size = 0;
@@ -406,11 +407,11 @@ int main(void) {
     RUN_TEST(test_a_handover);
     RUN_TEST(test_a_handover_that_is_refused);
     RUN_TEST(test_a_successor_sees_what_came_of_a_handover);
-    RUN_TEST(test_tunings_are_of_the_runs_place);
-    RUN_TEST(test_a_new_tenant_takes_no_tuning_of_the_one_before);
+    RUN_TEST(test_tunings_go_to_the_live_slot);
+    RUN_TEST(test_a_new_shadow_gets_no_old_tuning);
     RUN_TEST(test_failures_are_those_of_the_configuration);
     RUN_TEST(test_why_the_twin_has_failed);
-    RUN_TEST(test_sight);
+    RUN_TEST(test_measurements);
     RUN_TEST(test_texts_of_the_run);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

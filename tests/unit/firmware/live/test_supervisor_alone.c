@@ -1,12 +1,15 @@
-/* The supervisor of a twin alone: a failure is the end, and so is long silence, unless somebody holds the twin. What each letter of a plan means: stage.h. */
+/* The supervisor of an unsupervised run: it ends after a failure or a long silence.
+ * A twin that a debugger holds may be silent. What each letter of a plan means: stage.h. */
 #include <signal.h>
+#include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include <unity.h>
 
 #include "firmware/base/os.h"
 #include "firmware/live/supervisor.h"
+#include "tests/support/message.h"
 #include "tests/support/stage.h"
 #include "tests/support/stderr_capture.h"
 
@@ -20,13 +23,25 @@ void tearDown(void) {
     tl_stage_clear();
 }
 
+/* A time of `whole`.0 to `whole`.9 s. */
+static void expect_seconds(int whole, const char *text) {
+    bool found = false;
+    for (int tenth = 0; tenth < 10; tenth++) {
+        char time[16];
+        (void)snprintf(time, sizeof time, "%d.%d s", whole, tenth);
+        found = found || tl_test_has_parts(text, time);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(found, text);
+}
+
 static void test_alone_a_failure_is_the_end(void) {
     stage->settings.alone = true;
     tl_stage_expect_code("c", 70);
-    tl_stage_expect_told("the twin failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor");
+    TL_EXPECT_PARTS("twin|11|Segmentation fault|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
-static void test_alone_what_it_says_itself_is_not_said_again(void) {
+static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
     stage->settings.alone = true;
     tl_stage_expect_code("7", 70);
     char *log = tl_stderr_capture_end();
@@ -39,8 +54,9 @@ static void test_alone_long_silence_is_the_end(void) {
     stage->settings.alone = true;
     stage->settings.call_limit = TL_SECOND / 5;
     tl_stage_expect_code("f", 70);
-    tl_stage_expect_said("the twin failed: it hung: \"cycle\" gave no sign of life for 2.");
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(stage->event, " s, in fmi2DoStep of motor"), stage->event);
+    TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", stage->event);
+    expect_seconds(2, stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static tl_time held_at, let_go_at;
@@ -60,8 +76,8 @@ static void hold_and_let_go(bool ends, tl_orders *orders) {
     }
 }
 
-/* Until it is let go, and then it has that time again. */
-static void test_alone_it_is_let_be_while_somebody_holds_it(void) {
+/* After the debugger has released it, it has the whole time again. */
+static void test_alone_a_stopped_twin_is_not_killed(void) {
     stage->settings.alone = true;
     stage->settings.call_limit = TL_SECOND / 8;
     stage->play_on = hold_and_let_go;
@@ -69,12 +85,12 @@ static void test_alone_it_is_let_be_while_somebody_holds_it(void) {
     TEST_ASSERT_NOT_EQUAL_INT64(0, let_go_at);
 }
 
-/* For the limit. */
+/* Up to the limit. */
 static void test_alone_silence_is_allowed(void) {
     stage->settings.alone = true;
     stage->settings.call_limit = 60 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("h", SIGTERM, 3000));
-    tl_stage_expect_said("still there 6 s later");
+    tl_stage_expect_said("6 s");
 }
 
 static void test_alone_a_process_that_cannot_be_made(void) {
@@ -86,9 +102,9 @@ int main(void) {
     UNITY_BEGIN();
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_alone");
     RUN_TEST(test_alone_a_failure_is_the_end);
-    RUN_TEST(test_alone_what_it_says_itself_is_not_said_again);
+    RUN_TEST(test_alone_a_failure_that_the_twin_logs_is_not_logged_again);
     RUN_TEST(test_alone_long_silence_is_the_end);
-    RUN_TEST(test_alone_it_is_let_be_while_somebody_holds_it);
+    RUN_TEST(test_alone_a_stopped_twin_is_not_killed);
     RUN_TEST(test_alone_silence_is_allowed);
     RUN_TEST(test_alone_a_process_that_cannot_be_made);
     return tl_stage_close(UNITY_END());

@@ -1,5 +1,6 @@
-/* The supervisor and the twin's companions: io and recorder, their order, their failures, and one that makes room for another one. What each letter
- * of a plan means: stage.h. */
+/* The supervisor and the other members: io, recorder and config manager.
+ * Tests their order, their failures and the change of the recorder.
+ * What each letter of a plan means: stage.h. */
 #include <signal.h>
 #include <unistd.h>
 
@@ -7,6 +8,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/live/supervisor.h"
+#include "tests/support/message.h"
 #include "tests/support/stage.h"
 
 static tl_stage *stage;
@@ -36,36 +38,35 @@ static void test_the_others_end_with_the_twin(void) {
     TEST_ASSERT_EQUAL_INT(3, stage->ends);
 }
 
-/* More often than a twin may: and the twin goes on. */
-static void test_they_are_begun_again_for_ever(void) {
+/* More often than a twin. The twin continues. */
+static void test_they_are_always_restarted(void) {
     stage->settings.state = stage->scratch.folder;
     tl_stage_cast(TL_MEMBER_RECORDER, "kkkhkkw");
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 9000));
     TEST_ASSERT_EQUAL_INT(7, stage->parts[TL_MEMBER_RECORDER].starts);
-    tl_stage_expect_told("the recorder failed 5 more times, the last time: it was ended by signal 11, Segmentation "
-                         "fault");
+    TL_EXPECT_PARTS("recorder|5|11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
-static void test_one_that_never_could_begin_ends_all(void) {
+static void test_a_member_that_never_starts_ends_all(void) {
     tl_stage_cast(TL_MEMBER_IO, "6");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
     tl_stage_expect_code("a", 65);
     TEST_ASSERT_EQUAL_INT(3, stage->ends);
 }
 
-static void test_a_recorder_that_hangs_in_the_end_is_followed_by_one(void) {
+static void test_a_recorder_that_hangs_at_the_end_is_restarted(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "be");
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_expect_code("0", 0);
-    tl_stage_expect_told(
-        "the recorder failed when it was to end: it was told to end, and was still there 6 s later, in fmi2DoStep "
-        "of motor; another one is begun");
+    TL_EXPECT_PARTS("recorder|6 s|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
-    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* in its own time */
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* after all others */
 }
 
-/* What it had to write still is in memory that outlives it. */
-static void test_a_recorder_that_dies_in_the_end_is_begun_again(void) {
+/* The records that it has not written are in shared memory, which outlives it. */
+static void test_a_recorder_that_dies_at_the_end_is_restarted(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "kkw");
     tl_stage_expect_code("0", 0);
     TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts <= 3);
@@ -78,7 +79,7 @@ static void change_the_recorder(bool ends, tl_orders *orders) {
     orders->recorder = tl_stage_is_ready(TL_MEMBER_RECORDER) && !tl_stage_has_died(TL_MEMBER_RECORDER);
 }
 
-static void test_another_recorder_is_begun(void) {
+static void test_another_recorder_is_started(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "ww");
     stage->play_on = change_the_recorder;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
@@ -86,20 +87,21 @@ static void test_another_recorder_is_begun(void) {
     tl_stage_expect_silence();
 }
 
-/* That is a failure as any. */
-static void test_a_recorder_that_crashes_when_it_makes_room(void) {
+/* It counts as a failure. */
+static void test_a_recorder_that_crashes_when_it_is_replaced(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "lw");
     stage->play_on = change_the_recorder;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1200));
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
-    tl_stage_expect_told("the recorder failed: it was ended by signal 11, Segmentation fault; another one is begun");
+    TL_EXPECT_PARTS("recorder|11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static void change_it_in_the_end(bool ends, tl_orders *orders) {
     orders->recorder = ends && tl_stage_has_died(TL_MEMBER_RECORDER) && stage->parts[TL_MEMBER_RECORDER].starts == 1;
 }
 
-static void test_another_recorder_writes_what_is_left_in_the_end(void) {
+static void test_another_recorder_writes_the_rest_at_the_end(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "ww");
     stage->play_on = change_it_in_the_end;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 400));
@@ -115,7 +117,7 @@ static tl_wait wait_for_the_others(void *context) {
     return tl_stage_is_ready(TL_MEMBER_RECORDER) && tl_stage_is_ready(TL_MEMBER_IO) ? TL_WAIT_OVER : TL_WAIT_BRIEF;
 }
 
-static void test_the_others_are_begun_before(void) {
+static void test_the_others_are_started_before(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
     stage->settings.wait = wait_for_the_others;
@@ -128,7 +130,8 @@ static tl_wait wait_for_a_twin_that_holds(void *context) {
     return tl_stage_is_ready(TL_MEMBER_TWIN) || tl_stage_has_died(TL_MEMBER_TWIN) ? TL_WAIT_OVER : TL_WAIT_LONG;
 }
 
-/* It is no start of the account, and no failure; and the one after it never ran if it is refused. */
+/* The restart record counts neither a start nor a failure for the holding twin.
+ * The next twin has then never run, and is not restarted if it fails. */
 static void test_a_twin_holds_until_the_first_may_begin(void) {
     tl_restarts kept;
     tl_error error;
@@ -162,22 +165,23 @@ static void test_told_to_end_before_there_is_a_twin(void) {
     tl_stage_expect_code("", 0);
 }
 
-/* ---- the activator ---- */
+/* ---- the config manager ---- */
 
-static void order_the_activator(bool ends, tl_orders *orders) {
+static void order_the_config_manager(bool ends, tl_orders *orders) {
     const tl_stage_part *activator = &stage->parts[TL_MEMBER_ACTIVATOR];
     orders->activator = activator->starts == 0;
     orders->end = !ends && activator->starts == 2 && activator->order > 0;
 }
 
-/* It is begun again until it has done its work, and the run does not end with it. */
-static void test_an_activator_that_fails_and_one_that_does_its_work(void) {
+/* It is restarted until it has finished. The run does not end with it. */
+static void test_a_config_manager_that_fails_and_one_that_finishes(void) {
     tl_stage_cast(TL_MEMBER_ACTIVATOR, "k0");
-    stage->play_on = order_the_activator;
+    stage->play_on = order_the_config_manager;
     tl_stage_expect_code("w", 0);
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_ACTIVATOR].starts);
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_ACTIVATOR].order);
-    tl_stage_expect_told("the activator failed: it was ended by signal 11, Segmentation fault; another one is begun");
+    TL_EXPECT_PARTS("11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 int main(void) {
@@ -185,16 +189,16 @@ int main(void) {
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
     RUN_TEST(test_all_end_in_order);
     RUN_TEST(test_the_others_end_with_the_twin);
-    RUN_TEST(test_they_are_begun_again_for_ever);
-    RUN_TEST(test_one_that_never_could_begin_ends_all);
-    RUN_TEST(test_a_recorder_that_hangs_in_the_end_is_followed_by_one);
-    RUN_TEST(test_a_recorder_that_dies_in_the_end_is_begun_again);
-    RUN_TEST(test_another_recorder_is_begun);
-    RUN_TEST(test_a_recorder_that_crashes_when_it_makes_room);
-    RUN_TEST(test_another_recorder_writes_what_is_left_in_the_end);
-    RUN_TEST(test_the_others_are_begun_before);
+    RUN_TEST(test_they_are_always_restarted);
+    RUN_TEST(test_a_member_that_never_starts_ends_all);
+    RUN_TEST(test_a_recorder_that_hangs_at_the_end_is_restarted);
+    RUN_TEST(test_a_recorder_that_dies_at_the_end_is_restarted);
+    RUN_TEST(test_another_recorder_is_started);
+    RUN_TEST(test_a_recorder_that_crashes_when_it_is_replaced);
+    RUN_TEST(test_another_recorder_writes_the_rest_at_the_end);
+    RUN_TEST(test_the_others_are_started_before);
     RUN_TEST(test_a_twin_holds_until_the_first_may_begin);
     RUN_TEST(test_told_to_end_before_there_is_a_twin);
-    RUN_TEST(test_an_activator_that_fails_and_one_that_does_its_work);
+    RUN_TEST(test_a_config_manager_that_fails_and_one_that_finishes);
     return tl_stage_close(UNITY_END());
 }

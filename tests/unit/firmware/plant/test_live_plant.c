@@ -1,4 +1,4 @@
-/* The live plant: which reading reaches which signal, and what becomes of sources that are dead, unused or missing. */
+/* The live plant: which signal gets which reading, and sources that are dead, unused or missing. */
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -13,11 +13,12 @@
 #include "firmware/plant/sample_buffer.h"
 #include "tests/support/config_text.h"
 #include "tests/support/device_value.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 
 #define PATIENCE (60 * TL_SECOND)
 
-/* Signals of two sources in turn; `idle` feeds none of them. */
+/* The signals alternate between two sources; `idle` feeds none of them. */
 static const char CONFIG[] =
     "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": 0.01, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
     "  \"sources\": {"
@@ -45,7 +46,7 @@ static void *sample_memory;
 static tl_plant_input input;
 static tl_error error;
 
-/* What on_link was told, from any source's thread. */
+/* Calls of on_link, from the threads of all sources. */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static char links[1024];
 
@@ -112,7 +113,7 @@ static void read_config(unsigned port) {
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
 }
 
-/* The mail is made once for each test, as it outlives a plant. */
+/* The sample buffers are made once per test, because they outlive a plant. */
 static tl_status try_to_open(void) {
     const tl_config *config = &verdict.config;
     tl_sample_buffers_shape shape;
@@ -123,7 +124,7 @@ static tl_status try_to_open(void) {
         TEST_ASSERT_NOT_NULL(sample_memory);
         tl_sample_buffers_open(&shape, sample_memory, input.buffers);
     }
-    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* which the plant copies */
+    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* the plant copies them */
     memcpy(buffers, input.buffers, sizeof buffers);
     const tl_live_plant_settings settings = {
         .config = config, .kinds = TL_LIVE_PLANT_ALL, .buffers = buffers, .on_link = on_link, .context = links};
@@ -184,7 +185,7 @@ static void test_values_are_judged_as_configured(void) {
     TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, input.limits[2].type);
 }
 
-/* The port of a server that was there. */
+/* A port on which no server listens any more. */
 static uint16_t dead_port(void) {
     start_server(0);
     uint16_t port = tl_plant_server_port(server);
@@ -206,7 +207,7 @@ static void test_a_dead_device_does_not_stop_the_others(void) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the other source is not read");
     }
     TEST_ASSERT_EQUAL_INT(TL_NO_LINK, take().quality[0]);
-    start_server(port); /* it comes later */
+    start_server(port); /* it starts later */
     wait_until_told("device up: ");
     wait_until_complete();
 }
@@ -221,8 +222,8 @@ static void test_a_missing_file_is_waited_for(void) {
     wait_until_complete();
 }
 
-/* As a new process would, in the same memory: what was read before stays, and what a post of the dead one has left is mended. */
-static void test_a_successor_goes_on_in_the_buffers(void) {
+/* A new process opens the same memory. Earlier readings stay; an interrupted post is repaired. */
+static void test_a_successor_uses_the_same_buffers(void) {
     start_server(0);
     write_rows();
     read_config(tl_plant_server_port(server));
@@ -256,7 +257,7 @@ static void test_a_signal_without_a_source(void) {
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, try_to_open());
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "plant.omega has no live source"));
+    TL_EXPECT_PARTS("plant.omega|source|replay", error.text);
     TEST_ASSERT_NULL(plant);
 }
 
@@ -269,7 +270,8 @@ static void test_a_bus_that_is_not_there(void) {
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     TEST_ASSERT_EQUAL_INT(TL_OK, try_to_open());
-    wait_until_told("bus down: CAN interface tl-none0: ");
+    wait_until_told("bus down: ");
+    TEST_ASSERT_TRUE(was_told("tl-none0"));
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
 }
 
@@ -291,7 +293,7 @@ int main(void) {
     RUN_TEST(test_values_are_judged_as_configured);
     RUN_TEST(test_a_dead_device_does_not_stop_the_others);
     RUN_TEST(test_a_missing_file_is_waited_for);
-    RUN_TEST(test_a_successor_goes_on_in_the_buffers);
+    RUN_TEST(test_a_successor_uses_the_same_buffers);
     RUN_TEST(test_a_signal_without_a_source);
     RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);

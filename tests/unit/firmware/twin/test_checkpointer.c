@@ -1,4 +1,5 @@
-/* The checkpointer: when a twin is saved, and what is said where it is not. The clock is the real one, budgets are made up. */
+/* The checkpointer: when it saves a twin, and what it reports if it does not.
+ * The clock is real, the budgets are made up. */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -26,7 +27,7 @@ static tl_checkpointer checkpointer;
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static size_t padding; /* bytes that the FMU adds to its state */
-static tl_time delay;  /* that it takes for it */
+static tl_time delay;  /* time that the FMU takes to serialize it */
 static fmi2SerializedFMUstateSizeTYPE *real_size;
 static fmi2SerializeFMUstateTYPE *real_serialize;
 
@@ -103,7 +104,7 @@ static void begin(size_t checkpoint_bytes) {
     tl_twin_recorder_start(&box.queue, run.twin, 0);
 }
 
-/* Ticks, after each of which so much of a budget of 50 ms has been used. */
+/* Steps. After each of them, `used` of a budget of 50 ms is used. */
 static void play(int64_t ticks, tl_time used) {
     for (int64_t i = 0; i < ticks; i++) {
         int64_t tick = run.sample.tick;
@@ -121,11 +122,12 @@ static int64_t checkpoints(void) {
     return tl_sql_integer(path, "SELECT count(*) FROM checkpoints");
 }
 
-static void expect_event(const char *words, int64_t times) {
+/* All events are of the checkpointer and contain `part`. */
+static void expect_event(const char *part, int64_t times) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'checkpoint' AND text LIKE '%%%s%%'",
-                   words);
-    TEST_ASSERT_EQUAL_INT64_MESSAGE(times, tl_sql_integer(path, sql), words);
+                   part);
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(times, tl_sql_integer(path, sql), part);
     TEST_ASSERT_EQUAL_INT64(times, tl_sql_integer(path, "SELECT count(*) FROM events"));
 }
 
@@ -158,8 +160,9 @@ static void test_the_first_one_is_there_at_once(void) {
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
 }
 
-/* What is saved is of before: the next one comes as soon as a tick has time for it, and the one after that an interval later. */
-static void test_soon_after_the_fmus_began_anew(void) {
+/* After a reset of the FMUs, a checkpoint follows as soon as a tick has time.
+ * The next one follows an interval later. */
+static void test_soon_after_a_reset_of_the_fmus(void) {
     begin(MUCH);
     play(31, 0);
     tl_checkpointer_hurry(&checkpointer, 30);
@@ -172,7 +175,7 @@ static void test_soon_after_the_fmus_began_anew(void) {
     expect_event("", 0);
 }
 
-/* The budget is used up by searches, tick after tick. It is said once, and saved again when there is time. */
+/* Searches use the whole budget of each tick. One event reports it; later ticks save again. */
 static void test_no_step_has_time_left(void) {
     begin(MUCH);
     play(1, 0);
@@ -181,10 +184,10 @@ static void test_no_step_has_time_left(void) {
     play(20, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(2, checkpoints());
-    expect_event("no step had", 1);
+    expect_event("ms", 1);
 }
 
-/* One that took longer than the budget, for whatever reason, is not the last. */
+/* One checkpoint that takes longer than the budget does not end the checkpoints. */
 static void test_one_takes_long(void) {
     begin(MUCH);
     play(INTERVAL, 0);
@@ -198,15 +201,15 @@ static void test_one_takes_long(void) {
     expect_event("", 0);
 }
 
-/* ---- what it is not done for ---- */
+/* ---- no more checkpoints ---- */
 
 static void test_it_takes_too_long(void) {
     delay = TL_SECOND / 15;
     begin(MUCH);
     play(3 * INTERVAL, 0);
     close_recorder();
-    TEST_ASSERT_EQUAL_INT64(1, checkpoints()); /* that which told how long it takes */
-    expect_event("longer than the budget", 1);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints()); /* the first one, which measured the time */
+    expect_event("budget", 1);
 }
 
 static void test_it_is_too_large(void) {
@@ -215,7 +218,7 @@ static void test_it_is_too_large(void) {
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
-    expect_event("too large", 1);
+    expect_event("large", 1);
 }
 
 static void test_it_grows(void) {
@@ -225,7 +228,7 @@ static void test_it_grows(void) {
     play(2 * INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
-    expect_event("has grown", 1);
+    expect_event("grown", 1);
 }
 
 static void test_an_fmu_that_cannot(void) {
@@ -248,7 +251,7 @@ static void test_an_fmu_that_refuses(void) {
     expect_event("fmi2SerializeFMUstate", 1);
 }
 
-static void test_it_is_not_wanted(void) {
+static void test_it_is_switched_off(void) {
     begin(MUCH);
     assembly.config.record_resume = 0;
     tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, true);
@@ -267,7 +270,7 @@ static void step_and_rehearse(bool caught_up) {
     tl_checkpointer_rehearse(&checkpointer, caught_up ? NULL : &budget);
 }
 
-/* Nothing is put before its run begins; then it is there at once, and the next one as after any. */
+/* A shadow records no checkpoint before its run begins. Then it records one at once. */
 static void test_rehearsed_and_saved_once(void) {
     size_t size = 0;
     begin(MUCH);
@@ -275,7 +278,7 @@ static void test_rehearsed_and_saved_once(void) {
     TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
     step_and_rehearse(false);
     uint64_t calls = fmu.calls[TL_TEST_SERIALIZE];
-    step_and_rehearse(false); /* once is enough */
+    step_and_rehearse(false); /* one rehearsal is enough */
     TEST_ASSERT_EQUAL_UINT64(calls, fmu.calls[TL_TEST_SERIALIZE]);
     tl_test_queue_write(&box);
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
@@ -290,7 +293,7 @@ static void test_rehearsed_and_saved_once(void) {
     expect_event("", 0);
 }
 
-/* What it will take is known, and is not begun if there is less left. */
+/* It is not started if the known duration exceeds the remaining time. */
 static void test_not_saved_without_time(void) {
     size_t size = 1;
     delay = TL_SECOND / 100;
@@ -302,8 +305,8 @@ static void test_not_saved_without_time(void) {
     TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
 }
 
-/* It is saved though nobody would go on with the run, since a replay begins with it. */
-static void test_a_shadow_that_nobody_goes_on_with(void) {
+/* It is saved although the run is not resumed, because a replay starts from it. */
+static void test_a_shadow_that_is_not_resumed(void) {
     size_t size = 0;
     begin(MUCH);
     assembly.config.record_resume = 0;
@@ -323,8 +326,8 @@ static void test_a_shadow_that_cannot_be_saved(void) {
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
 }
 
-/* What was saved of these FMUs has ended a process. */
-static void test_fmus_whose_states_are_of_no_use_elsewhere(void) {
+/* Loading a state of these FMUs has ended a process before. */
+static void test_fmus_with_states_that_cannot_be_loaded(void) {
     size_t size = 0;
     begin(MUCH);
     tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, false);
@@ -339,7 +342,7 @@ int main(void) {
     RUN_TEST(test_after_the_first_tick_and_then_every_ten_seconds);
     RUN_TEST(test_never_after_a_tick_that_was_made_up);
     RUN_TEST(test_the_first_one_is_there_at_once);
-    RUN_TEST(test_soon_after_the_fmus_began_anew);
+    RUN_TEST(test_soon_after_a_reset_of_the_fmus);
     RUN_TEST(test_no_step_has_time_left);
     RUN_TEST(test_one_takes_long);
     RUN_TEST(test_it_takes_too_long);
@@ -347,11 +350,11 @@ int main(void) {
     RUN_TEST(test_it_grows);
     RUN_TEST(test_an_fmu_that_cannot);
     RUN_TEST(test_an_fmu_that_refuses);
-    RUN_TEST(test_it_is_not_wanted);
-    RUN_TEST(test_fmus_whose_states_are_of_no_use_elsewhere);
+    RUN_TEST(test_it_is_switched_off);
+    RUN_TEST(test_fmus_with_states_that_cannot_be_loaded);
     RUN_TEST(test_rehearsed_and_saved_once);
     RUN_TEST(test_not_saved_without_time);
-    RUN_TEST(test_a_shadow_that_nobody_goes_on_with);
+    RUN_TEST(test_a_shadow_that_is_not_resumed);
     RUN_TEST(test_a_shadow_that_cannot_be_saved);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -1,4 +1,4 @@
-/* The real-time cycle: which ticks there are, what becomes of missed ones, how it ends, and that it can be watched. */
+/* The real-time cycle: its ticks, missed ticks, tunings, its end, and its published status. */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,6 +10,7 @@
 #include "firmware/base/os.h"
 #include "firmware/twin/cycle.h"
 #include "tests/support/follower.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_record_queue.h"
@@ -42,15 +43,15 @@ static tl_live_tuning_answer answer;
 static tl_live_tuning_head told;
 static tl_recorder_known known;
 
-/* ---- an FMU that takes its time ---- */
+/* ---- a slow FMU ---- */
 
 static fmi2DoStepTYPE *quick_step;
 static unsigned long slow_call; /* counted from 1; 0: none */
 static tl_time slow_time;
-static unsigned long reset_call; /* in which it is found that the FMUs must begin anew; 0: none */
+static unsigned long reset_call; /* during this call the FMUs are marked for a reset; 0: none */
 
 static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean final) {
-    static unsigned long calls; /* of the cycle's thread alone */
+    static unsigned long calls; /* used only by the thread of the cycle */
     calls = twin.fmu.calls[TL_TEST_DO_STEP] == 0 ? 1 : calls + 1;
     if (calls == slow_call) {
         tl_clock_sleep_until(tl_clock_now(NULL) + slow_time);
@@ -138,14 +139,13 @@ static void start(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &cycle, &error), error.text);
 }
 
-/* Watches until there were `ticks` or the cycle has ended. */
+/* Waits until `ticks` have passed or the cycle has ended. */
 static void watch(uint64_t ticks) {
     uint64_t steps = 0;
-    uint64_t pending =
-        twin.assembly.config.measurements == TL_AHEAD ? 1 : 0; /* the newest record is complete a tick later */
+    uint64_t pending = twin.assembly.config.measurements == TL_AHEAD ? 1 : 0; /* completed a tick later */
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (!shown.ended && shown.ticks < ticks) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not go on");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not continue");
         if (tl_cycle_status_now(cycle, &shown)) {
             TEST_ASSERT_TRUE(shown.ended || shown.ticks - shown.steps - shown.skipped <= pending);
             TEST_ASSERT_TRUE(shown.steps >= steps);
@@ -171,7 +171,7 @@ static void expect_rows(int64_t rows) {
                             tl_sql_integer(database, "SELECT count(*) FROM steps WHERE outcome = 6"));
 }
 
-/* The ledger's executions are those of the steps. */
+/* The executions per component add up to those of the steps. */
 static void expect_ledger(void) {
     TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT sum(executions) FROM steps"),
                             tl_sql_integer(database, "SELECT sum(executions) FROM components"));
@@ -206,13 +206,13 @@ static void run_for_a_duration(tl_pairing measurements) {
 static void test_a_duration_in_mode_lag(void) {
     run_for_a_duration(TL_LAG);
     TEST_ASSERT_TRUE(summary.figures.evaluations > 0 ||
-                     summary.figures.steps == 0); /* a machine that was late for all */
+                     summary.figures.steps == 0); /* on a machine that missed all ticks */
 }
 
 static void test_a_duration_in_mode_hold(void) {
     run_for_a_duration(TL_HOLD);
     TEST_ASSERT_TRUE(summary.figures.evaluations > 0 ||
-                     summary.figures.steps == 0); /* a machine that was late for all */
+                     summary.figures.steps == 0); /* on a machine that missed all ticks */
 }
 
 static void test_a_duration_in_mode_ahead(void) {
@@ -222,14 +222,14 @@ static void test_a_duration_in_mode_ahead(void) {
 
 static void test_stamps_are_recorded_relative_to_the_first_tick(void) {
     make_twin(10 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    start(); /* its only reading is posted less than a minute before tick 0 */
+    start(); /* its only reading is less than a minute older than tick 0 */
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
     int64_t stamp = tl_sql_integer(database, "SELECT stamp_ns FROM samples WHERE tick = 0");
     TEST_ASSERT_TRUE(stamp < 0 && stamp > -PATIENCE);
 }
 
-/* As many as there are runs of such steps in the database. */
+/* The number of gaps equals the number of sequences of missed steps in the database. */
 static void expect_gaps(void) {
     TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT count(*) FROM steps s LEFT JOIN steps b ON b.run = s.run "
                                                      "AND b.step = s.step - 1 "
@@ -240,25 +240,26 @@ static void expect_gaps(void) {
 static void test_missed_ticks_are_made_up(void) {
     make_twin(2 * MILLISECOND, 200 * MILLISECOND, TL_LAG);
     slow_call = 20;
-    slow_time = 50 * MILLISECOND; /* 25 periods: 24 of them are over when it returns */
+    slow_time = 50 * MILLISECOND; /* 25 periods: 24 of them have passed when it returns */
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
     TEST_ASSERT_TRUE(summary.figures.skipped >= 24);
-    /* Not where the machine itself was late, so that the slow step was one that was made up. */
+    /* Not if the machine itself was late, so that the slow step was one without a search. */
     TEST_ASSERT_TRUE(summary.deadline_misses >= 1 || summary.figures.longest < slow_time);
     TEST_ASSERT_EQUAL_UINT64(101, summary.ticks);
     TEST_ASSERT_EQUAL_UINT64(101, summary.figures.steps + summary.figures.skipped);
     expect_rows(101);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database,
-                                              "SELECT count(*) FROM steps s JOIN adjustments a USING (run, step) "
+                                              "SELECT count(*) FROM main.steps s JOIN adjustments a USING (run, step) "
                                               "JOIN adjustments b ON b.run = a.run AND b.step = a.step - 1 "
                                               "WHERE s.outcome = 6 AND a.applied <> b.applied"));
-    TEST_ASSERT_TRUE(tl_sql_integer(database, "SELECT count(*) FROM events WHERE text LIKE '%made up%'") >= 1);
+    TEST_ASSERT_TRUE(
+        tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'cycle' AND text LIKE '% ticks %'") >= 1);
     expect_gaps();
 }
 
-/* Made up with a budget that is over at once: one at a time, and still all of them. */
+/* With a budget that ends at once, all missed ticks are still computed, one at a time. */
 static void test_missed_ticks_without_time(void) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
     twin.assembly.config.budget_time = 1;
@@ -274,12 +275,12 @@ static void test_missed_ticks_without_time(void) {
     expect_gaps();
 }
 
-/* It is recorded, and so is the twin as it is from then on, though the next checkpoint would be due after 500 ticks. */
-static void test_fmus_that_begin_anew(void) {
+/* A reset is recorded. A checkpoint follows, although the next one is due only after 500 ticks. */
+static void test_a_reset_of_the_fmus(void) {
     make_twin(20 * MILLISECOND, 800 * MILLISECOND, TL_LAG);
     twin.fmu.model.capabilities.can_serialize_state = true;
     twin.assembly.config.record_resume = TL_SECOND;
-    twin.assembly.config.budget_time = TL_SECOND; /* there is time for one after every tick that is not missed */
+    twin.assembly.config.budget_time = TL_SECOND; /* time for checkpoints */
     checkpoint_bytes = (size_t)1 << 20;
     reset_call = 30;
     start();
@@ -297,7 +298,7 @@ static void test_fmus_that_begin_anew(void) {
     }
 }
 
-/* A twin whose tolerance is so wide that nothing is ever searched, until it is told another one. */
+/* The tolerance is so wide that no step is searched, until another tuning comes. */
 static void begin_wide(tl_time step, tl_pairing measurements) {
     make_twin(step, 0, measurements);
     tl_config_tuning(&twin.assembly.config, &told.tuning);
@@ -321,14 +322,14 @@ static void wait_for_answer(uint32_t number, tl_live_tuning_answer *heard) {
     }
 }
 
-/* `what` of those before, or not before, a tick or step. */
+/* An SQL expression `what` with a condition on a tick or step. */
 static double recorded(const char *what, const char *compared, int64_t number) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT %s %s %lld", what, compared, (long long)number);
     return tl_sql_number(database, sql);
 }
 
-/* Up to a tick it is as it was, and from then on as it was told; the twin, the judge and the budget alike. */
+/* From one tick on, twin, lock monitor and budget have the new tuning. */
 static void retune_in_mode(tl_pairing measurements) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, measurements);
@@ -346,10 +347,13 @@ static void retune_in_mode(tl_pairing measurements) {
                              tl_sql_text(database, "SELECT who || '|' || origin || '|' || why FROM tunings"));
     TEST_ASSERT_EQUAL_STRING(OTHER, tl_sql_text(database, "SELECT text FROM tunings JOIN configurations ON hash = "
                                                           "configuration"));
-    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, "SELECT tick FROM events WHERE source = 'retune' AND "
-                                                                 "text LIKE 'configuration ____________ in force'"));
+    char sql[128];
+    (void)snprintf(sql, sizeof sql, "SELECT tick FROM events WHERE source = 'retune' AND text LIKE '%%%.12s%%'",
+                   told.hash);
+    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, sql));
     TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", heard.tick));
-    /* 5 is 0.05 of the wide tolerance, and ten of the other one: nominal before, whatever was missed; found after. */
+    /* An error of 5 is 0.05 of the wide tolerance, and ten of the other one.
+     * So u is nominal before the tick, also if ticks were missed, and searched after it. */
     TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(applied)) FROM adjustments WHERE step", "<", heard.tick - lead));
     TEST_ASSERT_TRUE(recorded("max(abs(applied)) FROM adjustments WHERE step", ">=", heard.tick - lead) > 0.5);
 }
@@ -362,31 +366,31 @@ static void test_another_tuning_in_mode_ahead(void) {
     retune_in_mode(TL_AHEAD);
 }
 
-/* What cannot be, or is not for this twin, changes nothing, and is said. */
-static void test_a_tuning_that_is_refused(void) {
+/* An invalid or unsuitable tuning changes nothing, and is reported. */
+static void test_a_tuning_that_is_rejected(void) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, TL_LAG);
     told.tuning.evaluations = 61;
     tell(2);
     wait_for_answer(2, &heard);
     TEST_ASSERT_EQUAL_UINT32(1, heard.refused);
-    TEST_ASSERT_EQUAL_STRING("found 61 evaluations, and the running twin has room for 60: more need a new one",
-                             heard.why);
+    TL_EXPECT_PARTS("61|60", heard.why);
     told.tuning.evaluations = 60;
     told.hash[0] = 'x';
     tell(4);
     wait_for_answer(4, &heard);
-    TEST_ASSERT_EQUAL_STRING("a tuning came with a digest that is none", heard.why);
+    TL_EXPECT_PARTS("digest", heard.why);
     watch(shown.ticks + 5);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_DOUBLE(100.0, twin.assembly.config.match[0].tolerance);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
-                                                        "severity = 1 AND text LIKE 'configuration % refused: %'"));
+    TEST_ASSERT_EQUAL_INT64(2,
+                            tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
+                                                     "severity = 1 AND (text LIKE '%61%60%' OR text LIKE '%digest%')"));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_sql_number(database, "SELECT max(abs(applied)) FROM adjustments"));
 }
 
-/* A writer that died in the middle: nothing happens until another one has come. */
+/* After an interrupted write nothing happens until the next complete one. */
 static void test_a_tuning_that_is_half_written(void) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, TL_LAG);
@@ -400,8 +404,8 @@ static void test_a_tuning_that_is_half_written(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
 }
 
-/* What the twin has already, it does not take again. */
-static void test_a_tuning_that_is_in_force_already(void) {
+/* The twin does not take a tuning again that it already has. */
+static void test_a_tuning_that_the_twin_already_has(void) {
     begin_wide(2 * MILLISECOND, TL_LAG);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
     tearDown();
@@ -419,8 +423,8 @@ static void test_a_tuning_that_is_in_force_already(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
 }
 
-/* Somebody tried to go on with an earlier run, and failed: the twin is a new one, and has nothing of what that had. */
-static void test_a_tuning_of_a_run_that_got_nowhere(void) {
+/* A resume has failed, so the twin is a new one without the tuning of that run. */
+static void test_a_tuning_after_a_failed_resume(void) {
     static tl_record_queue_start before;
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
     tl_config_tuning(&twin.assembly.config, &told.tuning);
@@ -431,20 +435,20 @@ static void test_a_tuning_of_a_run_that_got_nowhere(void) {
     memcpy(taken.hash, told.hash, sizeof taken.hash);
     tl_account_take(twin.assembly.twin, &before.account);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &before) && tl_record_queue_put_tuning(&box.queue, &taken));
-    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "could not go on with an earlier run"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "failed resume"));
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, twin.assembly.config.margin);
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT tick FROM tunings WHERE run = 2"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT tick FROM main.tunings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM main.tunings WHERE run = 2"));
 }
 
 /* ---- ends ---- */
 
 static void test_stops_though_the_next_tick_is_far_away(void) {
     make_twin(3600 * TL_SECOND, 0, TL_LAG);
-    for (int i = 0; i < 20; i++) { /* at different places of the way to sleep */
+    for (int i = 0; i < 20; i++) { /* at different moments before it sleeps */
         start();
         tl_clock_sleep_until(tl_clock_now(NULL) + i * MILLISECOND / 20);
         tl_time before = tl_clock_now(NULL);
@@ -466,7 +470,7 @@ static void test_stops_when_asked(void) {
     expect_rows((int64_t)summary.ticks);
 }
 
-/* In mode ahead the last measurement is one period away: nobody waits for it. */
+/* In mode ahead the last measurement comes one period later; the end does not wait for it. */
 static void test_stops_without_the_last_measurement(void) {
     const tl_time step = TL_SECOND / 2;
     make_twin(step, 0, TL_AHEAD);
@@ -478,7 +482,8 @@ static void test_stops_without_the_last_measurement(void) {
     expect_rows((int64_t)summary.ticks);
     TEST_ASSERT_EQUAL_INT64((int64_t)summary.ticks + 1, tl_sql_integer(database, "SELECT count(*) FROM samples"));
     if (in_time) {
-        TEST_ASSERT_EQUAL_INT64(TL_STALE, tl_sql_integer(database, "SELECT quality FROM outputs ORDER BY step DESC"));
+        TEST_ASSERT_EQUAL_INT64(TL_STALE, tl_sql_integer(database, "SELECT quality FROM outputs WHERE step = "
+                                                                   "(SELECT max(step) FROM outputs)"));
     }
 }
 
@@ -489,9 +494,8 @@ static void test_a_twin_that_fails_ends_it(void) {
     watch(UINT64_MAX);
     TEST_ASSERT_TRUE(shown.ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, end());
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
-    uint64_t steps =
-        summary.figures.steps + summary.figures.outcomes[TL_CAUGHT_UP]; /* on a busy machine all of these */
+    TL_EXPECT_PARTS("motor", error.text);
+    uint64_t steps = summary.figures.steps + summary.figures.outcomes[TL_CAUGHT_UP]; /* if busy, all */
     TEST_ASSERT_TRUE(steps >= 1);
     TEST_ASSERT_EQUAL_INT64((int64_t)steps, tl_sql_integer(database, "SELECT count(*) FROM steps"));
 }
@@ -505,13 +509,13 @@ int main(void) {
     RUN_TEST(test_stamps_are_recorded_relative_to_the_first_tick);
     RUN_TEST(test_missed_ticks_are_made_up);
     RUN_TEST(test_missed_ticks_without_time);
-    RUN_TEST(test_fmus_that_begin_anew);
+    RUN_TEST(test_a_reset_of_the_fmus);
     RUN_TEST(test_another_tuning_in_mode_lag);
     RUN_TEST(test_another_tuning_in_mode_ahead);
-    RUN_TEST(test_a_tuning_that_is_refused);
+    RUN_TEST(test_a_tuning_that_is_rejected);
     RUN_TEST(test_a_tuning_that_is_half_written);
-    RUN_TEST(test_a_tuning_that_is_in_force_already);
-    RUN_TEST(test_a_tuning_of_a_run_that_got_nowhere);
+    RUN_TEST(test_a_tuning_that_the_twin_already_has);
+    RUN_TEST(test_a_tuning_after_a_failed_resume);
     RUN_TEST(test_stops_though_the_next_tick_is_far_away);
     RUN_TEST(test_stops_when_asked);
     RUN_TEST(test_stops_without_the_last_measurement);

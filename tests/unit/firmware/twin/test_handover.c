@@ -1,5 +1,5 @@
-/* Two cycles over the same mail, the run's and its shadow, and flips between them: each tick is once among the ticks of a run, and the run that a flip
- * brings is repeated to the bit from the checkpoint with which it begins. */
+/* Handovers between two cycles, the run's and its shadow, that read the same sample buffers.
+ * Each tick belongs to one run. A replay of a run from its first checkpoint is bit-identical. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +25,7 @@
 
 enum { PLACES = TL_TWIN_SLOTS };
 
-/* All that one place has. */
+/* Everything of one slot. */
 typedef struct place {
     tl_follower twin;
     tl_journal journal;
@@ -64,7 +64,7 @@ void setUp(void) {
     can_save = true;
 }
 
-/* Without any assertion: both cycles end, whatever a case has left. */
+/* Ends the cycle of a slot, without assertions. */
 static void close_place(place *self) {
     if (self->cycle != NULL) {
         (void)tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error);
@@ -87,9 +87,9 @@ void tearDown(void) {
     }
 }
 
-/* ---- places ---- */
+/* ---- slots ---- */
 
-/* They differ in their tolerance. */
+/* The two twins differ in their tolerance. */
 static void make_twin(place *self, tl_time step) {
     tl_follower_begin(&self->twin, step);
     self->twin.fmu.model.capabilities.can_serialize_state = can_save;
@@ -114,7 +114,7 @@ static void put_event(void *context, int64_t tick, tl_severity severity, const c
     tl_record_queue_event(context, tick, severity, source, text);
 }
 
-/* A shadow begins at `tick` of the run. */
+/* Starts the cycle of a slot; a shadow starts at `tick` of the run. */
 static void start(place *self, tl_time step, bool is_shadow, int64_t tick) {
     char name[32];
     uint32_t index = (uint32_t)(self - places);
@@ -148,7 +148,7 @@ static void start(place *self, tl_time step, bool is_shadow, int64_t tick) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &self->cycle, &error), error.text);
 }
 
-/* What the plant shows changes all the time, so that every step has something to search. */
+/* The measurement changes all the time, so that every step is searched. */
 static void live_on(tl_time for_how_long) {
     static uint64_t count;
     tl_time until = tl_clock_now(NULL) + for_how_long;
@@ -170,7 +170,7 @@ static void live_on(tl_time for_how_long) {
 static void live_until_tick(const place *self, int64_t tick) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (self->shown.tick < tick) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not go on");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not continue");
         TEST_ASSERT_FALSE_MESSAGE(self->shown.ended, "the cycle has ended");
         live_on(MILLISECOND);
     }
@@ -179,30 +179,31 @@ static void live_until_tick(const place *self, int64_t tick) {
 static void live_until_handed_over(const place *self, uint32_t number) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (__atomic_load_n(&self->handed_over, __ATOMIC_ACQUIRE) != number) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a place has not done its part");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a slot has not done its part");
         live_on(MILLISECOND);
     }
 }
 
-/* Until the place has published that it is the shadow, or the run's. */
+/* Waits until the slot has published whether it is the shadow. */
 static void live_until_shadow(const place *self, bool is_shadow) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (self->shown.is_shadow != is_shadow) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a place is not what it has become");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a slot has not changed its role");
         live_on(MILLISECOND);
     }
 }
 
-/* Until a shadow has made up what it missed. */
+/* Waits until a shadow has caught up. */
 static void live_until_live(const place *self) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (!self->shown.is_live) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the shadow does not come to the plant's ticks");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the shadow is not live");
         live_on(MILLISECOND);
     }
 }
 
-/* A flip to this place, announced as early as the supervisor does it and `more` ticks; waits until both have said it. The first tick of it. */
+/* Announces a handover to this slot, as the supervisor does and `more` ticks earlier.
+ * Waits until both slots have reported it. Returns its first tick. */
 static int64_t handover_to(uint32_t to, int64_t more) {
     uint32_t number = stage.handovers + 1;
     tl_time step = places[to].twin.assembly.config.step;
@@ -210,7 +211,7 @@ static int64_t handover_to(uint32_t to, int64_t more) {
     stage.tick = (tl_clock_now(NULL) + tl_handover_ahead(step) - run_start) / step + 1 + more;
     __atomic_store_n(&stage.handovers, number, __ATOMIC_RELEASE);
     TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < tl_time_of_step(run_start, step, stage.tick),
-                             "the test was kept from announcing the flip in time");
+                             "the test announced the handover too late");
     live_until_handed_over(&places[0], number);
     live_until_handed_over(&places[1], number);
     stage.place = to;
@@ -237,13 +238,13 @@ static int64_t number(const place *self, const char *what, int64_t run) {
     return tl_sql_integer(self->database, sql);
 }
 
-/* Of a run: its samples and steps have no hole; its own ticks are first … last. */
+/* The samples and steps of a run have no gap; its own ticks are first … last. */
 static void expect_whole(const place *self, int64_t run, int64_t first, int64_t last) {
     int64_t lead = measurements == TL_AHEAD ? 0 : 1;
     int64_t least = number(self, "min(tick) FROM samples", run);
     int64_t most = number(self, "max(tick) FROM samples", run);
     TEST_ASSERT_TRUE(least <= first);
-    TEST_ASSERT_EQUAL_INT64(last + (measurements == TL_AHEAD ? 1 : 0), most); /* with which its last step is complete */
+    TEST_ASSERT_EQUAL_INT64(last + (measurements == TL_AHEAD ? 1 : 0), most); /* for the last step */
     TEST_ASSERT_EQUAL_INT64(most - least + 1, number(self, "count(DISTINCT tick) FROM samples", run));
     TEST_ASSERT_EQUAL_INT64(last - lead, number(self, "max(step) FROM steps", run));
     int64_t first_step = number(self, "min(step) FROM steps", run);
@@ -277,14 +278,14 @@ static void read_steps(const place *self, int64_t number_of_run) {
     tl_history_close(history);
 }
 
-/* A new twin, as a replay begins with it. */
+/* Makes a new twin, and loads the first checkpoint as a replay does. */
 static void begin_again(place *self, const tl_recording_beginning *beginning, tl_recovery *recovery) {
     tl_account account;
     tl_twin_destroy(self->twin.assembly.twin);
     self->twin.assembly.twin = tl_test_plan_build(&self->twin.plan);
     TEST_ASSERT_NOT_NULL(beginning);
     TEST_ASSERT_TRUE(beginning->follows);
-    TEST_ASSERT_NOT_NULL_MESSAGE(beginning->checkpoint, "the run has no checkpoint that it begins with");
+    TEST_ASSERT_NOT_NULL_MESSAGE(beginning->checkpoint, "no first checkpoint");
     TEST_ASSERT_EQUAL_INT64(beginning->tick - 1, beginning->checkpoint->tick);
     tl_status status = tl_twin_load(self->twin.assembly.twin, beginning->checkpoint->tick, beginning->checkpoint->bytes,
                                     beginning->checkpoint->size, &error);
@@ -304,7 +305,7 @@ static size_t expect_same_step(const tl_twin_result *result) {
     return 1;
 }
 
-/* Every u is that which was recorded, and so is the effort. */
+/* Each u and the number of executions are as recorded. */
 static void expect_repeated(place *self, int64_t number_of_run) {
     static tl_twin_result result;
     tl_recording *recording = NULL;
@@ -328,7 +329,7 @@ static void expect_repeated(place *self, int64_t number_of_run) {
     TEST_ASSERT_GREATER_THAN_size_t(10, compared);
 }
 
-/* ---- flips ---- */
+/* ---- handovers ---- */
 
 static void begin_both(tl_time step) {
     live_on(MILLISECOND);
@@ -345,6 +346,13 @@ static void expect_events(const place *self, int64_t count, const char *like) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE text LIKE '%s'", like);
     TEST_ASSERT_EQUAL_INT64(count, tl_sql_integer(self->database, sql));
+}
+
+/* The event of a handover, with its first tick and a further part. */
+static void expect_handover_event(const place *self, int64_t tick, const char *more) {
+    char like[64];
+    (void)snprintf(like, sizeof like, "%%tick %lld%%%s%%", (long long)tick, more);
+    expect_events(self, 1, like);
 }
 
 /* There and back. */
@@ -371,12 +379,11 @@ static void handover_in_mode(tl_pairing mode) {
     expect_whole(&places[0], 2, back, last);
     TEST_ASSERT_EQUAL_INT64(there, number(&places[1], "resumed_tick FROM beginnings", 1));
     TEST_ASSERT_EQUAL_INT64(back, number(&places[0], "resumed_tick FROM beginnings", 2));
-    TEST_ASSERT_EQUAL_STRING("another configuration has taken over",
-                             tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
-    expect_events(&places[1], 1, "has taken over from tick %");
-    expect_events(&places[0], 1, "has taken over from tick %");
-    expect_events(&places[0], 0, "%announced too late%");
-    expect_events(&places[1], 0, "%announced too late%");
+    TEST_ASSERT_EQUAL_STRING(TL_LIVE_TAKEN_OVER, tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
+    expect_handover_event(&places[1], there, "");
+    expect_handover_event(&places[0], back, "");
+    expect_events(&places[0], 0, "%too late%");
+    expect_events(&places[1], 0, "%too late%");
     TEST_ASSERT_EQUAL_UINT64(places[0].summary.ticks,
                              places[0].summary.figures.steps + places[0].summary.figures.skipped);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, places[0].summary.resumption.from);
@@ -396,7 +403,7 @@ static void test_there_and_back_in_mode_ahead(void) {
     handover_in_mode(TL_AHEAD);
 }
 
-/* It says so, and its run has no checkpoint. */
+/* An event reports it, and the run has no checkpoint. */
 static void test_a_twin_that_cannot_be_saved(void) {
     can_save = false;
     begin_both(4 * MILLISECOND);
@@ -409,11 +416,11 @@ static void test_a_twin_that_cannot_be_saved(void) {
     expect_whole(&places[1], 1, there, last);
     TEST_ASSERT_EQUAL_STRING("inputs", tl_sql_text(places[1].database, "SELECT resumed_from FROM beginnings"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(places[1].database, "SELECT count(*) FROM checkpoints"));
-    expect_events(&places[1], 1, "%a replay of this run begins with start values");
+    expect_handover_event(&places[1], there, "replay");
 }
 
-/* Who has died does its part no more: the shadow takes over at the tick that it is told. */
-static void test_the_runs_is_dead(void) {
+/* If the live twin is dead, the shadow takes over at the announced tick. */
+static void test_the_live_twin_is_dead(void) {
     begin_both(4 * MILLISECOND);
     end(&places[0]);
     (void)tl_cycle_status_now(places[1].cycle, &places[1].shown);
@@ -428,27 +435,27 @@ static void test_the_runs_is_dead(void) {
     expect_repeated(&places[1], 1);
 }
 
-/* A flip that is announced too late begins with the next tick, and both runs say so. */
+/* A handover that is announced too late begins with the next tick. Both runs report it. */
 static void test_a_handover_in_the_past(void) {
     begin_both(4 * MILLISECOND);
     stage.to = 1;
     stage.tick = 3;
     __atomic_store_n(&stage.handovers, 1, __ATOMIC_RELEASE);
     live_until_handed_over(&places[0], 1);
-    live_until_handed_over(&places[1], 1); /* a cycle that makes up many ticks at once looks for it only then */
+    live_until_handed_over(&places[1], 1); /* may have to catch up first */
     live_until_tick(&places[1], places[1].shown.tick + 20);
     TEST_ASSERT_FALSE(places[1].shown.is_shadow);
     end(&places[0]);
     end(&places[1]);
-    expect_events(&places[0], 1, "flip at tick 3: announced too late%");
-    expect_events(&places[1], 1, "flip at tick 3: announced too late%");
+    expect_handover_event(&places[0], 3, "too late");
+    expect_handover_event(&places[1], 3, "too late");
     TEST_ASSERT_EQUAL_INT64(number(&places[1], "min(tick) FROM samples", 1),
                             number(&places[1], "resumed_tick FROM beginnings", 1));
     expect_repeated(&places[1], 1);
 }
 
-/* What was announced before it began is of no concern; nor is a flip to where it is. */
-static void test_what_is_not_its_concern(void) {
+/* A cycle ignores handovers from before its start, and handovers to its own slot. */
+static void test_handovers_that_are_ignored(void) {
     stage.handovers = 4;
     stage.to = 1;
     stage.tick = 12;
@@ -481,7 +488,7 @@ static void tell_tuning(place *self, double tolerance) {
     TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
 }
 
-/* Taken while it was the shadow: it is in force from the first tick of its run on. */
+/* A tuning that the shadow has taken applies from the first tick of its run on. */
 static void test_a_tuning_of_the_shadow(void) {
     begin_both(4 * MILLISECOND);
     tell_tuning(&places[1], 0.25);
@@ -496,7 +503,7 @@ static void test_a_tuning_of_the_shadow(void) {
                             tl_sql_integer(places[1].database, "SELECT tick FROM tunings"));
 }
 
-/* What the run's twin took is in force when it comes back, and its second run says so. */
+/* The first twin keeps its tuning, and its second run records it. */
 static void test_a_tuning_of_the_run_before(void) {
     begin_both(4 * MILLISECOND);
     tell_tuning(&places[0], 0.25);
@@ -519,9 +526,9 @@ int main(void) {
     RUN_TEST(test_there_and_back_in_mode_hold);
     RUN_TEST(test_there_and_back_in_mode_ahead);
     RUN_TEST(test_a_twin_that_cannot_be_saved);
-    RUN_TEST(test_the_runs_is_dead);
+    RUN_TEST(test_the_live_twin_is_dead);
     RUN_TEST(test_a_handover_in_the_past);
-    RUN_TEST(test_what_is_not_its_concern);
+    RUN_TEST(test_handovers_that_are_ignored);
     RUN_TEST(test_a_tuning_of_the_shadow);
     RUN_TEST(test_a_tuning_of_the_run_before);
     return tl_scratch_finish(&scratch, UNITY_END());

@@ -1,4 +1,4 @@
-/* A past as bytes: what is written is read, and of what is not an image nothing is taken. */
+/* The image of a resume point: written and read again. Invalid images are rejected. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,6 +9,7 @@
 
 #include "firmware/twin/resume.h"
 #include "tests/support/made_run.h"
+#include "tests/support/message.h"
 #include "tests/support/random_numbers.h"
 
 enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = (16 + TL_RESUME_PLAIN + 15) / 16 * 16 };
@@ -43,7 +44,7 @@ static void make_ticks(int64_t first, size_t count) {
     resume.ticks = ticks.bytes;
 }
 
-/* In force at the first tick, and taken after that. */
+/* One tuning applies at the first tick, the other one from a later tick on. */
 static void make_tunings(void) {
     for (size_t i = 0; i < 2; i++) {
         tunings[i] = (tl_run_tuning){.tick = i == 0 ? 900 : 1010, .number = 2, .values = {.evaluations = 60}};
@@ -58,7 +59,7 @@ static void make_tunings(void) {
 static void write(void) {
     free(image);
     size = tl_resume_size(&resume);
-    image = malloc(size); /* as large as it is said: the sanitizers look */
+    image = malloc(size); /* exactly this size, so that sanitizers find overruns */
     TEST_ASSERT_NOT_NULL(image);
     tl_resume_write(&resume, image);
 }
@@ -102,15 +103,21 @@ static void expect_read(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_resume_read(image, size, &config, NOW, &read, &error), error.text);
 }
 
-static void expect_refused(const char *words) {
+/* `part`: the object that is wrong. Messages name no other object of the list. */
+static void expect_refused(const char *part) {
+    static const char *const objects[] = {"size", "head", "signals"};
     error.text[0] = '\0';
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_resume_read(image, size, &config, NOW, &read, &error), words);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, words), error.text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "what is left of an earlier run is damaged: "), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_resume_read(image, size, &config, NOW, &read, &error), part);
+    TL_EXPECT_PARTS("damaged", error.text);
+    TL_EXPECT_PARTS(part, error.text);
+    for (size_t i = 0; i < sizeof objects / sizeof objects[0]; i++) {
+        bool is_wanted = strcmp(objects[i], part) == 0;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(is_wanted, tl_test_has_parts(error.text, objects[i]), error.text);
+    }
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, read.from);
 }
 
-/* ---- what is written is read ---- */
+/* ---- valid images ---- */
 
 static void expect_tick(int64_t tick) {
     tl_resume_tick found;
@@ -184,7 +191,8 @@ static void test_inputs_without_a_checkpoint(void) {
     expect_tick(0);
 }
 
-/* It was not looked for in the same instant in which it is read, and in mode ahead the last tick may be the next one. */
+/* The limit has a margin, because the search takes time. In mode ahead the last tick may be
+ * in the future. */
 static void test_just_now(void) {
     resume.start = NOW - resume.last * config.step + config.step / 2;
     write();
@@ -196,7 +204,7 @@ static void test_just_now(void) {
     TEST_ASSERT_EQUAL_INT64(config.record_resume + 10 * TL_SECOND, read.gap);
 }
 
-/* A device may say any time; it keeps no twin from going on. */
+/* A device may report any stamp; it must not prevent a resume. */
 static void test_stamps_that_are_far_away(void) {
     tl_sample sample;
     tl_resume_tick tick;
@@ -227,7 +235,7 @@ static void test_tunings(void) {
     expect_tick(1020);
 }
 
-/* Of all that a run took, what matters to who follows a part of it. */
+/* Only the tunings that apply to the followed ticks are chosen. */
 static void test_tunings_that_matter(void) {
     static const int64_t ticks_of[] = {0, 5, 10, 20, 30};
     tl_run_tuning taken[5];
@@ -242,7 +250,7 @@ static void test_tunings_that_matter(void) {
     TEST_ASSERT_EQUAL_size_t(0, tl_resume_choose_tunings(taken, 0, 25, 30));
 }
 
-/* ---- what is no image ---- */
+/* ---- invalid images ---- */
 
 static void test_another_size(void) {
     size_t whole = size;
@@ -252,33 +260,33 @@ static void test_another_size(void) {
     free(image);
     image = longer;
     for (size = 0; size < whole; size++) {
-        expect_refused(size < HEAD ? "its size" : "its head");
+        expect_refused(size < HEAD ? "size" : "head");
     }
     size = whole + 1;
-    expect_refused("its head");
+    expect_refused("head");
     size = TL_RESUME_MOST + 1;
-    expect_refused("its size");
+    expect_refused("size");
 }
 
 static void test_another_configuration(void) {
     config.signal_count--;
-    expect_refused("it has not the signals of this configuration");
+    expect_refused("signals");
     config.signal_count++;
     config.adjust_count++;
-    expect_refused("it has not the signals of this configuration");
+    expect_refused("signals");
     config.adjust_count--;
     config.step++;
-    expect_refused("it has not the signals of this configuration");
+    expect_refused("signals");
     config.step--;
     signals[1].plan.name = "another";
-    expect_refused("it has not the signals of this configuration");
+    expect_refused("signals");
 }
 
 typedef struct damage {
     size_t at; /* in the image */
     size_t size;
     uint64_t value;
-    const char *words;
+    const char *part;
 } damage;
 
 #define MAGIC 0, 8
@@ -287,51 +295,51 @@ typedef struct damage {
 
 static void test_a_damaged_head(void) {
     static const damage damages[] = {
-        {MAGIC, 0, "its head"},
-        {SIZE, 0, "its head"},
-        {SIZE, UINT64_MAX, "its head"},
-        {FIELD(run), (uint64_t)-2, "its head"},
-        {FIELD(run), INT64_MAX, "its head"},
-        {FIELD(first), (uint64_t)-1, "its head"},
-        {FIELD(first), 0, "its head"},
-        {FIELD(first), 1042, "its head"},
-        {FIELD(first), INT64_MAX, "its head"},
-        {FIELD(first), (uint64_t)INT64_MIN, "its head"},
-        {FIELD(last), INT64_MAX, "its head"},
-        {FIELD(last), (uint64_t)INT64_MIN, "its head"},
-        {FIELD(last), 1001 + TL_RESUME_TICKS, "its head"},
-        {FIELD(last), 1000 + TL_RESUME_TICKS, "its head"},
+        {MAGIC, 0, "head"},
+        {SIZE, 0, "head"},
+        {SIZE, UINT64_MAX, "head"},
+        {FIELD(run), (uint64_t)-2, "head"},
+        {FIELD(run), INT64_MAX, "head"},
+        {FIELD(first), (uint64_t)-1, "head"},
+        {FIELD(first), 0, "head"},
+        {FIELD(first), 1042, "head"},
+        {FIELD(first), INT64_MAX, "head"},
+        {FIELD(first), (uint64_t)INT64_MIN, "head"},
+        {FIELD(last), INT64_MAX, "head"},
+        {FIELD(last), (uint64_t)INT64_MIN, "head"},
+        {FIELD(last), 1001 + TL_RESUME_TICKS, "head"},
+        {FIELD(last), 1000 + TL_RESUME_TICKS, "head"},
         {FIELD(step), 0, "signals"},
-        {FIELD(start), INT64_MAX, "its head"},
-        {FIELD(start), (uint64_t)INT64_MIN, "its head"},
-        {FIELD(start), 0, "not of just now"},
-        {FIELD(start), 6000 * (uint64_t)TL_SECOND, "not of just now"},
-        {FIELD(started), INT64_MAX, "its head"},
-        {FIELD(started), (uint64_t)INT64_MIN, "its head"},
-        {FIELD(checkpoint_size), 0, "its head"},
-        {FIELD(checkpoint_size), CHECKPOINT + 1, "its head"},
-        {FIELD(checkpoint_size), UINT64_MAX - 50, "its head"},
-        {FIELD(tuning_count), 0, "its head"},
-        {FIELD(tuning_count), 3, "its head"},
-        {FIELD(tuning_count), TL_RESUME_TUNINGS + 1, "its head"},
-        {FIELD(tuning_count), UINT64_MAX, "its head"},
+        {FIELD(start), INT64_MAX, "head"},
+        {FIELD(start), (uint64_t)INT64_MIN, "head"},
+        {FIELD(start), 0, "damaged"},
+        {FIELD(start), 6000 * (uint64_t)TL_SECOND, "damaged"},
+        {FIELD(started), INT64_MAX, "head"},
+        {FIELD(started), (uint64_t)INT64_MIN, "head"},
+        {FIELD(checkpoint_size), 0, "head"},
+        {FIELD(checkpoint_size), CHECKPOINT + 1, "head"},
+        {FIELD(checkpoint_size), UINT64_MAX - 50, "head"},
+        {FIELD(tuning_count), 0, "head"},
+        {FIELD(tuning_count), 3, "head"},
+        {FIELD(tuning_count), TL_RESUME_TUNINGS + 1, "head"},
+        {FIELD(tuning_count), UINT64_MAX, "head"},
         {FIELD(shape.plant), 0, "signals"},
         {FIELD(shape.plant), UINT64_MAX, "signals"},
         {FIELD(shape.match), 9, "signals"},
         {FIELD(shape.adjust), 9, "signals"},
         {FIELD(shape.components), 9, "signals"},
         {FIELD(signals[0]), 0, "signals"},
-        {16 + offsetof(tl_resume, signals) + 64, 1, 'x', "signals"}, /* the end of the text */
-        {FIELD(from), TL_RESUMED_NOT, "signals"},                    /* which has no u */
-        {FIELD(from), TL_RESUMED_START, "its head"},
-        {FIELD(from), TL_RESUMED_INPUTS, "its head"},
-        {FIELD(from), 4, "its head"},
-        {FIELD(from), UINT32_MAX, "its head"},
+        {16 + offsetof(tl_resume, signals) + 64, 1, 'x', "signals"}, /* the terminating 0 */
+        {FIELD(from), TL_RESUMED_NOT, "signals"},                    /* samples without u */
+        {FIELD(from), TL_RESUMED_START, "head"},
+        {FIELD(from), TL_RESUMED_INPUTS, "head"},
+        {FIELD(from), 4, "head"},
+        {FIELD(from), UINT32_MAX, "head"},
     };
     for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
         write();
         memcpy(image + damages[i].at, &damages[i].value, damages[i].size);
-        expect_refused(damages[i].words);
+        expect_refused(damages[i].part);
     }
 }
 
@@ -339,7 +347,7 @@ static void refuse_tuning(size_t index, const tl_run_tuning *bad) {
     tl_run_tuning good = tunings[index];
     tunings[index] = *bad;
     write();
-    expect_refused("what was in force");
+    expect_refused("damaged");
     tunings[index] = good;
 }
 
@@ -377,21 +385,21 @@ static void test_damaged_ticks(void) {
     const size_t words = TL_MADE_PLANT * 8;
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         write_tick(5, 1 + 8, &numbers[i], 8);
-        expect_refused("its tick 1006");
+        expect_refused("tick 1006");
         write_tick(TICKS - 1, 1 + 2 * words + TL_MADE_PLANT + 8, &numbers[i], 8);
-        expect_refused("its tick 1040");
+        expect_refused("tick 1040");
     }
     for (size_t i = 0; i < sizeof stamps / sizeof stamps[0]; i++) {
         write_tick(0, 1 + words, &stamps[i], 8);
-        expect_refused("its tick 1001");
+        expect_refused("tick 1001");
     }
     write_tick(9, 0, &three, 1);
-    expect_refused("its tick 1010");
+    expect_refused("tick 1010");
     write_tick(9, 1 + 2 * words + 2, &quality, 1);
-    expect_refused("its tick 1010");
+    expect_refused("tick 1010");
 }
 
-/* By chance: either it is refused, or all that is read of it is what it should be. */
+/* A random change is rejected, or all values that are read are valid. */
 static void test_mutants(void) {
     tl_test_random random = {20261123};
     size_t refused = 0;
@@ -444,7 +452,7 @@ static void test_a_later_part_of_a_row(void) {
     expect_last("uu.u", 11);
     TEST_ASSERT_EQUAL_INT64(13, tl_resume_ticks_last(&ticks, 12));
     TEST_ASSERT_EQUAL_INT64(13, tl_resume_ticks_last(&ticks, 14));
-    tl_resume_ticks_set_step(&ticks, 9, u, true); /* is none of them */
+    tl_resume_ticks_set_step(&ticks, 9, u, true); /* not in the list */
     tl_resume_ticks_set_step(&ticks, 14, u, true);
     TEST_ASSERT_EQUAL_INT64(11, tl_resume_ticks_last(&ticks, 10));
 }

@@ -1,5 +1,5 @@
-/* Pasts out of a real database: which run, from where, and why not; and a twin that goes on from one is to the bit the same as one that was
- * never interrupted. */
+/* Resume points from a real database: which run, from which tick, and why none is found.
+ * A twin that resumes is bit-identical to one that was never interrupted. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +13,7 @@
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"
 #include "tests/support/kept_file.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_record_queue.h"
@@ -24,7 +25,7 @@ static char path[PATH_MAX];
 static tl_course course;
 static tl_test_queue box;
 static tl_twin_record recorded;
-static tl_recorder_known known; /* the other configuration that the course takes */
+static tl_recorder_known known; /* the other configuration of the course */
 static tl_resume_history *history;
 static unsigned char *image;
 static tl_resume resume;
@@ -84,7 +85,7 @@ static void save_checkpoint(void) {
     tl_test_queue_write(&box);
 }
 
-/* One more run of the database, whose last tick was just now. */
+/* Adds a run to the database; its last tick is now. */
 static void make_run(void) {
     course.start = tl_clock_now(NULL) - (KILLED + 1) * course.assembly.config.step;
     open_run();
@@ -103,7 +104,7 @@ static void make(tl_pairing measurements) {
     make_run();
 }
 
-/* ---- looking ---- */
+/* ---- search ---- */
 
 static void hear(void *context, tl_severity severity, const char *text) {
     TEST_ASSERT_EQUAL_PTR(&course, context);
@@ -145,9 +146,9 @@ static bool next(void) {
     return true;
 }
 
-static void expect_told(size_t count, tl_severity severity, const char *words) {
+static void expect_told(size_t count, tl_severity severity, const char *parts) {
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, told[0]);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told[count - 1], words), told[count - 1]);
+    TL_EXPECT_PARTS(parts, told[count - 1]);
     TEST_ASSERT_EQUAL_INT(severity, severities[count - 1]);
 }
 
@@ -159,7 +160,7 @@ static void expect_past(tl_resumed_from from, int64_t first) {
     TEST_ASSERT_GREATER_THAN_INT64(0, resume.gap);
 }
 
-/* ---- the same to the bit ---- */
+/* ---- bit-identical ---- */
 
 static void follow(tl_resume_outcome wanted) {
     tl_summary summary;
@@ -191,7 +192,9 @@ static void test_the_newest_checkpoint_in_every_mode(void) {
         TEST_ASSERT_EQUAL_INT64(modes[i] == TL_AHEAD ? KILLED - 1 : KILLED, resume.last);
         TEST_ASSERT_EQUAL_INT64((resume.last - NEWER) * course.assembly.config.step, resume.age);
         follow(TL_RESUME_FOLLOWED);
-        expect_told(1, TL_EVENT_INFO, "goes on with run 1 at tick 15");
+        char parts[64];
+        (void)snprintf(parts, sizeof parts, "run 1|tick %lld", (long long)(resume.last + 1));
+        expect_told(1, TL_EVENT_INFO, parts);
         TEST_ASSERT_EQUAL_INT64(NEWER, course.kept_tick);
         tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
         tl_course_expect_same(&course, TL_COURSE_TICKS - NEWER - 6);
@@ -208,13 +211,12 @@ static void test_the_start(void) {
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_INT64(KILLED, resume.last);
     follow(TL_RESUME_FOLLOWED);
-    expect_told(1, TL_EVENT_INFO,
-                "goes on with run 1 at tick 151 from the start of its recorded inputs, 151 ticks run");
+    expect_told(1, TL_EVENT_INFO, "run 1|tick 151|start|151 ticks");
     tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
 }
 
-/* Its twin has died in the last step: the next one takes that tick anew, and lives on. */
+/* The twin died in its last step. The next twin computes that tick again. */
 static void test_a_last_sample_without_its_step(void) {
     make(TL_LAG);
     tl_sql_execute(path, "INSERT INTO samples SELECT run, tick + 1, signal, value, quality, stamp_ns FROM samples WHERE"
@@ -229,9 +231,9 @@ static void test_a_last_sample_without_its_step(void) {
     TEST_ASSERT_EQUAL_INT64(KILLED, resume.last);
 }
 
-/* ---- ever older ---- */
+/* ---- older resume points ---- */
 
-static void test_ever_older(void) {
+static void test_older_resume_points(void) {
     make(TL_LAG);
     open_history();
     TEST_ASSERT_TRUE(next());
@@ -245,8 +247,8 @@ static void test_ever_older(void) {
     TEST_ASSERT_EQUAL_size_t(0, told_count);
 }
 
-/* One that no twin can load: nothing was begun, the twin is a new one again, and an older one does. */
-static void test_a_checkpoint_that_is_refused(void) {
+/* If a checkpoint cannot be loaded, the twin is built again, and an older checkpoint is tried. */
+static void test_a_checkpoint_that_cannot_be_loaded(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE checkpoints SET tick = 110 WHERE tick = 100");
     open_history();
@@ -254,13 +256,13 @@ static void test_a_checkpoint_that_is_refused(void) {
     expect_past(TL_RESUMED_CHECKPOINT, 111);
     follow(TL_RESUME_REFUSED);
     TEST_ASSERT_EQUAL_INT64(-1, course.begun.tick);
-    expect_told(1, TL_EVENT_WARNING, "the checkpoint of tick 110 of run 1 is of no use: ");
+    expect_told(1, TL_EVENT_WARNING, "checkpoint|tick 110|run 1");
     TEST_ASSERT_TRUE(next());
     tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
 }
 
-static void test_checkpoints_of_no_use(void) {
+static void test_unusable_checkpoints(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(100) WHERE tick = 100;"
                          "UPDATE checkpoints SET format = 'twinlock 0' WHERE tick = 60");
@@ -268,10 +270,8 @@ static void test_checkpoints_of_no_use(void) {
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_size_t(2, told_count);
-    TEST_ASSERT_EQUAL_STRING("the checkpoint of tick 100 of run 1 is of no use: its bytes are damaged", told[0]);
-    TEST_ASSERT_EQUAL_STRING("the checkpoint of tick 60 of run 1 is of no use: another version of twinlock, or another "
-                             "machine, has saved it",
-                             told[1]);
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|damaged", told[0]);
+    TL_EXPECT_PARTS("checkpoint|tick 60|run 1|version", told[1]);
     close_history();
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(0), sha256 ="
                          " 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'");
@@ -279,12 +279,12 @@ static void test_checkpoints_of_no_use(void) {
     open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
-    expect_told(2, TL_EVENT_WARNING, "another version"); /* the older one */
-    TEST_ASSERT_EQUAL_STRING("the checkpoint of tick 100 of run 1 is of no use: it is empty", told[0]);
+    expect_told(2, TL_EVENT_WARNING, "tick 60|version");
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|empty", told[0]);
 }
 
-/* Damage that keeps a twin from following: the run that was begun for it is of no use. */
-static void test_inputs_that_an_fmu_cannot_bear(void) {
+/* The FMU fails with the damaged inputs, so the resume fails and a new run begins. */
+static void test_inputs_with_which_an_fmu_fails(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE samples SET value = 1e308 WHERE signal = 0 AND tick > 110");
     open_history();
@@ -296,57 +296,73 @@ static void test_inputs_that_an_fmu_cannot_bear(void) {
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_RESUME_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);
-    expect_told(1, TL_EVENT_WARNING, "begins anew: to go on with run 1 has failed: motor");
+    expect_told(1, TL_EVENT_WARNING, "run 1|motor");
     course.next = 0;
-    tl_course_search(&course, TL_COURSE_TICKS - 1, NULL); /* a new twin, as any */
+    tl_course_search(&course, TL_COURSE_TICKS - 1, NULL); /* a new twin */
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
 }
 
-/* ---- why not ---- */
+/* ---- no resume point ---- */
 
-static void expect_none(const char *statements, tl_severity severity, const char *words) {
+/* The message names the nouns in `parts`, and no other one of the list. */
+static void expect_nouns(const char *parts, const char *message) {
+    static const char *const nouns[] = {"configuration", "tunings", "FMUs", "clock", "duration", "ticks", "damaged"};
+    for (size_t i = 0; i < sizeof nouns / sizeof nouns[0]; i++) {
+        bool is_wanted = tl_test_has_parts(parts, nouns[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(is_wanted, tl_test_has_parts(message, nouns[i]), message);
+    }
+}
+
+static void expect_none(const char *statements, tl_severity severity, const char *parts) {
     tl_kept_file whole = {NULL, 0};
     tl_kept_file_read(&whole, path);
     tl_sql_execute(path, statements);
     told_count = 0;
     open_history();
     while (next()) {
-        TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, told_count, words);
+        TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, told_count, parts);
     }
-    expect_told(1, severity, words);
+    expect_told(1, severity, parts);
+    expect_nouns(parts, told[0]);
     close_history();
     tl_kept_file_write(&whole, path);
     tl_kept_file_free(&whole);
 }
 
-static void test_why_there_is_none(void) {
-    make(TL_LAG);
-    expect_none("UPDATE runs SET ended_reason = 'end of duration'", TL_EVENT_INFO,
-                "begins anew: run 1 ended: end of duration");
-    expect_none("DELETE FROM tunings; UPDATE runs SET configuration = 'x'", TL_EVENT_INFO,
-                "begins anew: the configuration is not that of");
-    expect_none("DELETE FROM tunings WHERE tick = 120", TL_EVENT_INFO, /* so it ended with the other one */
-                "begins anew: the configuration is not that of");
-    expect_none("UPDATE tunings SET tick = -1 WHERE tick = 120", TL_EVENT_WARNING,
-                "the tunings of run 1 are incomplete or wrong");
-    expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "begins anew: the FMUs are not those of run 1");
-    expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "begins anew: run 1 does not tell what it takes");
-    expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO,
-                "begins anew: nobody ran since run 1 for 400");
-    expect_none("UPDATE beginnings SET start_ns = start_ns + 4000000000000", TL_EVENT_INFO,
-                "begins anew: by the clock run 1 has not happened yet");
-    expect_none("DELETE FROM checkpoints; DELETE FROM samples WHERE tick = 140", TL_EVENT_INFO,
-                "begins anew: what run 1 has recorded of its last ticks has a hole");
-    expect_none("UPDATE runs SET lead = 2147483647, step_ns = 3600000000000", TL_EVENT_WARNING,
-                "the steps of run 1 are later than there is time");
-    course.assembly.config.duration = TL_SECOND;
-    expect_none("", TL_EVENT_INFO, "begins anew: the duration of run 1 is over");
+/* The first time in seconds; -1: none. */
+static double seconds_in(const char *text) {
+    for (const char *at = text; *at != '\0'; at++) {
+        char *end = NULL;
+        double value = strtod(at, &end);
+        if (*at >= '0' && *at <= '9' && strncmp(end, " s", 2) == 0) {
+            return value;
+        }
+    }
+    return -1;
 }
 
-/* So that a user is told how long the gap was. */
+static void test_why_no_resume_point_is_found(void) {
+    make(TL_LAG);
+    expect_none("UPDATE main.runs SET ended_reason = 'reason 17'", TL_EVENT_INFO, "run 1|reason 17");
+    expect_none("DELETE FROM tunings; UPDATE runs SET configuration = 'x'", TL_EVENT_INFO, "configuration|run 1");
+    expect_none("DELETE FROM main.tunings WHERE tick = 120", TL_EVENT_INFO, /* ended with the other one */
+                "configuration|run 1");
+    expect_none("UPDATE tunings SET tick = -1 WHERE tick = 120", TL_EVENT_WARNING, "run.db|damaged|tunings|run 1");
+    expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "FMUs|run 1");
+    expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "run 1");
+    expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO, "run 1|record.resume_s");
+    TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(told[0]));
+    expect_none("UPDATE beginnings SET start_ns = start_ns + 4000000000000", TL_EVENT_INFO, "clock|run 1");
+    expect_none("DELETE FROM checkpoints; DELETE FROM main.samples WHERE tick = 140", TL_EVENT_INFO, "run 1|ticks");
+    expect_none("UPDATE runs SET lead = 2147483647, step_ns = 3600000000000", TL_EVENT_WARNING, "run.db|damaged|run 1");
+    course.assembly.config.duration = TL_SECOND;
+    expect_none("", TL_EVENT_INFO, "duration|run 1");
+}
+
+/* For a message about the length of the gap. */
 static void test_when_another_run_ended(void) {
     make(TL_LAG);
-    tl_sql_execute(path, "UPDATE runs SET ended_reason = 'another configuration: the run begins anew'");
+    tl_sql_execute(path, "UPDATE main.runs SET ended_reason = 'reason 17'");
     open_history();
     TEST_ASSERT_EQUAL_INT64(0, tl_resume_history_ended(history));
     TEST_ASSERT_FALSE(next());
@@ -356,7 +372,7 @@ static void test_when_another_run_ended(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_resume_history_ended(NULL));
 }
 
-static void test_nothing_to_say(void) {
+static void test_nothing_to_report(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE runs SET verb = 'replay'");
     open_history();
@@ -373,16 +389,16 @@ static void test_no_database(void) {
     tl_course_open(&course, TL_SOURCE_DIR "/tests/support/motor_lock.json", TL_LAG);
     FILE *file = fopen(path, "w");
     TEST_ASSERT_NOT_NULL(file);
-    (void)fputs("this is no database, though it is long enough to be taken for one by who looks at sizes only ........",
+    (void)fputs("not a database, but long enough so that a check of the size alone would accept the file .............",
                 file);
     (void)fclose(file);
     open_history();
     TEST_ASSERT_FALSE(next());
-    expect_told(1, TL_EVENT_WARNING, "begins anew: ");
+    expect_told(1, TL_EVENT_WARNING, "run.db");
 }
 
-/* Those that were killed while they went on with another have nothing that it has not. */
-static void test_runs_that_got_nowhere(void) {
+/* Runs that were killed during a resume have no data of their own. */
+static void test_runs_without_progress(void) {
     make(TL_LAG);
     for (int i = 0; i < 2; i++) {
         open_run();
@@ -396,7 +412,7 @@ static void test_runs_that_got_nowhere(void) {
     close_run("SIGKILL");
     open_history();
     TEST_ASSERT_FALSE(next());
-    expect_told(1, TL_EVENT_INFO, "begins anew: 3 runs in a row have got nowhere");
+    expect_told(1, TL_EVENT_INFO, "3 runs");
 }
 
 int main(void) {
@@ -408,14 +424,14 @@ int main(void) {
     RUN_TEST(test_the_newest_checkpoint_in_every_mode);
     RUN_TEST(test_the_start);
     RUN_TEST(test_a_last_sample_without_its_step);
-    RUN_TEST(test_ever_older);
-    RUN_TEST(test_a_checkpoint_that_is_refused);
-    RUN_TEST(test_checkpoints_of_no_use);
-    RUN_TEST(test_inputs_that_an_fmu_cannot_bear);
-    RUN_TEST(test_why_there_is_none);
+    RUN_TEST(test_older_resume_points);
+    RUN_TEST(test_a_checkpoint_that_cannot_be_loaded);
+    RUN_TEST(test_unusable_checkpoints);
+    RUN_TEST(test_inputs_with_which_an_fmu_fails);
+    RUN_TEST(test_why_no_resume_point_is_found);
     RUN_TEST(test_when_another_run_ended);
-    RUN_TEST(test_nothing_to_say);
+    RUN_TEST(test_nothing_to_report);
     RUN_TEST(test_no_database);
-    RUN_TEST(test_runs_that_got_nowhere);
+    RUN_TEST(test_runs_without_progress);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

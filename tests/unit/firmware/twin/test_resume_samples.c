@@ -1,12 +1,15 @@
-/* Recorded samples out of a real database, for a twin beside the run that is under way: which, of which run, and what is none. */
+/* Recorded samples of the current run from a real database, for a twin that starts beside it.
+ * Tests which samples of which run are found, and which images are rejected. */
 #include <math.h>
 #include <string.h>
 
 #include <unity.h>
 
 #include "firmware/base/os.h"
+#include "firmware/twin/handover.h"
 #include "firmware/twin/resume.h"
 #include "tests/support/course_record.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 
@@ -46,7 +49,7 @@ static tl_status read_image(void) {
     return tl_resume_read_samples(image, size, &run.course.assembly.config, run.course.start, &samples, &error);
 }
 
-/* As the plant has shown them, from the first to the last. */
+/* The samples equal those of the plant, from the first to the last. */
 static void expect_samples(int64_t first, int64_t last) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_image(), error.text);
     TEST_ASSERT_EQUAL_INT64(first, samples.first);
@@ -71,7 +74,7 @@ static void expect_samples(int64_t first, int64_t last) {
     TEST_ASSERT_FALSE(tl_resume_tick_at(&samples, last + 1, &none));
 }
 
-/* ---- which ---- */
+/* ---- which samples ---- */
 
 static void test_from_a_tick_on(void) {
     record_to(NEWEST);
@@ -86,14 +89,14 @@ static void test_from_a_tick_on(void) {
     expect_samples(NEWEST + 1, NEWEST + 20);
 }
 
-/* A minute has more than these. */
+/* All of them are in the last minute. */
 static void test_the_newest(void) {
     record_to(NEWEST);
     find(-1);
     expect_samples(0, NEWEST);
 }
 
-static void test_as_many_as_there_is_room_for(void) {
+static void test_as_many_as_fit(void) {
     record_to(NEWEST);
     find(40);
     size_t whole = size;
@@ -108,23 +111,24 @@ static void test_as_many_as_there_is_room_for(void) {
     TEST_ASSERT_EQUAL_size_t(0, size);
 }
 
-static void test_up_to_a_hole(void) {
+static void test_up_to_a_gap(void) {
     record_to(NEWEST);
     tl_test_queue_close(&run.box);
-    tl_sql_execute(run.path, "DELETE FROM samples WHERE tick = 60; UPDATE runs SET ended = NULL, ended_reason = NULL");
+    tl_sql_execute(run.path,
+                   "DELETE FROM main.samples WHERE tick = 60; UPDATE main.runs SET ended = NULL, ended_reason = NULL");
     find(40);
     expect_samples(40, 59);
-    find(60); /* it is not there */
+    find(60); /* it is missing */
     TEST_ASSERT_EQUAL_size_t(0, size);
 }
 
 /* ---- of which run ---- */
 
-/* Another configuration takes over at FLIP; its run has some ticks before that as well. */
+/* Another configuration takes over; its run has some earlier ticks, too. */
 static void handover(int64_t taken_over_at) {
     static tl_record_queue_start start;
     tl_course_search(&run.course, HANDOVER - 1, &run.box.queue);
-    TEST_ASSERT_TRUE(tl_record_queue_put_end(&run.box.queue, "another configuration has taken over"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&run.box.queue, TL_LIVE_TAKEN_OVER));
     tl_account_take(run.course.assembly.twin, &start.account);
     start.resumption = (tl_resumption){
         .from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = taken_over_at, .start = run.course.start, .started = 1000};
@@ -143,7 +147,7 @@ static void test_of_the_run_and_its_parent(void) {
     expect_samples(0, HANDOVER - 1);
 }
 
-/* It had another plant: what it saw is none of this one's, and is refused. */
+/* Samples of the parent run are rejected, because its plant had other signals. */
 static void test_a_parent_with_other_signals(void) {
     handover(HANDOVER);
     record_to(NEWEST);
@@ -154,7 +158,7 @@ static void test_a_parent_with_other_signals(void) {
     expect_samples(HANDOVER, NEWEST);
 }
 
-static void test_not_of_a_run_that_began_anew(void) {
+static void test_not_of_a_run_before_a_new_start(void) {
     static tl_record_queue_start start;
     tl_course_search(&run.course, HANDOVER - 1, &run.box.queue);
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&run.box.queue, "SIGTERM"));
@@ -191,11 +195,18 @@ static void test_nothing_was_recorded(void) {
     TEST_ASSERT_EQUAL_size_t(0, size);
 }
 
-/* ---- what is none ---- */
+/* ---- invalid images ---- */
 
-static void expect_refused(const char *words) {
+/* `part`: the object that is wrong. Messages name no other object of the list. */
+static void expect_refused(const char *part) {
+    static const char *const objects[] = {"size", "head", "signals"};
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_image());
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, words), error.text);
+    TL_EXPECT_PARTS("damaged", error.text);
+    TL_EXPECT_PARTS(part, error.text);
+    for (size_t i = 0; i < sizeof objects / sizeof objects[0]; i++) {
+        bool is_wanted = strcmp(objects[i], part) == 0;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(is_wanted, tl_test_has_parts(error.text, objects[i]), error.text);
+    }
     TEST_ASSERT_NULL(samples.ticks);
 }
 
@@ -204,16 +215,16 @@ static void test_of_other_signals(void) {
     find(40);
     const char *name = run.course.assembly.config.signals[1].plan.name;
     run.course.assembly.config.signals[1].plan.name = "other";
-    expect_refused("not the signals of this configuration");
+    expect_refused("signals");
     run.course.assembly.config.signals[1].plan.name = name;
     run.course.assembly.config.signal_count--;
-    expect_refused("not the signals of this configuration");
+    expect_refused("signals");
     run.course.assembly.config.signal_count++;
     run.course.assembly.config.step *= 2;
-    expect_refused("not the signals of this configuration");
+    expect_refused("signals");
     run.course.assembly.config.step /= 2;
     run.course.start++;
-    expect_refused("not of the run that is under way");
+    expect_refused("damaged");
     run.course.start--;
     expect_samples(40, NEWEST);
 }
@@ -228,15 +239,15 @@ static void test_an_image_that_is_damaged(void) {
     }
     size = whole;
     image[0] ^= 1;
-    expect_refused("its head");
+    expect_refused("head");
     image[0] ^= 1;
     expect_samples(40, NEWEST);
     tl_resume resume;
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_resume_read(image, size, &run.course.assembly.config, tl_clock_now(NULL),
-                                                      &resume, &error)); /* a twin goes on from none of them */
-    unsigned char *value = image + (samples.ticks - image) + 1;          /* behind whether it has u */
+                                                      &resume, &error)); /* not a resume point */
+    unsigned char *value = image + (samples.ticks - image) + 1;          /* after its flags */
     memcpy(value, &none, sizeof none);
-    expect_refused("its tick 40");
+    expect_refused("tick 40");
 }
 
 int main(void) {
@@ -244,11 +255,11 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_from_a_tick_on);
     RUN_TEST(test_the_newest);
-    RUN_TEST(test_as_many_as_there_is_room_for);
-    RUN_TEST(test_up_to_a_hole);
+    RUN_TEST(test_as_many_as_fit);
+    RUN_TEST(test_up_to_a_gap);
     RUN_TEST(test_of_the_run_and_its_parent);
     RUN_TEST(test_a_parent_with_other_signals);
-    RUN_TEST(test_not_of_a_run_that_began_anew);
+    RUN_TEST(test_not_of_a_run_before_a_new_start);
     RUN_TEST(test_not_of_a_run_that_has_ended);
     RUN_TEST(test_not_of_another_boot);
     RUN_TEST(test_nothing_was_recorded);
