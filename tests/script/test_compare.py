@@ -94,12 +94,12 @@ def test_a_renamed_column_is_the_same():
     """A renamed column has a canonical name in NAMES, so that comparison and digest stay the same.
     Others are an error."""
     files = [scratch() / "digests.txt" for _ in range(2)]
-    renamed = build(of_database("ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal"), "sed s/delta_mean/correction_mean/")
+    renamed = build(of_database("ALTER TABLE adjustments RENAME COLUMN nominal TO u_hat"), "sed s/correction_mean/delta_mean/")
     for before, after, file in ((build(), renamed, files[0]), (renamed, build(), files[1])):
         code, out, err = compare(before, after, "--quick", "--only", "^variant/two$", "--digests", file)
         expect(code == 0 and not err and out.startswith("compare: same; "), f"{code}\n{out}{err}")
     expect(files[0].read_text(encoding="utf-8") == files[1].read_text(encoding="utf-8"), "other digests")
-    unknown = build(of_database("ALTER TABLE adjustments RENAME COLUMN u_hat TO nobody"))
+    unknown = build(of_database("ALTER TABLE adjustments RENAME COLUMN nominal TO nobody"))
     code, out, err = compare(unknown, unknown, *QUICK, "--digests", files[0])
     expect(code == 2 and "adjustments has no nominal: add the new names to NAMES" in err, f"{code}\n{out}{err}")
 
