@@ -120,11 +120,11 @@ static void test_the_curves(void) {
     write_page();
     expect_once("{\"step\":0.010000000,\"first\":0,\"steps\":3,\"width\":1,\"origin\":null,");
     expect_once("\"tolerance\":0.25");
-    expect_once("\"y\":[1,2,3]");
+    expect_once("\"simulated\":[1,2,3]");
     expect_once("\"measured\":[1.5,null,3.5]");
-    expect_once("\"delta\":[-0.5,null,-0.5]");
+    expect_once("\"error\":[-0.5,null,-0.5]");
     expect_once("\"bad\":[[1,1,2]]");
-    expect_once("\"u\":[0.142857143,0.285714286,0.428571429]");
+    expect_once("\"applied\":[0.142857143,0.285714286,0.428571429]");
     expect_once("\"executions\":[3,3,3]");
     TEST_ASSERT_EQUAL_size_t(0, count("\"used\""));
     TEST_ASSERT_GREATER_THAN_size_t(0, count("no clock"));

@@ -59,7 +59,7 @@ static void expect_written(const char *expected) {
 
 static void test_columns_and_a_row(void) {
     expect_written(
-        "time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality,motor.d,motor.d nominal\n"
+        "time,step,outcome,evaluations,J,motor.omega simulated,plant.omega measured,plant.omega quality,motor.d applied,motor.d nominal\n"
         "0.010000000,0,optimised,7,0.25,62.5,63,good,0.5,-1\n");
 }
 
@@ -70,7 +70,7 @@ static void test_a_free_step_has_no_objective(void) {
     record.evaluations = 0;
     record.objective = (double)NAN;
     record.measured_quality[0] = TL_STALE;
-    expect_written("time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality\n"
+    expect_written("time,step,outcome,evaluations,J,motor.omega simulated,plant.omega measured,plant.omega quality\n"
                    "14.010000000,1400,free,0,,62.5,63,stale\n");
 }
 
@@ -88,8 +88,9 @@ static void test_names_with_commas_and_quotes(void) {
     match[0].variable = "motor.phi[1,2]";
     adjust[0].variable = "motor.\"d\"";
     char *text = written();
-    static const char header[] = "time,step,outcome,evaluations,J,\"motor.phi[1,2]\",plant.omega,plant.omega quality,"
-                                 "\"motor.\"\"d\"\"\",\"motor.\"\"d\"\" nominal\"\n";
+    static const char header[] =
+        "time,step,outcome,evaluations,J,\"motor.phi[1,2] simulated\",plant.omega measured,plant.omega quality,"
+        "\"motor.\"\"d\"\" applied\",\"motor.\"\"d\"\" nominal\"\n";
     TEST_ASSERT_EQUAL_STRING_LEN(header, text, sizeof header - 1);
     free(text);
 }
@@ -112,8 +113,8 @@ static void test_several_matches(void) {
     record.y[1] = 1.5;
     record.measured[1] = 2.5;
     record.measured_quality[1] = TL_NO_LINK;
-    expect_written("time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality,"
-                   "motor.i,plant.i,plant.i quality,motor.d,motor.d nominal\n"
+    expect_written("time,step,outcome,evaluations,J,motor.omega simulated,plant.omega measured,plant.omega quality,"
+                   "motor.i simulated,plant.i measured,plant.i quality,motor.d applied,motor.d nominal\n"
                    "0.010000000,0,optimised,7,0.25,62.5,63,good,1.5,2.5,no link,0.5,-1\n");
 }
 

@@ -122,8 +122,10 @@ static void test_steps_come_back_bit_for_bit(void) {
         ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
                       " flags, held FROM steps ORDER BY step");
     sqlite3_stmt *output = ask(
-        database, "SELECT simulated, measured, quality, error, readings, squares, rejected FROM outputs ORDER BY step, signal");
-    sqlite3_stmt *adjusted = ask(database, "SELECT applied, nominal, correction FROM adjustments ORDER BY step, signal");
+        database,
+        "SELECT simulated, measured, quality, error, readings, squares, rejected FROM outputs ORDER BY step, signal");
+    sqlite3_stmt *adjusted =
+        ask(database, "SELECT applied, nominal, correction FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
         tl_record record;
         tl_made_record(step, &record);
