@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""What is committed on another machine is what is committed here: each configuration that has a recording, and each solver on
-each scenario of the dissertation, is replayed by the program of this build in its emulator and by that of build/host, and all
-that both write is compared: every step to 1e-12 of the largest value of its column, and to the bit where no model calls a function
-of libm whose last bit is left to the library; what was executed and evaluated, and why, must be the same anyway.
+"""Results on another machine equal those on this one.
 
-Which models call one is read from their binaries, of all machines.
+The program of this build, in its emulator, and that of build/host replay each configuration that has a recording, and each
+solver on each scenario of the dissertation. The test compares all output. Steps agree to 1e-12 of the largest value of their
+column, and to the bit if no model calls an inexact function of libm. Counts of executions and evaluations are always equal.
+
+The test reads from the binaries of all machines which models call such a function.
 """
 import csv
 import functools
@@ -21,10 +22,10 @@ from twinlock_test import (FMUS, NOT_LOCKED, PROGRAM, SOURCE, Failure, Skip, env
 
 RELATIVE = 1e-12
 HOST = SOURCE / "build" / "host"
-# IEEE 754 leaves these no choice: the nearest double, or an operation on bits.
+# IEEE 754 defines the results of these to the bit.
 EXACT = set("ceil copysign fabs floor fma fmax fmin fmod frexp ldexp llrint llround lrint lround modf nearbyint nextafter "
             "remainder rint round scalbln scalbn sqrt trunc".split())
-ELSEWHERE = {"wall_s"}  # how long it took is this machine's affair
+ELSEWHERE = {"wall_s"}  # depends on the speed of the machine
 
 
 # ---- the two programs ----
@@ -33,7 +34,7 @@ def host_program():
     program = HOST / "bin" / "twinlock"
     if program.exists():
         return program
-    why = f"{program} is not there to compare with: run script/build first"
+    why = f"{program} is missing: run script/build first"
     expect(os.environ.get("CI") != "true", why)
     raise Skip(why)
 
@@ -48,7 +49,7 @@ def replay(program, fmus, config, recording):
         return list(csv.reader(file)), json.loads(done.stdout)
 
 
-# ---- what calls libm ----
+# ---- calls of libm ----
 
 def names(library, which):
     """Dynamic symbols of an ELF file of any machine, without their versions."""
@@ -58,14 +59,14 @@ def names(library, which):
 
 @functools.cache
 def libm():
-    """All that libm offers, but what is exact."""
+    """The functions of libm except the exact ones."""
     done = subprocess.run(["gcc", "-print-file-name=libm.so.6"], capture_output=True, text=True, check=True)
     return names(done.stdout.strip(), "--defined-only") - EXACT
 
 
 @functools.cache
 def libm_calls(fmu):
-    """What a model calls of it, on any machine."""
+    """(number of binaries, inexact functions of libm that any of them calls)."""
     folder, found = scratch(), set()
     with zipfile.ZipFile(fmu) as archive:
         binaries = [name for name in archive.namelist() if name.startswith("binaries/")]
@@ -92,12 +93,12 @@ def number(text):
 
 
 def check_column(name, here, there):
-    """The largest difference, over the largest value."""
+    """The largest difference divided by the largest value."""
     values = [(number(a), number(b)) for a, b in zip(here, there)]
     if any(a is None or b is None for a, b in values):
-        expect(here == there, f"column {name}: not the same words")
+        expect(here == there, f"column {name}: other texts")
         return 0.0
-    expect(all(math.isnan(a) == math.isnan(b) for a, b in values), f"column {name}: not the same gaps")
+    expect(all(math.isnan(a) == math.isnan(b) for a, b in values), f"column {name}: other gaps")
     largest = max((abs(a) for a, _ in values if not math.isnan(a)), default=0.0)
     off = max((abs(a - b) for a, b in values if not math.isnan(a)), default=0.0)
     return off / largest if off else 0.0
@@ -111,7 +112,7 @@ def check_tables(here, there):
 
 def check_summaries(here, there, relative, path=""):
     if isinstance(here, dict):
-        expect(isinstance(there, dict) and here.keys() == there.keys(), f"{path}: not the same keys")
+        expect(isinstance(there, dict) and here.keys() == there.keys(), f"{path}: other keys")
         for key in here.keys() - ELSEWHERE:
             check_summaries(here[key], there[key], relative, f"{path}.{key}")
     elif isinstance(here, float) and isinstance(there, float):
@@ -147,7 +148,7 @@ def absolute(path):
 
 @functools.cache
 def box_recording():
-    """What the box's emulated plant does."""
+    """A recording of the emulated plant of config/motor/box.json."""
     path = scratch() / "box.csv"
     done = subprocess.run([host_program(), "plant", SOURCE / "config" / "motor" / "box_plant.json", "--record", path],
                           capture_output=True, text=True, check=False,
@@ -157,8 +158,7 @@ def box_recording():
 
 
 def emps_recording():
-    """The force of a set-point that goes back and forth, and a position that is roughly right: its own recording is not part
-    of the product."""
+    """An approximate recording of config/emps, because its real recording is not part of the product."""
     path = scratch() / "emps.csv"
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -169,7 +169,7 @@ def emps_recording():
 
 
 def test_which_models_call_libm():
-    """The list is not empty, and not everything: otherwise it would prove nothing."""
+    """Only the cylinder. With none or all models, the comparison would prove nothing."""
     calls = {path.stem: libm_calls(path) for path in sorted(FMUS.glob("*.fmu"))}
     for model, (binaries, found) in calls.items():
         print(f"    {model}: {', '.join(found) or 'nothing'}")
@@ -180,11 +180,11 @@ def test_which_models_call_libm():
 def test_the_host_packs_the_same_bytes():
     host_program()
     for path in sorted(FMUS.glob("*.fmu")):
-        expect(path.read_bytes() == (HOST / "fmus" / path.name).read_bytes(), f"{path.name} is not that of build/host")
+        expect(path.read_bytes() == (HOST / "fmus" / path.name).read_bytes(), f"{path.name} differs from build/host")
 
 
 def recording_of(path):
-    """Where a configuration names none that is part of the project, one is made."""
+    """Options with a made recording, if that of the configuration is not part of the project."""
     if path.parent.name == "emps":
         return "--recording", emps_recording()
     return ("--recording", box_recording()) if path.name == "box.json" else ()
@@ -197,14 +197,14 @@ def test_configurations():
 
 
 def test_solvers():
-    """Nelder-Mead, BOBYQA and L-BFGS are NLopt's, and take another way as soon as one bit differs."""
+    """Nelder-Mead, BOBYQA and L-BFGS are NLopt's. Their search changes if one bit differs."""
     for letter in motor_bench.SCENARIOS:
         for solver in motor_bench.SOLVERS[1:]:
             compare(f"scenario {letter}, {solver}", motor_bench.scenario(letter, solver))
 
 
-def test_the_comparison_bites():
-    """One bit in one value of one step, and one evaluation more, are noticed."""
+def test_the_comparison_finds_differences():
+    """One bit in one value of one step, a missing row and a changed count are found."""
     table, summary = replay(host_program(), HOST / "fmus", SOURCE / "config" / "motor" / "lock.json", ())
     changed = [list(row) for row in table]
     column = next(i for i, name in enumerate(table[0]) if name == "motor.omega")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Holds the CSV FMU against FMPy: files, FIFOs, rollback, and what is wrong with a file.
+"""Tests the CSV FMU with FMPy: files, FIFOs, rollback, and errors in a file.
 
-Usage: check_csv.py FMU [--write-reference]     exit 1 and a line for each test that failed
+Usage: check_csv.py FMU [--write-reference]     exit 1 if a test failed; a line for each
 """
 
 import faulthandler
@@ -39,7 +39,7 @@ class Bench:
         return path
 
     def instance(self, **values):
-        """Set up, in no mode yet; values by the names of the FMU's variables."""
+        """A slave before initialisation; `values` by the names of the FMU's variables."""
         self.fmu.messages.clear()
         slave = self.fmu.instantiate()
         self.set(slave, **values)
@@ -65,7 +65,7 @@ class Bench:
         return values[0] if count == 1 else values
 
     def run(self, slave, steps, first=0, count=1):
-        """y1 … y`count` after each of so many steps."""
+        """y1 … y`count` after each of `steps` steps."""
         values = []
         for i in range(first, first + steps):
             slave.doStep(i * STEP_S, STEP_S, fmi2.fmi2False)
@@ -73,7 +73,7 @@ class Bench:
         return values
 
     def expect_refused(self, call, *words):
-        """The call must end with fmi2Error, and its message must hold all of the words."""
+        """The call ends with fmi2Error and a message with all `words`."""
         self.fmu.messages.clear()
         status = status_of(call)
         said = " | ".join(self.fmu.messages)
@@ -103,7 +103,7 @@ def test_description(bench):
 
 
 def test_reference(bench):
-    """fmus/csv/input.csv as it comes out every 10 ms: fmus/csv/reference.csv."""
+    """The values of fmus/csv/input.csv every 10 ms are those of fmus/csv/reference.csv."""
     folder = Path(__file__).resolve().parents[2] / "fmus" / "csv"
     columns = ("force", "switch", "temperature", "force")
     slave = bench.start(file=folder / "input.csv", **{f"column{i + 1}": name for i, name in enumerate(columns)})
@@ -117,7 +117,7 @@ def test_reference(bench):
 
 
 def test_held_until_the_next_row(bench):
-    """Read at the step's end: a row at 0.02 shows after the step that ends there."""
+    """The time is that of the step's end: a row at 0.02 counts after the step that ends there."""
     file = bench.file("time,a\n0,1\n0.02,2\n0.035,3\n")
     slave = bench.start(file=file, column1="a")
     equal(bench.y(slave), 1.0)
@@ -125,7 +125,7 @@ def test_held_until_the_next_row(bench):
 
 
 def test_every_row_of_a_grid_is_met(bench):
-    """A master's clock is rounded, by sums too; row i shows after step i all the same."""
+    """Row i counts after step i, although a master's clock has rounding errors of sums."""
     file = bench.file("time,a\n" + "".join(f"{i / 100},{i}\n" for i in range(3001)))
     slave = bench.start(file=file, column1="a")
     time = 0.0
@@ -150,7 +150,7 @@ def test_eight_columns_in_any_order(bench):
 
 
 def test_spreadsheet_habits(bench):
-    """Byte order mark, CRLF, quotes with a comma in them, spaces, blank lines, an exponent."""
+    """Byte order mark, CRLF, a comma in quotes, spaces, blank lines, an exponent."""
     file = bench.file(b'\xef\xbb\xbf"time" , "speed, rad/s"\r\n\r\n0, "1.5e2" \r\n\t\r\n 0.01 ,-2\r\n')
     slave = bench.start(file=file, column1="speed, rad/s")
     equal([bench.y(slave), *bench.run(slave, 1)], [150.0, -2.0])
@@ -163,7 +163,7 @@ def test_times_from_the_first_row(bench):
 
 
 def test_parameters_while_initialising(bench):
-    """In any order; results are those of what is set last."""
+    """In any order; the last values count."""
     one, two = bench.file("time,a\n0,1\n"), bench.file("t,b\n0,2\n", "other.csv")
     slave = bench.instance()
     slave.enterInitializationMode()
@@ -176,7 +176,7 @@ def test_parameters_while_initialising(bench):
 
 
 def test_a_file_that_grows(bench):
-    """A row counts once its line end is there."""
+    """A row counts when its line is complete."""
     file = bench.file("time,a\n0,1\n0.02,")
     slave = bench.start(file=file, column1="a")
     equal(bench.run(slave, 2), [1.0, 1.0])
@@ -188,7 +188,7 @@ def test_a_file_that_grows(bench):
     equal(bench.run(slave, 1, 3), [250.0])
 
 
-def test_reset_reads_anew(bench):
+def test_reset_reads_the_file_again(bench):
     file = bench.file("time,a\n0,1\n0.01,2\n")
     slave = bench.start(file=file, column1="a")
     equal(bench.run(slave, 1), [2.0])
@@ -210,7 +210,7 @@ def test_texts_read_back(bench):
 
 
 def decimal_comma(folder):
-    """Makes the C library write 1,5, with a locale out of Debian's package `locales`."""
+    """Sets a locale with decimal comma, made from Debian's package `locales`."""
     libc = CDLL(None)
     libc.setlocale.restype = c_char_p
     subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", folder / "de_DE.UTF-8"], check=True)
@@ -221,7 +221,7 @@ def decimal_comma(folder):
 
 
 def test_another_locale(bench):
-    """Numbers have a decimal point whatever the process has chosen."""
+    """Numbers have a decimal point in each locale of the process."""
     decimal_comma(bench.folder)
     try:
         equal(bench.y(bench.start(file=bench.file("time,a\n0,1.5\n"), column1="a")), 1.5)
@@ -243,7 +243,7 @@ def random_file(bench, rows=400):
 
 
 def test_rollback(bench):
-    """Back and forth at random: the same bits as in one go; also in another instance by serialised states."""
+    """Random restores give the bits of one run; so do serialised states in another instance."""
     values = {"file": random_file(bench), "column1": "a", "column2": "b"}
     wanted = bench.run(bench.start(**values), 300, count=2)
     slave, other = bench.start(**values), bench.fmu.instantiate()
@@ -260,8 +260,8 @@ def test_rollback(bench):
     equal(bench.run(other, 300 - at, at, 2), wanted[at:])
 
 
-def test_a_step_is_repeatable_though_rows_have_come(bench):
-    """What came late does not change a step that was taken without it."""
+def test_late_rows_do_not_change_a_repeated_step(bench):
+    """A row that arrived after a step does not change the repetition of that step."""
     file = bench.file("time,a\n0,1\n")
     slave = bench.start(file=file, column1="a")
     state = slave.getFMUstate()
@@ -279,7 +279,7 @@ def test_a_step_is_repeatable_though_rows_have_come(bench):
 
 @contextmanager
 def writer(path):
-    """The writing end; there must be a reader already."""
+    """The writing end; a reader must exist."""
     descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
     try:
         yield lambda text: os.write(descriptor, text.encode())
@@ -288,7 +288,7 @@ def writer(path):
 
 
 def test_fifo(bench):
-    """Nothing waits: without a writer, without a header, in the midst of a row, after the writer's end."""
+    """No step waits: without a writer, without a header, within a row, after the writer has closed."""
     path = bench.fifo()
     slave = bench.start(file=path, column1="a", initial1=9)
     equal(bench.run(slave, 1), [9.0])
@@ -326,8 +326,8 @@ def feed(bench, slave, write, steps, forget):
     return values
 
 
-def test_fifo_rows_are_dropped_where_nothing_comes_back(bench):
-    """The steps are the same; a state from before is refused once its rows are gone, one from after is good."""
+def test_fifo_rows_are_dropped_after_final_steps(bench):
+    """The values are the same. A state whose rows are dropped is refused; a later one works."""
     path = bench.fifo()
     slave = bench.start(file=path, column1="a")
     early = slave.getFMUstate()
@@ -342,7 +342,7 @@ def test_fifo_rows_are_dropped_where_nothing_comes_back(bench):
         equal(bench.run(slave, 1, 300), [17.0])
 
 
-def test_fifo_rows_are_kept_where_something_may_come_back(bench):
+def test_fifo_rows_are_kept_after_steps_that_are_not_final(bench):
     path = bench.fifo()
     slave = bench.start(file=path, column1="a")
     early = slave.getFMUstate()
@@ -354,7 +354,7 @@ def test_fifo_rows_are_kept_where_something_may_come_back(bench):
 
 
 def test_fifo_of_another_instance(bench):
-    """A state is worth nothing where the rows are not: that is said, and not passed over."""
+    """A state needs the rows of its instance. In another instance the step fails with a message."""
     path = bench.fifo()
     slave = bench.start(file=path, column1="a")
     with writer(path) as write:
@@ -376,14 +376,14 @@ def refused_at_the_start(bench, *words, **values):
 
 
 def test_no_file(bench):
-    refused_at_the_start(bench, "parameter file", "for example")
-    refused_at_the_start(bench, "cannot open", "nothing.csv", "No such file", file=bench.folder / "nothing.csv")
-    refused_at_the_start(bench, "neither a file nor a FIFO", file=bench.folder)
-    refused_at_the_start(bench, "no first line", file=bench.file(""))
+    refused_at_the_start(bench, "parameter file", "measured.csv")
+    refused_at_the_start(bench, "nothing.csv", "No such file", file=bench.folder / "nothing.csv")
+    refused_at_the_start(bench, bench.folder, "FIFO", file=bench.folder)
+    refused_at_the_start(bench, "data.csv", "first line", "columns", file=bench.file(""))
 
 
-def test_the_file_may_be_named_again(bench):
-    slave = refused_at_the_start(bench, "cannot open", file=bench.folder / "nothing.csv", column1="a")
+def test_the_file_may_be_set_again(bench):
+    slave = refused_at_the_start(bench, "nothing.csv", "No such file", file=bench.folder / "nothing.csv", column1="a")
     bench.set(slave, file=bench.file("time,a\n0,1\n"))
     slave.exitInitializationMode()
     equal(bench.run(slave, 1), [1.0])
@@ -391,20 +391,20 @@ def test_the_file_may_be_named_again(bench):
 
 def test_no_column(bench):
     file = bench.file("time,a,b,b\n0,1,2,3\n")
-    refused_at_the_start(bench, file, 'no column "c"', "time,a,b", file=file, column1="a", column2="c")
-    refused_at_the_start(bench, file, 'no column "t"', "time,a,b", file=file, time_column="t")
-    refused_at_the_start(bench, file, 'more than one column "b"', file=file, column1="b")
+    refused_at_the_start(bench, file, 'column "c"', "time,a,b", file=file, column1="a", column2="c")
+    refused_at_the_start(bench, file, 'column "t"', "time,a,b", file=file, time_column="t")
+    refused_at_the_start(bench, file, 'column "b"', file=file, column1="b")
 
 
 def test_bad_rows(bench):
-    """Each is told with its line when it is come to, and again when it is tried again."""
+    """The step that reads a bad row fails with its line, also if the step is repeated."""
     head = "time,a\n0,1\n"
     for bad, line, *words in (
             ("0.01,x\n", 3, 'column "a"', '"x"', "12.5"), ("0.01,0x10\n", 3, "0x10"), ("0.01,nan\n", 3, "nan"),
             ("0.01,1e999\n", 3, "1e999"), ("0.01,1 2\n", 3, '"1 2"'), ("soon,1\n", 3, 'column "time"', '"soon"'),
             ("\n0.01,\"1\n", 4, '"1'), ("0.01," + 70 * "1" + "\n", 3, "1111"), (",1\n", 3, 'column "time"'),
             ("0.01\n", 3, "1 cells", "2 columns"), ("0.01,1,2\n", 3, "3 cells"),
-            ("0.01,1\n0.01,2\n", 4, "does not come after"), ("-1,1\n", 3, "does not come after 0 s")):
+            ("0.01,1\n0.01,2\n", 4, "time 0.01"), ("-1,1\n", 3, "time -1 s", " 0 s")):
         file = bench.file(head)
         slave = bench.start(file=file, column1="a")
         state = slave.getFMUstate()
@@ -415,7 +415,7 @@ def test_bad_rows(bench):
             slave.setFMUstate(state)
 
 
-def test_a_bad_number_in_a_column_that_nobody_wants(bench):
+def test_a_bad_number_in_an_unused_column(bench):
     file = bench.file("time,a,b\n0,1,x\n0.01,2,\n")
     equal(bench.run(bench.start(file=file, column1="a"), 1), [2.0])
 
@@ -425,7 +425,7 @@ def test_a_line_without_end(bench):
     refused_at_the_start(bench, file, "line 2", "65536 bytes", file=file, column1="a")
 
 
-def test_texts_that_a_logger_would_take_for_a_format(bench):
+def test_formats_in_a_text_are_replaced(bench):
     slave = bench.instance(file=bench.file("time,a\n0,%s%n#r1#\n"), column1="a")
     slave.enterInitializationMode()
     bench.expect_refused(slave.exitInitializationMode, '"?s?n?r1?"')
@@ -448,7 +448,7 @@ def test_parameters_are_fixed_while_stepping(bench):
 
 
 def run_one(fmu, name, test):
-    """True where it passed."""
+    """True if it passed."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             note = test(Bench(fmu, folder))

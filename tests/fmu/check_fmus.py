@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Holds our FMUs against FMPy, an importer that is not ours.
+"""Tests our FMUs with FMPy.
 
 Usage: check_fmus.py FMU ...                    exit 1 and a line for each difference
        check_fmus.py --write-reference FMU ...  writes fmus/<model>/reference.csv anew
@@ -39,7 +39,7 @@ SETTABLE_WHILE_STEPPING = {("input", "continuous"), ("input", "discrete"), ("par
 
 
 class Fmu:
-    """One unzipped FMU: its description, and how values of its types are read and written."""
+    """One unzipped FMU, its description, and access to values of its types."""
 
     def __init__(self, path, folder):
         self.path = str(path)
@@ -63,7 +63,7 @@ class Fmu:
         return slave
 
     def start(self, **options):
-        """A slave that is ready for its first step."""
+        """A slave before its first step."""
         slave = self.instantiate(**options)
         initialise(slave)
         return slave
@@ -82,7 +82,7 @@ class Fmu:
 
 
 def start_value(variable):
-    """The start value of the description as a number; of a Boolean 1 or 0."""
+    """The start value of the description as a number; 1 or 0 for a Boolean."""
     text = str(variable.start)
     return {"true": 1, "false": 0}[text.lower()] if variable.type == "Boolean" else float(text)
 
@@ -113,7 +113,7 @@ def read_table(path):
 
 
 class Inputs:
-    """input.csv: the values to hold at a time."""
+    """The values of input.csv at a time."""
 
     def __init__(self, fmu):
         self.rows = read_table(MODELS / fmu.name / "input.csv")
@@ -215,7 +215,7 @@ def check_reference(fmu):
 
 
 def check_repeatable(fmu):
-    """The same bits after fmi2Reset, and with a step size as an importer's clock rounds it."""
+    """The same bits after fmi2Reset, and with step sizes that have the rounding errors of a clock."""
     inputs = Inputs(fmu)
     slave = fmu.start()
     once = run(fmu, slave, inputs, 0, inputs.steps, fmu.results)
@@ -228,7 +228,7 @@ def check_repeatable(fmu):
 
 
 def check_rollback(fmu):
-    """Save, step, restore, step: same bits; also in a second instance that reads the serialised state."""
+    """Save, step, restore, step: same bits, also in a second instance with the serialised state."""
     inputs = Inputs(fmu)
     middle, end = inputs.steps // 2, inputs.steps
     slave = fmu.start()
@@ -259,7 +259,7 @@ def check_rollback(fmu):
 
     for wrong in (serialised[:-1], bytes(len(serialised))):
         if status_of(other.deSerializeFMUstate, wrong) != fmi2.fmi2Error:
-            yield "fmi2DeSerializeFMUstate accepts bytes that are no state of this FMU"
+            yield "fmi2DeSerializeFMUstate accepts wrong bytes"
     other.freeFMUstate(copy)
     slave.freeFMUstate(state)
     for each in (slave, other):
@@ -289,7 +289,7 @@ def refusals(fmu, slave):
 
 
 def check_refusals(fmu):
-    """What FMI forbids gives fmi2Error and a message, and leaves the instance as it was."""
+    """Illegal calls give fmi2Error and a message, and do not change the instance."""
     for logger in (True, False):
         slave = fmu.start(logger=logger)
         before = slave.serializeFMUstate(slave.getFMUstate())
@@ -308,7 +308,7 @@ def check_refusals(fmu):
 
 
 def check_life(fmu):
-    """Calls before initialisation, past the stop time, and of another FMU's GUID are refused."""
+    """A step before initialisation, a step past the stop time, and a wrong GUID are refused."""
     slave = fmu.instantiate()
     if status_of(slave.doStep, 0.0, STEP_S) != fmi2.fmi2Error:
         yield "a step before initialisation is not refused"
@@ -329,7 +329,7 @@ def check_life(fmu):
 
 
 def check_divergence(fmu):
-    """A step that overflows ends with fmi2Error, is not gone on from, and is undone by a restored state."""
+    """A step that overflows ends with fmi2Error. Then calls fail until a state is restored."""
     slave = fmu.start()
     inputs = Inputs(fmu)
     state = slave.getFMUstate()
@@ -343,7 +343,7 @@ def check_divergence(fmu):
         if statuses[-1] != fmi2.fmi2Error:
             yield "a step that overflows does not end with fmi2Error"
         if status_of(slave.setReal, [], []) != fmi2.fmi2Error:
-            yield "after a step that overflows the instance can still be set"
+            yield "an overflowed instance can still be set"
     slave.setFMUstate(state)
     if bits(run(fmu, slave, inputs, 0, 1, fmu.results)[0]) != wanted:
         yield "a restored state does not undo a step that overflowed"
@@ -356,7 +356,7 @@ CHECKS = [check_description, check_variables, check_booleans, check_reference, c
 
 
 def differences(fmu, one):
-    """What one check finds; a call that fails where it should not ends it."""
+    """The findings of one check; an unexpected exception ends it."""
     try:
         yield from one(fmu)
     except Exception as failed:
@@ -375,8 +375,8 @@ def check(fmu):
 
 
 def main():
-    parser = argparse.ArgumentParser(description="Holds our FMUs against FMPy.")
-    parser.add_argument("--write-reference", action="store_true", help="write fmus/<model>/reference.csv anew")
+    parser = argparse.ArgumentParser(description="Tests our FMUs with FMPy.")
+    parser.add_argument("--write-reference", action="store_true", help="write fmus/<model>/reference.csv")
     parser.add_argument("fmus", metavar="FMU", nargs="+", type=Path)
     arguments = parser.parse_args()
     faulthandler.enable()

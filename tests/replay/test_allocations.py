@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Nothing is allocated in the cycle: a twin that makes four times as many steps has asked the C library for memory as often. Of whole twins, with FMUs of every size and way back."""
+"""The cycle allocates no memory: a twin with four times as many steps has the same number of allocations.
+
+Runs whole twins, with FMUs of several sizes and with each rollback method."""
 import functools
 import json
 import os
@@ -12,7 +14,7 @@ import sized_fmu
 from twinlock_test import NOT_LOCKED, SANITIZER, SKIPPED, SOURCE, at_least, edited_config, expect, main, run, scratch, write_config
 
 if SANITIZER:
-    print("skipped: a sanitizer has an allocator of its own")
+    print("skipped: a sanitizer replaces the allocator")
     raise SystemExit(SKIPPED)
 
 # As in allocations/count_allocations.c.
@@ -38,7 +40,7 @@ def surroundings(**variables):
 
 
 def allocations(config):
-    """How often the process with the FMUs has asked; unconfined, it has our environment. (times, executions)"""
+    """(allocations of the FMU process, executions) of a replay; unconfined, so the process has our environment."""
     counts = scratch() / "counts"
     counts.write_bytes(bytes(SLOTS * SLOT.size))
     with surroundings(LD_PRELOAD=counter(), TL_TEST_ALLOCATIONS=counts):
@@ -60,23 +62,24 @@ def test_ours():
         expect_none(name, edited_config(name, {"duration_s": length / 4}), edited_config(name, {"duration_s": length}))
 
 
-def keeper(fmu, way, length, algorithm="secant"):
-    """By our own solver, unless it is said otherwise."""
-    content = json.loads(keeper_fmu.config(fmu, way).read_text(encoding="utf-8"))
+def keeper(fmu, method, length, algorithm="secant"):
+    """A configuration with that rollback method and `length` s."""
+    content = json.loads(keeper_fmu.config(fmu, method).read_text(encoding="utf-8"))
     content["synchronise"]["algorithm"] = algorithm
     content["duration_s"] = length
     return write_config(content)
 
 
-def test_ways_back():
-    """What an FMU takes for its own states is in its own heap, and its own affair; copies are ours, of some kB, of pages, or in place of states that are slow."""
+def test_rollback_methods():
+    """Copies of some kB, copies of pages, copies instead of slow states, and replay. Own states are in the FMU's heap, so they do
+    not count."""
     fmus = (("16 kB", sized_fmu.make(16000), "memory"), ("1 MB", sized_fmu.make(1000000), "memory"),
             ("slow states", keeper_fmu.make_slow(), None), ("replay", keeper_fmu.make_slow(), "replay"))
-    for what, fmu, way in fmus:
-        expect_none(what, keeper(fmu, way, 0.25), keeper(fmu, way, 1))
+    for what, fmu, method in fmus:
+        expect_none(what, keeper(fmu, method, 0.25), keeper(fmu, method, 1))
 
 
-def test_that_it_is_counted():
+def test_allocations_are_counted():
     """NLopt's solvers allocate in each search."""
     few, many = (allocations(keeper(sized_fmu.make(16000), "memory", length, "nelder-mead"))[0] for length in (0.25, 1))
     at_least(many - few, 75, "in 75 steps")

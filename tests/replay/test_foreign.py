@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""script/studies/foreign: FMUs that PythonFMU makes run by it, and whatever hinders one, or makes its bits others, is told."""
+"""script/studies/foreign: it runs FMUs of PythonFMU, and reports why one does not run or has other bits."""
 import json
 import os
 import shutil
@@ -8,13 +8,13 @@ import sys
 
 import foreign
 from python_fmu import export
-from twinlock_test import PATIENCE, PROGRAM, SANITIZER, SKIPPED, SOURCE, expect, main, scratch
+from twinlock_test import PATIENCE, PROGRAM, SANITIZER, SKIPPED, SOURCE, expect, expect_line, main, scratch
 
 if SANITIZER:
-    print("skipped: the studies are those of build/host")  # what FMUs of PythonFMU do to the program is test_python_fmu.py's
+    print("skipped: the studies use build/host")  # test_python_fmu.py runs such FMUs with the program
     sys.exit(SKIPPED)
 
-# Threads of numpy that have nothing to do turn round for some 2^26 cycles, unless told to sleep after fewer: half of the time.
+# Idle threads of numpy spin for 2^26 cycles by default, which takes half of the time. 4: they sleep after 2^4.
 os.environ["OPENBLAS_THREAD_TIMEOUT"] = "4"
 
 SLAVE = """
@@ -42,7 +42,7 @@ def slave(name, body, *options, result='Real("y"', causality="output", more=""):
 
 
 def study(fmus, *options):
-    """(exit code, what was found, standard error) of script/studies/foreign without what bash does for it."""
+    """(exit code, standard output, standard error) of script/studies/foreign.py, without its shell script."""
     folder = scratch()
     for fmu in fmus:
         shutil.copy(fmu, folder)
@@ -55,14 +55,14 @@ def study(fmus, *options):
 
 
 def found_by(fmus, *options):
-    """(exit code, {FMU: what was found of it})."""
+    """(exit code, {FMU: result})."""
     code, out, err = study(fmus, "--json", *options)
     expect(not err, err)
     return code, {result["fmu"]: result for result in json.loads(out)["fmus"]}
 
 
-def test_each_runs_by_as_much_as_it_allows():
-    fmus = [export("plant", "--handle-state"), slave("NoState", "self.y += self.u"),  # by replay
+def test_the_mode_of_each():
+    fmus = [export("plant", "--handle-state"), slave("NoState", "self.y += self.u"),  # rolled back by replay
             slave("Inner", "self.y += self.u", causality="local"),
             slave("Counts", "self.count += 1", result='Integer("count"'),
             slave("Nothing", "pass", result='String("note"', causality="parameter")]
@@ -77,11 +77,11 @@ def test_each_runs_by_as_much_as_it_allows():
 
 
 def test_one_that_cannot_be_locked_runs_free():
-    """It gives something else each time that it is asked."""
+    """Each execution has another result."""
     code, found = found_by([slave("Hides", "self.y = time.perf_counter()", "--handle-state")])
     result = found["Hides.fmu"]
     expect(code == 0 and result["mode"] == foreign.COMPARED, result)
-    expect("is not the same after restoring" in result["why_not_locked"], result)
+    expect_line(result["why_not_locked"], "fmu.y|1 step")
 
 
 def test_why_one_does_not_run():
@@ -89,19 +89,20 @@ def test_why_one_does_not_run():
     broken.write_bytes(b"no archive")
     code, found = found_by([broken, slave("Raises", "raise ValueError('wrong')")], "--keep", scratch())
     expect(code == 0, found)
-    expect(found["broken.fmu"]["outcomes"]["now"]["why"] == "no FMU that can be read", found["broken.fmu"])
+    expect(found["broken.fmu"]["outcomes"]["now"]["why"].startswith("no FMU"), found["broken.fmu"])
     raises = found["Raises.fmu"]["outcomes"]["now"]
-    expect(not raises["runs"] and raises["codes"]["replay"] == 70 and "fmi2DoStep failed" in raises["why"], raises)
+    expect(not raises["runs"] and raises["codes"]["replay"] == 70 and "fmi2DoStep" in raises["why"], raises)
 
 
 def test_one_that_takes_too_long():
     code, found = found_by([slave("Sleeps", "time.sleep(600)")], "--limit", "3")
     now = found["Sleeps.fmu"]["outcomes"]["now"]
-    expect(code == 0 and now["why"] == "check: not done within --limit", found)
+    expect(code == 0, found)
+    expect_line(now["why"], "check|--limit")
 
 
 def other_bits(change):
-    """A twinlock that is ours, but for a line of shell after it."""
+    """A script that runs twinlock and then a line of shell."""
     program = scratch() / "twinlock"
     program.write_text(f'#!/bin/sh\n"{PROGRAM}" "$@"\ncode=$?\n{change}\nexit $code\n', encoding="utf-8")
     program.chmod(0o755)
@@ -109,7 +110,7 @@ def other_bits(change):
 
 
 def test_same_bits_and_others():
-    """One bit of one cell. What is other each time anyway does not count, but does not excuse the rest."""
+    """One changed cell is found. Values that differ in each run are ignored; the others still count."""
     fmus = [slave("Steady", "self.y += self.u"),
             slave("Jittery", "self.y = time.perf_counter(); self.x += 1", more='self.register_variable(Real("x", causality='
                                                                               'Fmi2Causality.output))')]
@@ -123,7 +124,7 @@ def test_same_bits_and_others():
 
 
 def test_one_that_ran_before():
-    """A program that tells of a refused call and ends, as if the FMU could not live without."""
+    """The program under test ends with an error about a refused call."""
     program = scratch() / "twinlock"
     program.write_text("#!/bin/sh\necho 'twinlock: error: fmu asked for execve in fmi2Instantiate' >&2\nexit 70\n",
                        encoding="utf-8")
@@ -139,8 +140,8 @@ def test_one_that_ran_before():
 
 
 def test_confined_and_unconfined():
-    """The same bits, with numpy's threads and a file of its own for the time being too; what starts a program ends, and the call
-    is named."""
+    """The bits are the same, also with threads of numpy and with a temporary file. An FMU that starts a program fails, and the
+    report names the refused call."""
     fmus = [export("plant", "--handle-state"),
             slave("Numeric", "import numpy; self.y += float(numpy.linalg.solve(numpy.eye(300) + 1, numpy.full(300, self.u))[0])"),
             slave("Notes", "import tempfile; file = tempfile.TemporaryFile(); self.y += self.u + file.write(b'1')"),
@@ -156,7 +157,7 @@ def test_confined_and_unconfined():
 
 def test_nothing_to_run():
     code, out, err = study([])
-    expect(code == 65 and not out and err.count("\n") == 1 and "has no FMU" in err, f"{code}\n{out}{err}")
+    expect(code == 65 and not out and err.count("\n") == 1 and "no FMU" in err, f"{code}\n{out}{err}")
 
 
 main()

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The co-simulation against an independent one: FMPy steps the same FMUs, and the exchange is written anew
-here. Both must agree to 1e-12 relative, for the motor with its control loop on the product's recording,
-and for each FMU alone driven by fmus/*/input.csv against its reference.csv."""
+"""Compares the co-simulation with an independent one: FMPy steps the same FMUs, and the test exchanges their values.
+
+Both must agree to 1e-12 relative: for the motor with its control loop on the product's recording, and for each FMU alone, driven
+by fmus/*/input.csv. The latter must also agree with reference.csv."""
 import xml.etree.ElementTree
 
 import fmpy
@@ -45,7 +46,7 @@ class Component:
 
 
 class Recording:
-    """The newest row at or before an instant; tick 0 is at the first row. Ticks must come in their order."""
+    """Finds the newest row at or before a tick; tick 0 is at the first row. Ticks must be requested in ascending order."""
 
     def __init__(self, path, time_column):
         self.columns = read_table(path)
@@ -112,18 +113,18 @@ def test_motor_and_drive_metrics():
 
 
 def test_pairing():
-    """What the twin is compared with is the recording's newest row at the end of each step."""
+    """The twin is compared with the newest row of the recording at the end of each step."""
     recording = recording_of(read_config("motor/free.json"))
     rows = replay_csv("motor/free.json")
     wanted = [recording.at("omega", i + 1) for i in range(len(rows["step"]))]
     expect(rows["plant.omega"] == wanted, "plant.omega is not the newest row at the end of each step")
     expect(rows["step"] == list(range(1401)), "steps are not 0 \u2026 1400")
     ends = [round((i + 1) * 0.01, 9) for i in range(1401)]
-    expect(rows["time"] == ends, "times are not those of the steps' ends")
+    expect(rows["time"] == ends, "times differ from the ends of the steps")
 
 
 def configure_alone(name):
-    """A configuration of one FMU driven by fmus/NAME/input.csv, and the names of its inputs and outputs."""
+    """(configuration of one FMU driven by fmus/NAME/input.csv, names of its inputs, names of its outputs)."""
     description = xml.etree.ElementTree.parse(SOURCE / "fmus" / name / "modelDescription.xml")
     variables = {one.get("name"): one for one in description.iter("ScalarVariable")}
     inputs = [one for one, variable in variables.items() if variable.get("causality") == "input"]
@@ -158,7 +159,7 @@ def simulate_alone(name, inputs, outputs, steps):
 
 
 def steps_until_parameters_change(table, inputs):
-    """reference.csv moves tunable parameters too, which no connection can: it is the same until the first."""
+    """The number of steps until reference.csv first changes a tunable parameter, which no connection can do."""
     changes = [time for name, values in table.items() if name not in ("time", *inputs)
                for time, value in zip(table["time"], values) if value != values[0]]
     return int(min(changes) * 1e9) // STEP_NS

@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
-"""Our Modbus driver and our emulated device against pymodbus, an implementation that is not ours.
+"""Compares our Modbus driver and our emulated device with pymodbus.
 
-The driver reads a pymodbus server, by TCP and by RTU on a pseudo-terminal, a pymodbus client reads the device: all tables,
-types and orders, at random
-addresses with holes between them. What the registers must hold is computed here, by `struct`. pymodbus's server also
-sees every request of the driver: reads, and nothing else.
+The driver reads a pymodbus server by TCP and by RTU on a pseudo-terminal; a pymodbus client reads the device. They use all
+tables, types and orders, at random addresses with gaps. The test computes the content of the registers by `struct`. The
+pymodbus server sees every request of the driver: only reads.
 """
 import asyncio
 import logging
@@ -39,7 +38,7 @@ PER_COMBINATION = 3
 
 
 class Channel:
-    """One value: where it stands, and what it is."""
+    """One value and its registers."""
 
     def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset):
         self.unit, self.table, self.address, self.kind = unit, table, address, kind
@@ -53,7 +52,7 @@ class Channel:
                 f"{self.scale!r} {self.offset!r} {self.value()!r}\n")
 
     def registers(self):
-        """What stands in the registers (or the bit)."""
+        """The content of the registers, or the bit."""
         if self.kind == BIT:
             return [int(self.raw)]
         data = struct.pack(">" + TYPES[self.kind], self.raw)
@@ -71,7 +70,7 @@ def raw_value(choose, code):
 
 
 def make_channels(choose):
-    """Every combination, scattered over the addresses of each unit and table without overlap."""
+    """Every combination, at random addresses of each unit and table, without overlap."""
     channels = []
     for unit in UNITS:
         for table in (1, 2, 3, 4):
@@ -85,7 +84,7 @@ def make_channels(choose):
             for kind, words, order in wanted:
                 address += choose.choice([0, 0, 0, 1, 5, 17, 300])
                 raw = choose.randint(0, 1) if kind == BIT else raw_value(choose, TYPES[kind])
-                # Powers of two, so that the way back from the value to the raw number is exact.
+                # Powers of two, so that the raw number of a value is exact.
                 scale, offset = (1.0, 0.0) if kind in (5, 6) else (choose.choice([1.0, 0.5, -2.0]), choose.choice([0.0, 16.0]))
                 channel = Channel(unit, table, address, kind, words, order, raw, scale, offset)
                 channels.append(channel)
@@ -101,7 +100,7 @@ def text_of(channels):
 # ---- the driver reads pymodbus --------------------------------------------------------------------------------------
 
 def device_of(unit, channels):
-    """A pymodbus device that has exactly these registers: everything between them is an illegal address."""
+    """A pymodbus device with exactly these registers; other addresses are illegal."""
     blocks = []
     for table in (1, 2, 3, 4):
         block = []
@@ -115,7 +114,7 @@ def device_of(unit, channels):
 
 
 class Server:
-    """A pymodbus server in a thread of its own."""
+    """A pymodbus server in a thread."""
 
     def __init__(self, channels, framer):
         self.functions = []
@@ -154,7 +153,7 @@ class Server:
 
 
 class Line:
-    """A serial line to a server that speaks RTU by TCP: what is written at `device` goes there, and back."""
+    """A serial line (`device`) that forwards bytes to and from a server of RTU over TCP."""
 
     def __init__(self, server):
         self.master, self.slave = os.openpty()
@@ -193,7 +192,7 @@ def run_probe(channels, *where):
 
 def check_driver(channels, framer):
     with Server(channels, framer) as server:
-        # One channel more, where nothing is: it costs nobody else's value.
+        # A missing register must not affect other values.
         missing = Channel(UNITS[0], 3, 65000, 2, False, False, 0, 1.0, 0.0)
         if framer == FramerType.RTU:
             with Line(server) as line:
@@ -211,7 +210,7 @@ def check_driver(channels, framer):
             print(f"driver: read quality {quality}, {value} instead of {channel.value()!r}: {channel.line()}", end="")
     if int(lines[-1].split()[0]) != NO_LINK:
         failures += 1
-        print(f"driver: a register that is not there has a value: {lines[-1]}")
+        print(f"driver: a missing register has a value: {lines[-1]}")
     if not functions or not set(functions) <= {1, 2, 3, 4}:
         failures += 1
         print(f"driver: pymodbus saw the functions {sorted(set(functions))}")
@@ -241,7 +240,7 @@ def check_values(client, channels):
 
 
 def check_refusals(client):
-    """Every way to write that pymodbus knows, and an address that is not there."""
+    """All write functions of pymodbus, and a missing address and unit."""
     unit = UNITS[0]
     writes = [client.write_coil(0, True, device_id=unit), client.write_register(0, 1, device_id=unit),
               client.write_coils(0, [True] * 8, device_id=unit), client.write_registers(0, [1, 2], device_id=unit),
@@ -255,11 +254,11 @@ def check_refusals(client):
     reply = client.read_holding_registers(65535, count=1, device_id=unit)
     if not reply.isError() or reply.exception_code != 2:
         failures += 1
-        print(f"device: answers {reply} where nothing is")
+        print(f"device: answers {reply} for a missing address")
     reply = client.read_holding_registers(0, count=1, device_id=99)
     if not reply.isError() or reply.exception_code != 11:
         failures += 1
-        print(f"device: answers {reply} for a unit that is not there")
+        print(f"device: answers {reply} for a missing unit")
     return failures, len(writes)
 
 
@@ -272,7 +271,7 @@ def check_device(channels):
         assert client.connect(), "pymodbus cannot connect to the device"
         failures = check_values(client, channels)
         refusals, writes = check_refusals(client)
-        failures += refusals + check_values(client, channels)  # after the writes: nothing has changed
+        failures += refusals + check_values(client, channels)  # also after the writes
         client.close()
         rest, _ = probe.communicate(timeout=30)
     finally:
@@ -284,7 +283,7 @@ def check_device(channels):
 
 
 def main():
-    logging.disable(logging.CRITICAL)  # pymodbus tells of each exception it sends
+    logging.disable(logging.CRITICAL)  # pymodbus logs each exception that it sends
     seed = int(os.environ.get("TL_SEED", "4711"))
     channels = make_channels(random.Random(seed))
     failures, requests = check_driver(channels, FramerType.SOCKET)

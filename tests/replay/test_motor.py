@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""The motor bench on the product's own recording: what a lock must hold to, whatever the mode, the horizon
-and the seed of the plant's noise; and that everything repeats to the bit."""
+"""The motor bench on the product's own recording: properties of a lock in each mode and with each horizon.
+
+Everything repeats to the bit."""
 import filecmp
 import json
 
-from twinlock_test import (PLAIN_LOCK, SOURCE, at_least, at_most, edited_config, expect, main, replay_csv, replay_json,
+from twinlock_test import (PLAIN_LOCK, SOURCE, at_least, at_most, edited_config, expect, expect_line, main, replay_csv, replay_json,
                            run, run_well, scratch)
 
 STEPS = 1401
@@ -18,7 +19,7 @@ def horizon(prediction, measurements="lag"):
 
 
 def check_sums(result):
-    """What holds for every replay of lock.json."""
+    """Checks sums that hold for every replay of lock.json."""
     expect(result["steps"] == STEPS, f"steps: {result['steps']}")
     expect(result["evaluations"] >= STEPS, f"evaluations: {result['evaluations']}")
     executions = dict(result["executions"])
@@ -73,7 +74,7 @@ def test_lock_with_another_solver():
 
 
 def test_the_slope_is_learned_at_the_first_step():
-    """One question more, though all is well; so the twin follows its plant closely before the brake has ever been touched."""
+    """The first step has one more evaluation, although J is small. So the twin follows its plant closely before the brake moves."""
     rows = replay_csv(PLAIN_LOCK)
     expect(rows["evaluations"][:3] == [2, 1, 1], f"evaluations: {rows['evaluations'][:3]}")
     at_most(max(rows["J"][1:100]), 0.05, "J in the first second")
@@ -115,7 +116,7 @@ def test_ahead():
 
 
 def test_hold():
-    """One step is all of the horizon: the step's own measurement is the only one, and known."""
+    """With a horizon of one step, both modes use the step's own measurement, which is known."""
     hold, lag = (csv_file(edited_config(PLAIN_LOCK, horizon(1, mode))) for mode in ("hold", "lag"))
     expect(filecmp.cmp(hold, lag, False), "T_P = 1: hold differs from lag")
 
@@ -168,18 +169,18 @@ def test_weight_0_is_reported_only():
     match = result["match"]["drive.e"]
     expect(match["pairs"] == STEPS and match["mse"] > 100 and match["unit"] == "rad/s", f"drive.e: {match}")
     expect(rows[U] == alone[U] and rows["J"] == alone["J"], "a match with weight 0 changes what is committed")
-    expect("compared only" in run_well(["replay", config]), "the table does not say that it is compared only")
+    expect_line(run_well(["replay", config]), f"drive.e|MSE|{match['mse']:.5g}|compared only")
 
 
 def test_never_worse_than_nominal():
-    """Where the bounds leave nothing that helps, the nominal is committed: the twin is the free one."""
+    """If nothing within the bounds helps, the nominal is committed, so the twin equals the free one."""
     edits = {"synchronise": {"adjust": {U: {"min": 1e6, "max": 2e6}}}}
     rows, free = replay_csv(edited_config(PLAIN_LOCK, edits)), replay_csv("motor/free.json")
     expect(rows["outcome"].count("nominal") > 100, "no search failed")
-    later = set(rows["outcome"][1:])  # in the first step the solver looks around once
+    later = set(rows["outcome"][1:])  # in the first step the solver evaluates once more
     expect(later == {"first guess", "nominal"}, f"outcomes: {later}")
-    expect(set(rows[U]) == {0.0031}, "something else than the nominal was committed")
-    expect(rows["motor.omega"] == free["motor.omega"], "the twin is not the free one")
+    expect(set(rows[U]) == {0.0031}, "another value than the nominal was committed")
+    expect(rows["motor.omega"] == free["motor.omega"], "the twin differs from the free one")
 
 
 def test_bounds_hold():
@@ -209,7 +210,7 @@ def test_realtime_gives_the_same():
     expect(wall >= 0.2, f"--realtime took {wall} s for 0.2 s")
 
 
-def test_what_a_replay_recorded_replays_the_same():
+def test_a_replay_of_the_database_is_the_same():
     config, database = edited_config(PLAIN_LOCK), scratch() / "run.db"
     from_csv = csv_file(config, "--db", database)
     from_database = csv_file(config, "--recording", database)
@@ -219,7 +220,7 @@ def test_what_a_replay_recorded_replays_the_same():
 # ---- the plant ----
 
 def test_the_recording_is_regenerated():
-    """config/motor/recording.csv is what its README says it is made by."""
+    """The command in config/motor/README.md makes config/motor/recording.csv."""
     made = scratch() / "recording.csv"
     run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, RECORDING, False), "twinlock plant --seed 1 makes another recording")
@@ -238,34 +239,35 @@ def recorded(config):
     return path
 
 
-def test_a_run_of_the_last_messages_is_replayed_on_a_line():
-    """By the stamps that it has recorded, as the recording itself is; it only ends some steps sooner."""
+def test_a_run_with_between_last_is_replayed_with_line():
+    """The database has the stamps of the readings, so its replay equals that of the recording, but ends some steps sooner."""
     line = edited_config(PLAIN_LOCK, LINE)
     wanted = csv_file(line).read_bytes()
     found = csv_file(line, "--recording", recorded(PLAIN_LOCK)).read_bytes()
-    expect(wanted.startswith(found), "a run that was recorded by its last messages gives another line")
+    expect(wanted.startswith(found), "the replay of the database has other values")
     at_least(found.count(b"\n"), STEPS - 8, "rows")
 
 
-def test_a_run_on_a_line_is_taken_as_it_was_recorded():
-    """Also by a configuration that is not to the letter its own: what lies between readings is not looked up twice."""
+def test_a_run_with_between_line_is_replayed_as_recorded():
+    """Also with another configuration: values between readings are not interpolated twice."""
     line = edited_config(PLAIN_LOCK, LINE)
     run_of_it = recorded(line)
     for config in (line, edited_config(line, {"name": "another"})):
         expect(filecmp.cmp(csv_file(line), csv_file(config, "--recording", run_of_it), False), "another replay")
 
 
-def test_what_check_says_of_the_wait():
+def test_check_prints_the_wait():
     page = run_well(["check", edited_config(PLAIN_LOCK, LINE)])
-    for words in ("measurements lag: step i is computed at tick i + 6", "matched: a step waits for the next one, 4 ticks",
-                  "feed inputs: a step waits for the next one, 5 ticks"):
-        expect(words in page, f"no \"{words}\": {page}")
+    for parts in ("lag|i + 6", "matched|4 ticks", "inputs|5 ticks"):
+        expect_line(page, parts)
     for mode in ("hold", "ahead"):
         edits = {**LINE, "synchronise": {**LINE["synchronise"], "horizon": {"measurements": mode}}}
-        page = " ".join(run_well(["check", edited_config(PLAIN_LOCK, edits)]).split())
-        expect(page.count("the last one stands: \"between\" does nothing") == 2, page)
+        page = run_well(["check", edited_config(PLAIN_LOCK, edits)])
+        warnings = " ".join(page.partition("\nwarnings\n")[2].split())
+        expect(warnings.count('"between"') == 2, page)
+        expect_line(warnings, f"plant.torque|synchronise.match.motor.omega|{mode}")
         expect(filecmp.cmp(csv_file(edited_config(PLAIN_LOCK, edits)), csv_file(edited_config(PLAIN_LOCK, horizon(1, mode))), False),
-               f"{mode}: what no step waits for changes something")
+               f"{mode}: other values than without \"between\"")
 
 
 main()

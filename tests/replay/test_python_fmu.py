@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""FMUs of another exporter: PythonFMU makes them here, from tests/fmu/python, and they run beside our own. What they give is held
-to the bit to an independent loop of FMPy; they are synchronised where they can save their state, and refused with words
-where they cannot, or where they lack what they need."""
+"""FMUs of PythonFMU, made from tests/fmu/python, together with our own.
+
+Their results have the bits of an independent loop of FMPy. They are synchronised if they can save their state or be replayed.
+If something is missing, the message names it."""
 import csv
 import functools
 import math
@@ -15,19 +16,19 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from python_fmu import LIBRARY, export
-from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, main, merge, read_table, replay_csv, replay_json, run,
-                           run_well, scratch, write_config)
+from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, expect_line, expect_no_line, main, merge, read_table, replay_csv, replay_json,
+                           run, run_well, scratch, write_config)
 
 STEP_NS = 10_000_000
 STEPS = 1000
-ANEW = 300
+RESET = 300  # step
 
 
 # ---- FMUs and recordings ----
 
 @functools.cache
 def recording(steps=STEPS):
-    """Of a loop whose set-point jumps, whose valve is shut for a while, and whose controller changes its stage."""
+    """A recording of jumps of the set-point, a closed valve and changes of the controller's stage."""
     path = scratch() / "recording.csv"
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -39,7 +40,7 @@ def recording(steps=STEPS):
 
 
 def loop(changes=None):
-    """A configuration: controller and plant of PythonFMU, and our own lag, the sensor between them."""
+    """A configuration with controller and plant of PythonFMU, and our own lag as the sensor between them."""
     return merge({
         "twinlock": 1, "name": "loop of two exporters", "step_s": STEP_NS / 1e9,
         "components": {
@@ -94,19 +95,20 @@ class Slave(Fmi2Slave):
 
 
 def slave_that(body):
-    """An FMU whose step is made of these words."""
+    """An FMU with this code as its step."""
     return export("slave", "--handle-state", source=SLAVE.replace("{body}", body))
 
 
-def refused(document, code, *words, folder=None):
-    """The verbs `check` and `replay` end with this code and say these words."""
+def refused(document, code, *parts, folder=None):
+    """`check` and `replay` end with `code`; for each of `parts` a line of the log has them."""
     for verb in ("check", "replay"):
         found, _, err = run([verb, write_config(document, folder)])
         expect(found == code, f"{verb} ended with {found}, wanted {code}\n{err}")
-        expect(all(word in err for word in words), f"{verb}: wanted {words}\n{err}")
+        for wanted in parts:
+            expect_line(err, wanted)
 
 
-# ---- where Python looks ----
+# ---- the search path of Python ----
 
 LOOK = """import os, site, sys
         sys.path.append(site.getusersitepackages())
@@ -119,8 +121,9 @@ LOOK = """import os, site, sys
             self.y = of_the_user.Y"""
 
 
-def test_its_home_is_a_folder_of_its_own_and_packages_of_the_user_are_found():
-    """OpenTURNS for one looks into HOME, and without it into the list of users, which is closed."""
+def test_home_and_packages_of_the_user():
+    """HOME is a temporary folder. OpenTURNS, for example, needs HOME or else the list of users, which is closed. Packages of the
+    user are found all the same."""
     home = scratch()
     packages = home / ".local" / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     packages.mkdir(parents=True)
@@ -166,7 +169,7 @@ class Peer:
 
 
 def simulate(document, steps):
-    """The compared outputs after each step: all inputs are what was there at its start."""
+    """The compared outputs after each step; all inputs have their values from the start of the step."""
     table = read_table(recording())
     files = {name: part["fmu"] for name, part in document["components"].items()}
     peers = {name: Peer(FMUS / file if file == "lag.fmu" else file, name, document["components"][name].get("set", {}))
@@ -202,7 +205,7 @@ def test_the_same_as_an_independent_loop_to_the_bit():
 
 
 def test_several_instances_of_one_fmu():
-    """Three controllers, each its own: they answer as the one does, or as their parameters say."""
+    """Three controllers do not affect each other: an equal one has equal outputs, one with another parameter does not."""
     others = {"second": {"fmu": str(export("controller", "--handle-state")), "set": {"law": "PI", "K": 1.5}},
               "third": {"fmu": str(export("controller", "--handle-state")), "set": {"law": "P", "K": 1.5}}}
     inputs = {"ref": "plant.ref", "enable": "plant.open", "stage": "plant.stage", "y": "sensor.y"}
@@ -213,19 +216,19 @@ def test_several_instances_of_one_fmu():
     expect(rows["third.u"] != rows["controller.u"], "law is not set")
 
 
-def test_they_begin_anew():
-    """Two exporters' FMUs and ours, in the middle of a run: as in one that begins there."""
+def test_a_reset_in_the_middle_of_a_run():
+    """After a reset of all FMUs the values are those of a run that starts there."""
     path, database, cut = write_config(loop()), scratch() / "run.db", scratch() / "cut.csv"
     run_well(["replay", path, "--db", database])
     with closing(sqlite3.connect(database)) as connection, connection:
-        connection.execute(f"UPDATE steps SET flags = flags | 32 WHERE step = {ANEW}")
+        connection.execute(f"UPDATE steps SET flags = flags | 32 WHERE step = {RESET}")
     header, *lines = recording().read_text(encoding="utf-8").splitlines(keepends=True)
-    cut.write_text(header + "".join(lines[ANEW:]), encoding="utf-8")
+    cut.write_text(header + "".join(lines[RESET:]), encoding="utf-8")
     whole, found = replay_csv(path), replay_csv(path, "--recording", database)
     wanted = replay_csv(write_config(loop({"recording": {"file": str(cut)}})))
     for name in COMPARED:
-        expect(found[name][ANEW:] == wanted[name], f"{name} is not what it is in a run that begins there")
-        expect(found[name] != whole[name], f"{name} does not begin anew")
+        expect(found[name][RESET:] == wanted[name], f"{name} differs from a run that starts there")
+        expect(found[name] != whole[name], f"{name} is not reset")
 
 
 # ---- synchronised ----
@@ -238,7 +241,7 @@ STRONGER = 1.3  # the true plant's gain; the twin's is 1
 
 @functools.cache
 def true_plant():
-    """The recording, with the y of a plant that is stronger than its twin."""
+    """The recording, with the y of a plant that has a higher gain than its twin."""
     rows = replay_csv(write_config(loop({"components": {"process": {"set": {"gain": STRONGER}}}})))
     table = read_table(recording())
     table["y"] = [0.0, *rows["process.y"]]
@@ -249,7 +252,7 @@ def true_plant():
 
 
 def test_it_is_synchronised_and_rolled_back():
-    """A tunable parameter of the one, an input of the other; saved or executed again, the bits are the same."""
+    """Adjusts a tunable parameter, then an input. Restored or executed again, the bits are the same."""
     free = replay_json(write_config(loop({"recording": {"file": str(true_plant())}})))["match"]["process.y"]["mse"]
     for adjusted, settings in {"process.gain": {"step": 0.2, "min": 0.2, "max": 3}, "process.u": {"step": 0.2}}.items():
         changes = {"recording": {"file": str(true_plant())}, "synchronise": {"adjust": {"process.gain": None, adjusted: settings}}}
@@ -262,7 +265,7 @@ def test_it_is_synchronised_and_rolled_back():
         print(f"    {adjusted}: MSE {mse:.2g}, free {free:.2g}; executions {executions}")
         expect(executions[0] < executions[1], f"executions {executions}")
         expect(told["ledger"]["total"]["difference"] == 0, f"ledger {told['ledger']['total']}")
-        expect(mse < free / 100, "the twin does not follow")
+        expect(mse < free / 100, f"MSE {mse}, free {free}")
         if adjusted == "process.gain":
             last = saved["process.gain"][-100:]
             expect(all(abs(gain - STRONGER) < 0.1 for gain in last), f"the gain is not found: {last[-1]}")
@@ -283,9 +286,10 @@ def resident_peak(document):
         return int(result.read())
 
 
-def test_states_do_not_pile_up():
-    """PythonFMU makes a new state where it is to reuse one, and loses the old one; twinlock gives each back first. A state
-    of 200 variables has some 10 kB: 1,000 steps would leave 10 MB. Both replays fill the rings of 1,024 ticks and results."""
+def test_memory_of_states_does_not_grow():
+    """PythonFMU allocates a new state although it should reuse one, and leaks the old one; so twinlock frees each state first.
+
+    A state of 200 variables has 10 kB, so 1,000 steps would leak 10 MB. Both replays fill the rings of 1,024 ticks and results."""
     if SANITIZER:
         raise Skip("a sanitizer keeps memory that was freed")
     variables = "for i in range(200): self.register_variable(Real('x' + str(i), getter=lambda: 1.0))\n        "
@@ -296,59 +300,60 @@ def test_states_do_not_pile_up():
     expect(long - short < STEPS, f"memory has grown by {long - short} kB")
 
 
-def test_without_states_it_is_led_back_by_replay():
+def test_without_states_it_is_rolled_back_by_replay():
     process = {"fmu": str(export("plant"))}
-    refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "components.process", "canGetAndSetFMUstate")
+    refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 16|components.process|canGetAndSetFMUstate")
     code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
-    expect(code == 0 and "replay" in out, f"exit code {code}\n{out}{err}")
+    expect(code == 0, f"exit code {code}\n{out}{err}")
+    expect_line(out, "process|variables|replay")
 
 
-def test_a_state_that_is_not_registered_is_found_out():
-    """PythonFMU saves registered variables and nothing else; an FMU that forgets one of its states says that it can be
-    rolled back, and cannot."""
+def test_a_state_that_is_not_registered_is_found():
+    """PythonFMU saves registered variables only. An FMU with another state claims to support states, but does not."""
     fmu = slave_that("self.hidden += self.gain; self.y = self.hidden")
     code, _, err = run(["replay", write_config(merge(alone(fmu, TUNED), {"components": {"slave": {"rollback": "state"}}}))])
-    expect(code == 70 and "slave" in err and "state" in err, f"exit code {code}\n{err}")
+    expect(code == 70, f"exit code {code}\n{err}")
+    expect_line(err, 'error|slave.y|1 step|"rollback"')
     code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
-    expect(code == 0 and "which is called replay" in err, f"exit code {code}\n{err}")
+    expect(code == 0, f"exit code {code}\n{err}")
+    expect_line(err, "warning|FMU Slave|reset|replay")
 
 
-def test_what_two_instances_of_a_module_share_is_told():
-    """Python has each module once, so that no component has one of its own."""
+def test_a_module_shared_by_two_instances_causes_a_warning():
+    """Python loads each module once in a process, so two instances share its variables."""
     counts = slave_that("type(self).calls = getattr(type(self), 'calls', 0) + 1; self.y = float(type(self).calls)")
     code, out, err = run(["check", write_config(alone(counts))])
-    expect(code == 0 and "components.slave: one per process: in step 0 its y is " in " ".join(out.split()), f"{code}\n{out}{err}")
+    expect(code == 0, f"{code}\n{out}{err}")
+    expect_line(" ".join(out.partition("\ndeterminism\n")[2].split()), "components.slave|process|step 0|y")
     code, out, err = run(["check", write_config(alone(slave_that("self.y += 1.0")))])
-    expect(code == 0 and "two instances have the same values" in out, f"{code}\n{out}{err}")
+    expect(code == 0, f"{code}\n{out}{err}")
+    expect_line(out, "two instances|steps")
+    expect_no_line(out, "components.slave")
 
 
-# ---- what goes wrong ----
+# ---- errors ----
 
 def test_without_the_key():
     document = loop({"components": {"controller": {"libraries": None}}})
-    refused(document, 65, "components.controller: ", "Controller.fmu", "undefined symbol: _Py", "it needs Python's library",
-            '"libraries": ["libpython3.11.so.1.0"]')
+    refused(document, 65, 'line 6|components.controller|Controller.fmu|_Py_NoneStruct|"libraries": ["libpython3.11.so.1.0"]')
 
 
-def test_a_library_that_is_not_there():
+def test_a_missing_library():
+    place = "line 13|components.controller.libraries[0]"
     refused(loop({"components": {"controller": {"libraries": ["libpython3.99.so.1.0"]}}}), 65,
-            "components.controller.libraries[0]: ", "libpython3.99.so.1.0: cannot open", "the package libpython3.99")
-    refused(loop({"components": {"controller": {"libraries": ["./libmissing.so"]}}}), 65,
-            "components.controller.libraries[0]: ", "/libmissing.so: cannot open", "starts at the configuration's folder")
-
-
+            f"{place}|libpython3.99.so.1.0|No such file|package libpython3.99")
+    refused(loop({"components": {"controller": {"libraries": ["./libmissing.so"]}}}), 65, f"{place}|/libmissing.so|No such file|\"./libmodel.so\"")
     for name in "x" * 5000, "./" + "x" * 5000:
-        refused(loop({"components": {"controller": {"libraries": [name]}}}), 65, "the path is too long")
+        refused(loop({"components": {"controller": {"libraries": [name]}}}), 65, f"{place}|path|too long")
 
 
 def test_two_pythons():
-    """The first one is a file beside the configuration, made for tests/unit/firmware/fmu/test_library.c."""
+    """The first one is a link beside the configuration to a file made for tests/unit/firmware/fmu/test_library.c."""
     folder = scratch()
     (folder / "lib").mkdir()
     (folder / "lib" / "old.so").symlink_to(BUILD / "tests" / "interpreter-3.8.1.so")
     refused(loop({"components": {"controller": {"libraries": ["lib/old.so", LIBRARY]}}}), 65,
-            "components.controller.libraries[1]: ", f'"{LIBRARY}" is Python {sys.version.split()[0]}',
-            "Python 3.8.1 is open already", folder=folder)
+            f'line 14|components.controller.libraries[1]|"{LIBRARY}"|Python {sys.version.split()[0]}|Python 3.8.1', folder=folder)
 
 
 def test_a_key_at_any_component_serves_all():
@@ -358,20 +363,21 @@ def test_a_key_at_any_component_serves_all():
 
 
 def test_two_modules_of_one_name():
-    """Python would import the first one's for both."""
+    """Python would import the module of the first FMU for both."""
     first, second = (slave_that(f"self.y = {value}") for value in (1.0, 2.0))
     document = alone(first, {"components": {"other": {"fmu": str(second)}}, "compare": {"other.y": {"to": "plant.y"}}})
-    refused(document, 65, "components.other: ", str(first), str(second), 'both have a Python module "slave"', "rename one")
+    refused(document, 65, f'line 16|components.other|{first}|{second}|Python module|"slave"|rename')
 
 
-def test_what_python_says_is_told():
-    """A module that is missing, an exception in a step, and a text that would be a printf format of its own."""
+def test_messages_of_python_are_logged():
+    """A missing module, an exception in a step, and a text with printf formats."""
     refuses = export("slave", source=SLAVE.replace("{body}", "pass").replace(
         "self.register", "if '/twinlock-fmu-' in self.resources: import nowhere_to_be_found\n        self.register", 1))
-    refused(alone(refuses), 70, "components.slave", "fmi2Instantiate refused", "No module named 'nowhere_to_be_found'")
+    refused(alone(refuses), 70, "line 10|components.slave|fmi2Instantiate", "error|FMU Slave|'nowhere_to_be_found'")
     fails = slave_that("raise ValueError('100%s %n off')")
     code, _, err = run(["replay", write_config(alone(fails))])
-    expect(code == 70 and '"logging": true' in err and "off" not in err, f"exit code {code}\n{err}")
+    expect(code == 70 and "ValueError" not in err, f"exit code {code}\n{err}")
+    expect_line(err, 'error|slave|fmi2DoStep|fmi2Fatal|"logging": true')
     code, _, err = run(["replay", write_config(alone(fails, {"components": {"slave": {"logging": True}}}))])
     expect(code == 70 and "ValueError('100%s %n off')" in err, f"exit code {code}\n{err}")
 
@@ -379,8 +385,8 @@ def test_what_python_says_is_told():
 # ---- the interpreter ----
 
 def test_extension_modules_work_until_the_end():
-    """numpy is found by way of the python3 that is first in PATH; its binaries take Python's symbols from the library, and
-    nothing breaks when the process ends."""
+    """numpy is found by the first python3 in PATH. Its binaries resolve Python's symbols in the library, also at the end of the
+    process."""
     fmu = slave_that("import numpy; self.y = float(numpy.array([0.25, current_time]).sum()); print('stepped')")
     path = os.environ["PATH"]
     os.environ["PATH"] = os.path.dirname(sys.executable) + ":" + path
@@ -392,12 +398,12 @@ def test_extension_modules_work_until_the_end():
     expect(code == 0, f"exit code {code}\n{err}")
     found = read_table(table)["slave.y"]
     expect(found == [0.25 + i / 100 for i in range(21)], f"numpy gave {found}")
-    expect(err.count("stepped") == 21 and err.count("terminated") == 1 and "stepped" not in out, f"what the FMU prints is lost, or a result\n{out}\n{err}")
+    expect(err.count("stepped") == 21 and err.count("terminated") == 1 and "stepped" not in out, f"output of the FMU is lost or in the result\n{out}\n{err}")
 
 
 try:
     main()
 except SystemExit as end:
-    # FMPy has loaded FMUs of PythonFMU into this process, and at its end they would end themselves a second time, in freed memory.
+    # FMPy loaded FMUs of PythonFMU into this process. At its end they would end a second time, in freed memory.
     sys.stdout.flush()
     os._exit(end.code or 0)

@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
-"""FMUs that begin anew in the middle of a run: a run in which they did is repeated to the bit, and FMUs that refuse cost nothing but a new
-instance. When they shall, test_lock_state.py tries."""
+"""Resets of all FMUs during a run: a replay repeats them to the bit. FMUs that fail to reset are instantiated again.
+
+test_lock_state.py tests when the lock monitor resets them."""
 import os
 import shutil
 import sqlite3
 from contextlib import closing
 
 import hostile_fmu
-from twinlock_test import PLAIN_LOCK, NOT_LOCKED, PATIENCE, SANITIZER, Skip, at_most, edited_config, expect, main, run_well, scratch, start
+from twinlock_test import (NOT_LOCKED, PATIENCE, PLAIN_LOCK, SANITIZER, Skip, at_most, edited_config, expect, expect_line, main, run_well, scratch,
+                           start)
 
-RESET = 32
-STEPS = "SELECT s.step, outcome, flags, evaluations, J, simulated, applied FROM steps s JOIN outputs USING (run, step) " \
+RESET = 32  # flag of a step
+STEPS = "SELECT s.step, outcome, flags, evaluations, J, y, u FROM outputs JOIN steps s USING (run, step) " \
         "JOIN adjustments USING (run, step) ORDER BY s.step"
 
 
@@ -20,7 +22,7 @@ def ask(database, sql):
 
 
 def change(database, *statements):
-    """A copy in which the run was another one."""
+    """A changed copy of a database."""
     copy = shutil.copy(database, scratch() / "changed.db")
     with closing(sqlite3.connect(copy)) as connection, connection:
         for statement in statements:
@@ -33,10 +35,10 @@ def resets(*steps):
 
 
 def replay(path, recording=None):
-    """The database of a replay, of the configuration's recording or of what another run has recorded."""
+    """The database of a replay of `recording`, by default of the configuration's."""
     database = scratch() / "run.db"
     options = [] if recording is None else ["--recording", recording]
-    run_well(["replay", path, "--db", database, *options], wells=(0, NOT_LOCKED))  # hostile ones are not in lock
+    run_well(["replay", path, "--db", database, *options], wells=(0, NOT_LOCKED))  # a hostile FMU is not in lock
     return database
 
 
@@ -49,10 +51,10 @@ def test_a_run_is_repeated_to_the_bit():
         marked = replay(path, change(whole, resets(40, 41, 200)))
         columns = "s.step, flags, y" if name == "free" else "s.step, flags, y, u"
         others = "" if name == "free" else "JOIN adjustments USING (run, step)"
-        sql = f"SELECT {columns} FROM steps s JOIN outputs USING (run, step) {others} ORDER BY s.step"
+        sql = f"SELECT {columns} FROM outputs JOIN steps s USING (run, step) {others} ORDER BY s.step"
         was, now, again = ask(whole, sql), ask(marked, sql), ask(replay(path, marked), sql)
         expect(again == now, f"{name}: the run with resets is not repeated")
-        expect(was[:40] == now[:40] and was[40] != now[40], f"{name}: it does not begin anew at step 40")
+        expect(was[:40] == now[:40] and was[40] != now[40], f"{name}: no reset at step 40")
         expect([row[0] for row in now if row[1] & RESET] == [40, 41, 200], f"{name}: other steps are flagged")
         ledger = ask(marked, "SELECT predicted, executions - repeated FROM components")
         expect(all(predicted == done for predicted, done in ledger), f"{name}: {ledger}")
@@ -60,54 +62,55 @@ def test_a_run_is_repeated_to_the_bit():
         expect(words == [(3,)], f"{name}: the view does not name the flag")
 
 
-def test_another_configuration_knows_of_no_reset():
+def test_another_configuration_repeats_no_reset():
     path = edited_config(PLAIN_LOCK, {"duration_s": 1})
     other = edited_config(PLAIN_LOCK, {"duration_s": 1, "name": "other"})
     again = replay(other, change(replay(path), resets(40)))
-    expect(ask(again, f"SELECT count(*) FROM steps WHERE flags & {RESET}") == [(0,)], "it has begun anew")
+    expect(ask(again, f"SELECT count(*) FROM steps WHERE flags & {RESET}") == [(0,)], "a reset")
 
 
-# ---- FMUs that refuse ----
+# ---- FMUs that fail to reset ----
 
 FAILED, FATAL = 3, 4  # fmi2Error, fmi2Fatal
 MARKED = tuple(range(10, 90, 2))
 
 
 def marked_run(fmu):
-    """A configuration with that FMU, and its run in which it began anew forty times."""
+    """(configuration with that FMU, database of its run with forty resets)."""
     path = hostile_fmu.config(fmu, hostile_fmu.LOCKED)
     return path, change(replay(path), resets(*MARKED))
 
 
-def test_an_fmu_that_refuses_is_instantiated_anew():
+def test_an_fmu_that_fails_to_reset_is_instantiated_again():
     path, recorded = marked_run(hostile_fmu.make("good"))
     good = ask(replay(path, recorded), STEPS)
-    expect(sum(row[2] & RESET != 0 for row in good) == len(MARKED), "it has not begun anew")
+    expect(sum(row[2] & RESET != 0 for row in good) == len(MARKED), "no resets")
     path, recorded = marked_run(hostile_fmu.make("no_reset", RESET=FAILED))
-    expect(ask(replay(path, recorded), STEPS) == good, "other values than those of an FMU that does not refuse")
+    expect(ask(replay(path, recorded), STEPS) == good, "other values than with fmi2Reset")
 
 
-def expect_end(words, fmu):
-    """Whatever the FMU leaves behind."""
+def expect_end(parts, fmu):
+    """The replay ends with 70, and a line of the log has `parts`. The FMU may leave temporary files."""
     path, recorded = marked_run(fmu)
     process = start(("replay", path, "--recording", recorded))
     try:
         _, log = process.communicate(timeout=60 * PATIENCE)
     finally:
         process.kill()
-    expect(process.returncode == 70 and words in log, f"ended with {process.returncode}\n{log}")
+    expect(process.returncode == 70, f"ended with {process.returncode}\n{log}")
+    expect_line(log, parts)
 
 
 def test_an_fmu_that_is_fatal_ends_the_run():
-    expect_end("hostile: fmi2Reset failed for good (fmi2Fatal)", hostile_fmu.make("no_reset", RESET=FATAL))
+    expect_end("error|hostile|fmi2Reset|fmi2Fatal", hostile_fmu.make("no_reset", RESET=FATAL))
 
 
-def test_an_fmu_that_is_not_instantiated_a_second_time_ends_the_run():
-    expect_end("hostile: fmi2Instantiate refused", hostile_fmu.make("no_reset", RESET=FAILED, SECOND="fmi2Instantiate"))
+def test_an_fmu_without_a_second_instance_ends_the_run():
+    expect_end("error|hostile|fmi2Instantiate", hostile_fmu.make("no_reset", RESET=FAILED, SECOND="fmi2Instantiate"))
 
 
-def test_a_crash_in_a_reset_is_told():
-    expect_end("FMU hostile crashed in fmi2Reset", hostile_fmu.make("end", AT="fmi2Reset", HOW="*(volatile int *)8 = 0;"))
+def test_a_crash_in_a_reset_is_logged():
+    expect_end("error|FMU hostile|crashed|fmi2Reset", hostile_fmu.make("end", AT="fmi2Reset", HOW="*(volatile int *)8 = 0;"))
 
 
 # ---- memory ----
@@ -116,7 +119,7 @@ BALLAST = 1 << 20  # bytes of each state
 
 
 def resident(path, recorded):
-    """Bytes at most of a replay."""
+    """The largest resident size of a replay, bytes."""
     process = start(["replay", path, "--recording", recorded])
     out, err = process.stdout.read(), process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
@@ -125,8 +128,8 @@ def resident(path, recorded):
     return usage.ru_maxrss * 1024
 
 
-def test_states_do_not_pile_up():
-    """Neither if their handles are used again, nor if they are given back with their instance."""
+def test_memory_of_states_does_not_grow():
+    """Neither if their handles are reused, nor if they are freed with their instance."""
     if SANITIZER:
         raise Skip("a sanitizer keeps memory that was freed")
     for name in ("good", "no_reset"):

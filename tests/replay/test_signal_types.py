@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Boolean and Integer signals from end to end: recording, connections, cache, objective, database and back. The twin of a
-message path (process → event_to_cyclic) whose Boolean input is adjusted until what it holds is what the plant shows."""
+"""Boolean and Integer signals in the recording, connections, cache, objective, database and its replay.
+
+The twin is a message path (process → event_to_cyclic). Its Boolean input is adjusted until its held state equals the plant's."""
 import filecmp
 import json
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import edited_config, expect, main, read_config, read_table, replay_json, run_well, scratch, write_config
+from twinlock_test import edited_config, expect, expect_line, main, read_config, read_table, replay_json, run_well, scratch, write_config
 
 STEP_S = 0.05
 TICKS = 81
@@ -14,22 +15,22 @@ U, HELD, COUNT = "process.enabled1", "event_to_cyclic.enabled1", "process.messag
 
 
 def told(tick):
-    """What the control says: on from tick 20 to 60."""
+    """The command: on from tick 20 to 60."""
     return 20 <= tick < 60
 
 
 def shown(tick):
-    """What the plant shows: it came on 8 ticks later, and had a break."""
+    """The state of the plant: it is on 10 ticks later, with an interruption."""
     return 30 <= tick < 62 and not 40 <= tick < 45
 
 
 def messages(tick):
-    """What the plant counts, as a process does that is told what it shows."""
+    """The plant's count of changes of its state."""
     return sum(shown(t) != shown(t - 1) for t in range(tick + 1))
 
 
 def configuration():
-    """A configuration, with its recording beside it."""
+    """The path of a configuration, with its recording in the same folder."""
     folder = scratch()
     rows = [f"{tick * STEP_S:.2f},{told(tick):d},{shown(tick):d},{messages(tick)}" for tick in range(TICKS)]
     (folder / "plant.csv").write_text("time,told,shown,messages\n" + "\n".join(rows) + "\n")
@@ -72,19 +73,19 @@ def select(path, sql):
 # ---- the twin ----
 
 def test_it_follows():
-    """The twin holds what the plant shows at every step but where it would have had to know it before."""
+    """The twin has the state of the plant in each step but the first."""
     rows = read_table(csv_file(configuration()))
     y, y_hat, u, nominal = rows[HELD], rows["plant.shown"], rows[U], rows[f"{U} nominal"]
     expect(len(y) == TICKS - 2, f"{len(y)} steps")
     expect(y[1:] == y_hat[1:], f"held {y}\nshown {y_hat}")
     expect(set(u) == set(nominal) == {0.0, 1.0}, f"u is one of {set(u)}, nominal one of {set(nominal)}")
-    expect(nominal == [float(told(i)) for i in range(len(u))], "nominal is not what the control says")
-    expect(u == [float(shown(i + 2)) for i in range(len(u))], "u is not what the plant shows two ticks later")
+    expect(nominal == [float(told(i)) for i in range(len(u))], "nominal differs from the command")
+    expect(u == [float(shown(i + 2)) for i in range(len(u))], "u differs from the state two ticks later")
     expect(max(rows["evaluations"]) <= 2, f"{max(rows['evaluations'])} evaluations in a step")
 
 
 def test_integers():
-    """Counts pass through a connection and come out as whole numbers."""
+    """Counts pass a connection and stay whole numbers."""
     rows = read_table(csv_file(configuration()))
     expect(rows["event_to_cyclic.missed"] == [0.0] * (TICKS - 2), "messages were missed")
     counted = rows[COUNT]
@@ -93,7 +94,7 @@ def test_integers():
 
 
 def test_integers_of_the_plant():
-    """The plant's own count in place of the process's: what it is behind the messages that came."""
+    """With the plant's own count, the number of missed messages is the difference to that count."""
     config = configuration()
     connect = [pair for pair in read_config(config)["connect"] if pair[0] != COUNT]
     config = edited_config(config, {"connect": connect + [["plant.messages", "event_to_cyclic.messages"]]})
@@ -112,7 +113,7 @@ def test_metrics():
 
 
 def test_bad_values():
-    """A Boolean is 0 or 1, an Integer is whole: anything else is out of range, and the last good value is held."""
+    """A Boolean is 0 or 1, an Integer is whole. Other values are bad, and the last good value is used."""
     config = configuration()
     path = config.parent / "plant.csv"
     wanted = read_table(csv_file(config))
@@ -122,7 +123,7 @@ def test_bad_values():
         path.write_text("\n".join([*lines[:36], f"{35 * STEP_S:.2f},{cells}", *lines[37:]]) + "\n")
         database = scratch() / "run.db"
         found = read_table(csv_file(config, "--db", database))
-        expect(found[U] == wanted[U] and found[HELD] == wanted[HELD], f"{cells}: the twin follows a value that is none")
+        expect(found[U] == wanted[U] and found[HELD] == wanted[HELD], f"{cells}: the twin follows a bad value")
         bad = select(database, "SELECT value, quality FROM v_samples WHERE tick = 35 ORDER BY name")
         expect(all(quality in ("out of range", "not a number") for _, quality in bad) and len(bad) == 3, f"{cells}: {bad}")
 
@@ -153,7 +154,8 @@ def test_show():
     config, database = configuration(), scratch() / "run.db"
     rows = read_table(csv_file(config, "--db", database))
     page = run_well(["show", database])
-    expect(U in page and "0 off, 1 on" in page, page)
+    expect_line(page, U)
+    expect_line(page, "0 off|1 on")
     expect(all(line == line.rstrip() for line in page.splitlines() if U in line), f"blanks at the end of lines:\n{page}")
     shown_json = json.loads(run_well(["show", database, "--json"]))
     expect(shown_json["adjust"][U]["min"] == 0 and shown_json["adjust"][U]["max"] == 1, f"{shown_json['adjust']}")
@@ -167,13 +169,13 @@ def test_tables():
     config = configuration()
     table = run_well(["replay", config])
     on = read_table(csv_file(config))[U]
-    text = f"  {U} on in {100 * sum(on) / len(on):.1f} % of the steps, last off; nominal in "
-    expect(text in table, f"no \"{text}\" in\n{table}")
-    expect(f"{HELD} MSE 0, MAX 0\n" in table, table)
+    expect_line(table, f"{U}|on|{100 * sum(on) / len(on):.1f} %|last off|nominal")
+    expect_line(table, f"{HELD}|MSE 0|MAX 0")
     out = run_well(["check", config])
-    expect(f"adjust  {U}, off or on\n" in out and "no problem found\n" in out, out)
+    expect_line(out, f"adjust|{U}|off or on")
+    expect("no problem found\n" in out and "0.2 s" not in out, out)
     resting = edited_config(config, {"synchronise": {"adjust": {U: {"dwell_s": 0.2}}}})
-    expect(f"adjust  {U}, off or on, each for at least 0.2 s\n" in run_well(["check", resting]), "no dwell")
+    expect_line(run_well(["check", resting]), f"adjust|{U}|off or on|0.2 s")
 
 
 main()

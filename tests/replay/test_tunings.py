@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Tunings in a database: a replay of the run's own configuration takes them at their ticks, another one does not, and what cannot be followed is said."""
+"""Tunings in a database: a replay with the run's own configuration applies them at their ticks, another one does not.
+
+If a tuning cannot be applied, the replay ends with a message."""
 import hashlib
 import json
 import sqlite3
@@ -7,14 +9,14 @@ from contextlib import closing
 from pathlib import Path
 
 from live_test import bits, query
-from twinlock_test import PLAIN_LOCK, edited_config, expect, main, run, run_well, scratch
+from twinlock_test import PLAIN_LOCK, edited_config, expect, expect_line, main, run, run_well, scratch
 
 STEPS = "SELECT step, applied, nominal, simulated, J, outcome, evaluations FROM adjustments JOIN outputs USING (run, step, signal) JOIN steps USING (run, step) WHERE run = 1 ORDER BY step"
 AT = 300
 
 
 def recorded():
-    """A configuration, and a database with its replay."""
+    """(configuration, database with its replay)."""
     config = edited_config(PLAIN_LOCK, {"duration_s": 6})
     database = scratch() / "run.db"
     run_well(["replay", config, "--db", database])
@@ -28,8 +30,12 @@ def text_of(config, **match):
     return json.dumps(document)
 
 
+def hash_of(text):
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def take(database, tick, text):
-    name = hashlib.sha256(text.encode()).hexdigest()
+    name = hash_of(text)
     with closing(sqlite3.connect(database)) as file, file:
         file.execute("INSERT OR IGNORE INTO configurations VALUES (?, ?)", (name, text))
         file.execute("INSERT INTO tunings VALUES (1, ?, ?, '2026-11-23T10:00:00.000Z', 'ann', 'test', 'why')", (tick, name))
@@ -41,9 +47,15 @@ def replay(config, database, *options):
     return told, again
 
 
-def expect_refused(config, database, words):
+def delete(database, table, where):
+    with closing(sqlite3.connect(database)) as file, file:
+        file.execute(f"DELETE FROM {table} WHERE {where}")
+
+
+def expect_refused(config, database, parts):
     code, out, err = run(["replay", config, "--recording", database])
-    expect(code == 65 and words in err, f"ended with {code}: {out}{err}")
+    expect(code == 65, f"ended with {code}: {out}{err}")
+    expect_line(err, f"error|{database}|{parts}")
 
 
 def test_followed():
@@ -62,11 +74,11 @@ def test_followed():
     within = max(abs(row[3] - measured) for row, (measured,) in zip(after, query(again, "SELECT measured FROM outputs ORDER BY step")) if AT <= row[0] < AT + 99)
     expect(within <= 0.3, f"off by {within} with a tolerance of 0.3")
     rows = "SELECT tick, configuration, at, who, origin, why FROM tunings ORDER BY tick"
-    expect(query(again, rows) == query(database, rows), "what the replay recorded of them")
+    expect(query(again, rows) == query(database, rows), "the replay recorded other tunings")
     told = query(again, "SELECT tick, text FROM events WHERE source = 'retune' ORDER BY event")
     expect([tick for tick, _ in told] == [AT, AT + 100], f"{told}")
     third = replay(config, again)[1]
-    expect([bits(row) for row in query(third, STEPS)] == [bits(row) for row in after], "the replay of the replay")
+    expect([bits(row) for row in query(third, STEPS)] == [bits(row) for row in after], "the replay of the replay differs")
 
 
 def test_not_followed_with_another_configuration():
@@ -81,7 +93,7 @@ def test_not_followed_with_another_configuration():
     expect(query(again, "SELECT count(*) FROM tunings") == [(0,)], "it was recorded")
 
 
-def test_what_cannot_be_followed():
+def test_tunings_that_cannot_be_applied():
     config, database = recorded()
     copy = Path(database.parent / "copy.db")
 
@@ -89,23 +101,23 @@ def test_what_cannot_be_followed():
         copy.write_bytes(database.read_bytes())
         take(copy, AT, text)
         return copy
-    expect_refused(config, with_text("no JSON"), "at tick 300, which cannot be followed: its text is no configuration")
-    expect_refused(config, with_text(text_of(config, weight=0.0, to="plant.omega")), "its text is no configuration")
+    for text in "no JSON", text_of(config, weight=0.0, to="plant.omega"):
+        expect_refused(config, with_text(text), f"run 1|{hash_of(text)[:12]}|tick 300|text")
     document = json.loads(text_of(config))
     document["synchronise"]["match"]["motor.i"] = {"to": "plant.torque", "tolerance": 1}
-    expect_refused(config, with_text(json.dumps(document)), "and the running twin has 1 and 1")
-    take(copy, AT + 1, text_of(config, tolerance=0.25))
-    with closing(sqlite3.connect(copy)) as file, file:
-        file.execute("DELETE FROM tunings WHERE tick = ?", (AT,))
-        file.execute("DELETE FROM configurations WHERE hash IN (SELECT configuration FROM tunings)")
-    expect_refused(config, copy, "is missing")
+    text = json.dumps(document)
+    expect_refused(config, with_text(text), f"run 1|{hash_of(text)[:12]}|tick 300|2 matches|1 adjusted")
+    text = text_of(config, tolerance=0.25)
+    take(copy, AT + 1, text)
+    delete(copy, "tunings", f"tick = {AT}")
+    delete(copy, "configurations", f"hash = '{hash_of(text)}'")
+    expect_refused(config, copy, f"{hash_of(text)[:12]}|missing")
     copy.write_bytes(database.read_bytes())
     with closing(sqlite3.connect(copy)) as file, file:
         name = query(copy, "SELECT hash FROM configurations")[0][0]
         file.executemany("INSERT INTO tunings VALUES (1, ?, ?, '2026-11-23T10:00:00.000Z', '', '', '')", ((tick, name) for tick in range(4097)))
-    expect_refused(config, copy, "took 4097 configurations while it ran: at most 4096 can be followed")
-    with closing(sqlite3.connect(copy)) as file, file:
-        file.execute("DELETE FROM tunings WHERE tick = 0")
+    expect_refused(config, copy, "run 1|4097 configurations|4096")
+    delete(copy, "tunings", "tick = 0")
     run_well(["replay", config, "--recording", copy])
 
 

@@ -1,7 +1,6 @@
-"""FMUs that keep their state in a global, made here from tests/fmu/copies with the machine's compiler. To import this ends a test that
-cannot run here.
+"""FMUs with their state in a global variable, compiled from tests/fmu/copies. Importing this module skips a test that cannot run here.
 
-Each is fmus/lag by its description (input u, output y, tunable T), and computes what that one does as long as nobody else has its global.
+Each has the description of fmus/lag (input u, output y, tunable T), and its results if no other component shares the global.
 """
 import functools
 import sys
@@ -14,7 +13,7 @@ FOLDER = SOURCE / "tests" / "fmu" / "copies"
 
 @functools.cache
 def library(soname, *sources, name=None, needs=(), flags=()):
-    """The path of a shared library of sources of the folder. `needs`: libraries that it is linked with, and finds beside it."""
+    """The path of a shared library of sources of the folder. `needs`: libraries that it is linked with, in its own folder."""
     binary = scratch() / (name or soname)
     named = [f"-Wl,-soname,{soname}"] if soname else []
     compile_with(COMPILER, *FLAGS, *flags, "-shared", "-o", binary, *named, "-Wl,-rpath,$ORIGIN", *sources,
@@ -24,8 +23,8 @@ def library(soname, *sources, name=None, needs=(), flags=()):
 
 @functools.cache
 def make(name="lag", sources=("integral.c",), companions=(), others=(), needed=(), flags=(), once=False):
-    """The path of an FMU. Its binary has `sources` and needs `companions`; `others` are packed beside it, and
-    `needed` are not, although it needs them. `once`: it says that a process can have one instance of it."""
+    """The path of an FMU. Its binary has `sources` and needs `companions`. `others` are packed, too. `needed` are needed but not
+    packed. `once`: the description permits one instance per process."""
     folder = scratch()
     said = "<CoSimulation " + ('canBeInstantiatedOnlyOncePerProcess="true" ' if once else "")
     description = folder / "modelDescription.xml"
@@ -45,7 +44,7 @@ STEPS = 100
 
 
 def config(fmus):
-    """A configuration with a component for each FMU, a0, a1, …, each with an input of its own: 1, 2, 3, …"""
+    """A configuration with a component a0, a1, … for each FMU; their inputs are 1, 2, 3, …"""
     recording = scratch() / "recording.csv"
     names = [f"a{i}" for i in range(len(fmus))]
     rows = [",".join(["time", *(f"u{i}" for i in range(len(fmus)))])]

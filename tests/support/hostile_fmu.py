@@ -1,7 +1,6 @@
-"""FMUs that do to their importer what no FMU should: made here from tests/fmu/hostile, with the machine's compiler. To import this
-ends a test that cannot run here.
+"""FMUs that harm their importer, compiled from tests/fmu/hostile. Importing this module skips a test that cannot run here.
 
-Such an FMU is fmus/lag (input u, output y, tunable T) whose functions first do what a file of that folder says.
+Such an FMU is fmus/lag (input u, output y, tunable T) whose functions first run the code of a file in that folder.
 """
 import functools
 import os
@@ -11,7 +10,7 @@ import sys
 from twinlock_test import EMULATED, SKIPPED, SOURCE, expect, merge, scratch, write_config
 
 if EMULATED:
-    print("skipped: FMUs are compiled here for this machine, and the program is for another one")
+    print("skipped: the program is for another machine than the compiled FMUs")
     sys.exit(SKIPPED)
 
 FOLDER = SOURCE / "tests" / "fmu" / "hostile"
@@ -23,13 +22,13 @@ PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux", "armv7l": "aarch32
 
 
 def compile_with(*command):
-    """Runs a command that makes something; its failure is the test's."""
+    """Runs a command; the test fails if it does."""
     done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     expect(done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}")
 
 
 def machine():
-    """What the processor is called, as PLATFORMS knows it."""
+    """The name of the processor, a key of PLATFORMS."""
     return os.uname().machine
 
 
@@ -38,7 +37,7 @@ COMPILER = os.environ.get("CC", "cc")
 
 
 def describe(header, description=DESCRIPTION):
-    """What the sources of fmus/common want to know of the variables."""
+    """Writes the header about variables for the sources of fmus/common."""
     compile_with(sys.executable, COMMON / "description.py", description, header)
 
 
@@ -55,8 +54,9 @@ def _good():
 
 @functools.cache
 def make(name, **macros):
-    """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c, or all sources of the folder NAME. A macro's text is a C text where its value is a str that
-    is no statement (which ends with ";"), its value else; True: only defined."""
+    """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c, or all sources of the folder NAME.
+
+    A str as macro becomes a C string, or C code if it ends with ";". True defines the macro without a value."""
     folder = scratch()
     binary = folder / "lag.so"
     sources = sorted((FOLDER / name).glob("*.c")) or [FOLDER / f"{name}.c"]
@@ -67,7 +67,7 @@ def make(name, **macros):
 
 
 def compile_shared(binary, sources, macros, *folders):
-    """A library of these sources and objects; macros as those of make(); folders with headers."""
+    """Links a library of sources and objects; macros as for make(); `folders` have headers."""
     defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
     compile_with(COMPILER, *FLAGS, *defined, *(word for folder in folders for word in ("-I", folder)), "-shared", "-pthread", "-o", binary, *sources, "-lm")
 
@@ -85,14 +85,14 @@ def _text(value):
 
 @functools.cache
 def recording(steps=100):
-    """Of a plant whose y stands still, in steps of 10 ms."""
+    """A recording with constant u and y, in steps of 10 ms."""
     path = scratch() / "recording.csv"
     path.write_text("time,u,y\n" + "".join(f"{i / 100},1,0.5\n" for i in range(steps + 1)), encoding="utf-8")
     return path
 
 
 def config(fmu, changes=None):
-    """A configuration whose only component, "hostile", is that FMU: for every verb."""
+    """A configuration for each verb; its only component "hostile" is that FMU."""
     return write_config(merge({
         "twinlock": 1, "name": "hostile", "step_s": 0.01, "components": {"hostile": {"fmu": str(fmu)}},
         "sources": {"rows": {"csv": {"file": str(recording())}}},
@@ -102,6 +102,6 @@ def config(fmu, changes=None):
     }, changes or {}))
 
 
-# What makes twinlock correct it, and so save and restore its states.
+# Changes of config() with which twinlock synchronises the FMU, so that it saves and restores states.
 LOCKED = {"compare": None, "synchronise": {"adjust": {"hostile.T": {"step": 0.01}},
                                            "match": {"hostile.y": {"to": "plant.y", "tolerance": 0.01}}}}

@@ -1,5 +1,6 @@
-"""An FMU that keeps its state wherever a program can, made here from tests/fmu/keeper with the machine's compiler. To import this ends a test that cannot
-run here."""
+"""FMUs with state in all kinds of memory, compiled from tests/fmu/keeper.
+
+Importing this module skips a test that cannot run here."""
 import functools
 import zipfile
 
@@ -12,7 +13,7 @@ STEPS = 100
 
 @functools.cache
 def make(**macros):
-    """The path of one; `macros`: what it keeps more from which step on, see keeper.c. With OWN_STATE it claims a state, which is not all of it."""
+    """The path of one. `macros`: further resources, and from which step on, see keeper.c. With OWN_STATE it has an incomplete state."""
     folder = scratch()
     binary = folder / "lag.so"
     hostile_fmu.compile_shared(binary, [KEEPER / "keeper.c"], macros)
@@ -28,19 +29,19 @@ def make(**macros):
 
 @functools.cache
 def make_late(step):
-    """The path of one whose states are right until this step, of all that it executes: see late.c."""
+    """The path of one whose states are right until it has executed `step` steps: see late.c."""
     return _make_model("late", LATE=step)
 
 
 @functools.cache
 def make_later(name, step):
-    """The path of one that is exact until this step: "late", "cold" or "clock", see those sources."""
+    """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources."""
     return _make_model(name, LATE=step)
 
 
 @functools.cache
 def make_false(lie, **macros):
-    """The path of one whose states are wrong in this way, see tests/fmu/hostile/states.c."""
+    """The path of one whose states are wrong, see tests/fmu/hostile/states.c for `lie`."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     ours = []
@@ -55,24 +56,24 @@ def make_false(lie, **macros):
 
 @functools.cache
 def make_runaway(**macros):
-    """The path of one whose output grows without an end: see runaway.c."""
+    """The path of one whose output grows without limit: see runaway.c."""
     return _make_model("runaway", **macros)
 
 
 @functools.cache
 def make_met(**macros):
-    """The path of one whose instances go different ways: see met.c."""
+    """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
 
 
 @functools.cache
 def make_slow(**macros):
-    """The path of one whose states are exact, and slow: see slow.c."""
+    """The path of one whose states are exact but slow: see slow.c."""
     return _make_model("slow", **macros)
 
 
 def slow_states(name, fmu, pause=500000):
-    """Writes `fmu`: the built FMU of that name, whose own states take so many ns to be restored, see slow_states.c."""
+    """Writes `fmu`, the built FMU `name` whose restore takes `pause` ns: see slow_states.c."""
     folder, model = scratch(), SOURCE / "fmus" / name
     hostile_fmu.describe(folder / "description.h", model / "modelDescription.xml")
     *others, state = [model / "model.c", *hostile_fmu.OWN_STATE]
@@ -87,23 +88,23 @@ def slow_states(name, fmu, pause=500000):
 
 @functools.cache
 def make_final():
-    """The path of one that goes by whether a step is said to be final: see final.c."""
+    """The path of one whose result depends on whether a step is final: see final.c."""
     return _make_model("final")
 
 
 def _rename(folder, source, header):
-    """The object of a source of our own FMUs in which the FMU's own function has another name."""
+    """The object of a source of our FMUs, in which `header` renames a function."""
     made = folder / f"{source.stem}.o"
     hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / header, "-c", source, "-o", made)
     return made
 
 
-# Of these FMUs: whose function they have of their own.
+# The source of fmus/common, and the header that renames the function that these FMUs replace.
 OWN_FUNCTIONS = {"cold": ("state", "other_set_state.h"), "slow": ("state", "other_set_state.h"), "final": ("life", "other_do_step.h")}
 
 
 def _make_model(name, **macros):
-    """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
+    """The FMU of tests/fmu/keeper/NAME.c and the functions of fmus/common."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     renamed, header = OWN_FUNCTIONS.get(name, (None, None))
@@ -116,14 +117,14 @@ def _make_model(name, **macros):
 
 @functools.cache
 def recording():
-    """Of a plant whose y swings, in steps of 10 ms."""
+    """A recording whose y swings, in steps of 10 ms."""
     path = scratch() / "recording.csv"
     path.write_text("time,y\n" + "".join(f"{i / 100},{0.5 + 0.3 * (i % 20) / 20}\n" for i in range(STEPS + 1)), encoding="utf-8")
     return path
 
 
 def config(fmu, way=None, components=1):
-    """`components` of that FMU, each corrected by its input until its output agrees with the plant's."""
+    """A configuration with `components` of that FMU; the input of each is adjusted until its output matches the plant's."""
     names = [f"keeper{i}" for i in range(components)]
     rollback = {} if way is None else {"rollback": way}
     return write_config({

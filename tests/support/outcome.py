@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""What CTest's reports tell beside numbers of tests; for script/test.
+"""Skipped and slow tests from CTest's reports, for script/test.
 
-`outcome.py skipped REPORT LOG`: one line for each test that was skipped ("test NAME: WHY"), and for each case within a test
-that ran ("case NAME CASE: WHY"). REPORT is what ctest writes with --output-junit, LOG its LastTest.log, which has every
-test's whole output.
-`outcome.py dearest NUMBER REPORT...`: the tests that took longest, with their seconds. A report is named after its preset.
+`outcome.py skipped REPORT LOG`: a line for each skipped test ("test NAME: WHY"), and for each skipped case of other tests
+("case NAME CASE: WHY"). REPORT is the file of ctest --output-junit, LOG its LastTest.log with the output of all tests.
+`outcome.py dearest NUMBER REPORT...`: the slowest tests with their seconds. A report is named after its preset.
 """
 import re
 import sys
 import xml.etree.ElementTree
 from pathlib import Path
 
+NO_REASON = "no reason given"
 BLOCK = re.compile(r"^\d+/\d+ Testing: (\S+)\n(.*?)^<end of output>$", re.M | re.S)
 UNITY = re.compile(r"^\S+:\d+:(\w+):IGNORE(?::\s*(.*))?$", re.M)
 PYTHON = re.compile(r"^ *skipped +(\w+) \([0-9.]+ s\)(?:: (.*))?$", re.M)  # twinlock_test.py
@@ -18,20 +18,20 @@ WHOLE = re.compile(r"^ *(?:skipped|rig: error): (.*)$", re.M)
 
 
 def tests(report):
-    """All of a report: (name, was it run, seconds)."""
+    """All tests of a report: (name, True if it was run, seconds)."""
     for case in xml.etree.ElementTree.parse(report).getroot().iter("testcase"):
         yield case.get("name"), case.find("skipped") is None and case.get("status") != "disabled", float(case.get("time") or 0)
 
 
 def cases(output):
-    """Those that were skipped in a test's output: (name, why)."""
+    """The skipped cases in a test's output: (name, why)."""
     return UNITY.findall(output) + PYTHON.findall(output)
 
 
 def reason(output):
-    """Of a test that was skipped as a whole."""
+    """Why a whole test was skipped."""
     told = WHOLE.findall(output) or [why for _, why in cases(output)]
-    return told[0] if told else "it does not say why"
+    return told[0] if told else NO_REASON
 
 
 def skipped(report, log):
@@ -43,7 +43,7 @@ def skipped(report, log):
             yield f"test {name}: {reason(output)}"
             continue
         for case, why in cases(output):
-            yield f"case {name} {case}: {why or 'it does not say why'}"
+            yield f"case {name} {case}: {why or NO_REASON}"
 
 
 def dearest(number, reports):

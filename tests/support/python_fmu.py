@@ -1,4 +1,4 @@
-"""FMUs that PythonFMU makes for tests, and what they need of this machine. To import this ends a test that cannot run here."""
+"""FMUs that PythonFMU makes for tests. Importing this module skips a test that cannot run here."""
 import functools
 import os
 import platform
@@ -7,7 +7,7 @@ import sys
 
 from twinlock_test import EMULATED, SOURCE, expect, scratch, SANITIZER, SKIPPED
 
-# The tests' own Python is Debian's: PythonFMU's FMUs run in the library of the same one.
+# FMUs of PythonFMU run in the library of the tests' own Python, which is Debian's.
 LIBRARY = f"libpython{sys.version_info.major}.{sys.version_info.minor}.so.1.0"
 
 if platform.machine() != "x86_64" or EMULATED:
@@ -20,7 +20,7 @@ if SANITIZER == "thread":
 
 @functools.cache
 def export(name, *options, source=None):
-    """The path of an FMU that PythonFMU makes of a slave, which is one of tests/fmu/python or a text."""
+    """The path of an FMU that PythonFMU makes of tests/fmu/python/NAME.py, or of the text `source`."""
     folder = scratch()
     script = SOURCE / "tests" / "fmu" / "python" / f"{name}.py"
     if source is not None:

@@ -1,4 +1,4 @@
-"""An FMU whose state has as many bytes as is asked for, made here from tests/fmu/sized with the machine's compiler. To import this ends a test that cannot run here."""
+"""An FMU with a state of a given size, compiled from tests/fmu/sized. Importing this module skips a test that cannot run here."""
 import functools
 
 import hostile_fmu
@@ -9,7 +9,7 @@ SIZED = SOURCE / "tests" / "fmu" / "sized" / "sized.c"
 
 @functools.cache
 def make(size, pages=2):
-    """The path of one, of which a step writes to so many pages. Its state cannot be turned into bytes."""
+    """The path of one with `size` bytes of state; a step writes to `pages` pages. Its state cannot be serialised."""
     folder = scratch()
     binary, description, fmu = folder / "lag.so", folder / "modelDescription.xml", folder / f"sized{size}.fmu"
     hostile_fmu.compile_shared(binary, [SIZED], {"SIZE": size, "PAGES": pages})
