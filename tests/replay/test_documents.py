@@ -47,7 +47,7 @@ def test_the_second_one_runs_free_and_the_third_one_locks():
         changed = changed.replace(f'"{signal}": {{\n', f'"{signal}": {{\n      "csv": {{ "column": "{column}" }},\n')
     changed = changed.replace('"record"', '"recording": { "time_column": "t" },\n  "record"')
     out = run_well(["replay", written(changed), "--recording", SOURCE / "config/motor/recording.csv", "--require-lock", "99"])
-    expect_line(out, "lock|% locked")
+    expect_line(out, "in lock|100.0 %")
 
 
 def is_composed(part, text):

@@ -5,7 +5,7 @@ import random
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import EMULATED, NOT_LOCKED, PLAIN_LIVE, SOURCE, at_most, edited_config, expect, expect_line, main, run, run_well, scratch
+from twinlock_test import EMULATED, NOT_LOCKED, PLAIN_LIVE, SOURCE, at_most, edited_config, expect, expect_line, has_line, main, run, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
@@ -87,7 +87,7 @@ def test_a_plant_that_never_answers():
     expect(code == NOT_LOCKED and told["lock"]["state"] == "free" and told["lock"]["percent"] == 0, f"{code}, {told['lock']}")
     code, out, err = run(["replay", config])
     expect(code == NOT_LOCKED, f"{code}\n{out}")
-    expect_line(out, "lock|never locked|signal")
+    expect_line(out, "in lock|never|signal")
     expect_line(err, "error|never|lock")
     expect([text.split(":")[0] for _, _, text in lock_events(database)] == ["free"], f"{lock_events(database)}")
     with closing(sqlite3.connect(database)) as connection:
@@ -97,7 +97,7 @@ def test_a_plant_that_never_answers():
 
 def test_a_run_shorter_than_a_window_has_not_failed():
     code, out, err = run(["replay", config_of(0.5, 1, omega=lambda t: float("nan"))])
-    expect(code == 0 and "never locked" in out and err == "", f"{code}\n{out}{err}")
+    expect(code == 0 and has_line(out, "in lock|never") and err == "", f"{code}\n{out}{err}")
 
 
 def test_require_lock():
@@ -109,7 +109,7 @@ def test_require_lock():
     code, out, err = run(["replay", config, "--require-lock", "95"])
     expect(code == NOT_LOCKED, f"{code}\n{err}")
     expect_line(err, f"error|{percent:.2f} %|95 %")
-    expect_line(out, f"lock|free at|{percent:.1f} % locked|{100 - percent:.1f} % free")
+    expect_line(out, f"in lock|{percent:.1f} %|free {100 - percent:.1f} %")
     code, _, err = run(["replay", SOURCE / "config" / "motor" / "free.json", "--require-lock", "95"])
     expect(code == NOT_LOCKED, f"{code}\n{err}")
     expect_line(err, "error|adjusted|95 %")

@@ -424,7 +424,7 @@ def test_a_long_run_is_thinned():
         shown = figures(browser)
         expect(shown["width"] == 16, f"width: {shown['width']}")
         expect_line(browser.ask("document.body.innerText"), "16 steps|extreme")
-        expect(len(coloured(browser, LIGHT["delta"])) == 3, "plots")
+        expect(len(coloured(browser, LIGHT["difference"])) == 3, "plots")
 
 
 # ---- files ----
@@ -449,7 +449,7 @@ def test_paths_that_cannot_be_written():
         expect_refused([*args, "--report", ""], BAD_USAGE, "error|empty|report.html")
     expect(sorted(path.name for path in folder.iterdir()) == ["fifo", "link"], f"{list(folder.iterdir())}")
     for other in ("--json", "--csv=steps"):
-        expect_refused(["show", database, "--report", folder / "x.html", other], BAD_USAGE, "twinlock show|--json, --csv, --report")
+        expect_refused(["show", database, "--report", folder / "x.html", other], BAD_USAGE, "twinlock show|--json|--csv|--report")
 
 
 def test_nothing_of_the_users_is_overwritten():

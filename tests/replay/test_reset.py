@@ -12,7 +12,7 @@ from twinlock_test import (NOT_LOCKED, PATIENCE, PLAIN_LOCK, SANITIZER, Skip, at
                            start)
 
 RESET = 32  # flag of a step
-STEPS = "SELECT s.step, outcome, flags, evaluations, J, y, u FROM outputs JOIN steps s USING (run, step) " \
+STEPS = "SELECT s.step, outcome, flags, evaluations, J, simulated, applied FROM outputs JOIN steps s USING (run, step) " \
         "JOIN adjustments USING (run, step) ORDER BY s.step"
 
 
@@ -49,7 +49,7 @@ def test_a_run_is_repeated_to_the_bit():
         path = edited_config(f"motor/{name}.json", {"duration_s": 3})
         whole = replay(path)
         marked = replay(path, change(whole, resets(40, 41, 200)))
-        columns = "s.step, flags, y" if name == "free" else "s.step, flags, y, u"
+        columns = "s.step, flags, simulated" if name == "free" else "s.step, flags, simulated, applied"
         others = "" if name == "free" else "JOIN adjustments USING (run, step)"
         sql = f"SELECT {columns} FROM outputs JOIN steps s USING (run, step) {others} ORDER BY s.step"
         was, now, again = ask(whole, sql), ask(marked, sql), ask(replay(path, marked), sql)
