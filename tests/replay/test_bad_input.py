@@ -608,7 +608,7 @@ def test_what_was_probably_meant():
             (["check"], "configuration|none"),
             (["check", FREE, LIVE], f"configuration|\"{FREE}\"|\"{LIVE}\""),
             (["show", "a.db", "--json", "--report", "b"], "--json|--csv|--report"),
-            (["plant", FREE, "--fifo", "a", "--record", "b"], "--fifo, --record")):
+            (["plant", FREE, "--fifo", "a", "--record", "b"], "--fifo|--record")):
         lines = expect_refused(args, BAD_USAGE)
         expect_line(lines[0], parts)
         if args[0] in VERBS:

@@ -112,7 +112,7 @@ def test_require_lock():
     expect_line(out, f"in lock|{percent:.1f} %|free {100 - percent:.1f} %")
     code, _, err = run(["replay", SOURCE / "config" / "motor" / "free.json", "--require-lock", "95"])
     expect(code == NOT_LOCKED, f"{code}\n{err}")
-    expect_line(err, "error|adjusted|95 %")
+    expect_line(err, "error|adjusted|95")
     for wrong in ("0", "101", "x", "-5"):
         code, _, err = run(["replay", config, "--require-lock", wrong])
         expect(code == 2, f"{wrong}: {code}\n{err}")
