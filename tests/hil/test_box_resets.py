@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""The watchdog bites where the supervisor itself is stopped or dead, and only there; the box comes up again, and what runs
-then says why. Three boots of the rig in one QEMU, whose i6300esb remembers across a reset that it was the one; what the
-box does in each is in tests/hil/box/reset.py."""
+"""The watchdog resets the box if the supervisor is stopped or dead, and only then.
+
+After the reset the supervisor reports the reason. The rig boots three times in one QEMU, whose
+i6300esb keeps the cause of a reset. The script of each boot is tests/hil/box/reset.py.
+"""
 import subprocess
 
 from power_cuts import make_disk, need_rig

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""The configuration of one run is changed again and again, half in place, half by another twin: no tick is left out or there twice, and no memory is left
-behind. A few times here, a hundred times by tests/hil/changes."""
+"""Changes the configuration of one run many times, half in place, half by another twin.
+
+No tick may be missing or recorded twice, and memory must not grow. Eight changes here, a hundred by
+tests/hil/changes.
+"""
 import argparse
 
 from changes import many_changes, undisturbed
@@ -16,16 +19,16 @@ def show(number, kind):
 
 def test_a_few():
     cost = many_changes(8, SEED)
-    at_most(cost.grown_kib, GROWN_KIB, "KiB that are left behind")
+    at_most(cost.grown_kib, GROWN_KIB, "KiB of growth")
 
 
 def by_hand(count, seed, processor):
     cost = many_changes(count, seed, show, processor)
     print(f"{cost.changes} changes (seed {seed}{'' if processor is None else f', on processor {processor}'}), {cost.runs} runs: {cost.ticks} ticks, none missing or twice; "
-          f"{cost.busy} sent again as the machine was busy; {cost.skipped} made up, {cost.misses} deadlines missed, {cost.out_of_lock} steps not within tolerance; private memory {cost.grown_kib:+} KiB")
+          f"{cost.busy} sent again because the machine was busy; {cost.skipped} caught up, {cost.misses} deadlines missed, {cost.out_of_lock} steps not within tolerance; private memory {cost.grown_kib:+} KiB")
     ticks, skipped, misses = undisturbed(cost.ticks / 100, processor)
-    print(f"the same time without a change: {ticks} ticks, {skipped} made up, {misses} deadlines missed")
-    at_most(cost.grown_kib, GROWN_KIB, "KiB that are left behind")
+    print(f"the same time without a change: {ticks} ticks, {skipped} caught up, {misses} deadlines missed")
+    at_most(cost.grown_kib, GROWN_KIB, "KiB of growth")
 
 
 parser = argparse.ArgumentParser()

@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
-"""The CSV FMU in another master (FMPy), in real time, at the FIFO into which the emulated plant writes: what is
-delivered is what the plant has sent, in its order, and no step waits."""
+"""The CSV FMU in another master (FMPy), in real time, reads the FIFO of the emulated plant.
+
+The FMU must deliver the plant's values in their order, and no step may wait.
+"""
 import os
 import time
 
@@ -9,12 +11,13 @@ from fmpy import fmi2
 from twinlock_test import FMUS, SANITIZER, edited_config, expect, finish, main, read_table, run_well, scratch, start
 
 SECONDS, STEP_S = 1.5, 0.005
-NOTHING = -1.0  # what the output is until there is a row
-STROKE = 0.265  # s: of the true cylinder, from the valve's command at 0.5 s
+NOTHING = -1.0  # the output before the first row
+STROKE = 0.265  # s: stroke time of the true cylinder, after the valve's command at 0.5 s
 
 
 def reader(fifo):
-    """An instance of the FMU that is ready for its first step, and the references of y1 and y2."""
+    """An instance of the FMU that is ready for its first step, and the value references of y1 and
+    y2."""
     folder = fmpy.extract(str(FMUS / "csv.fmu"), str(scratch()))
     description = fmpy.read_model_description(folder)
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
@@ -30,7 +33,7 @@ def reader(fifo):
 
 
 def wait_for_first_row(slave, outputs):
-    """By steps of no size: they take what is there, and time stands still."""
+    """Reads rows by steps of size 0, so that time stands still."""
     deadline = time.monotonic() + 10
     while slave.getReal(outputs)[0] == NOTHING:
         expect(time.monotonic() < deadline, "the plant has written nothing for 10 s")
@@ -39,7 +42,7 @@ def wait_for_first_row(slave, outputs):
 
 
 def follow(slave, outputs):
-    """(values of each step, the longest step) of a run by the clock that begins with the first row."""
+    """(values of each step, longest step) of a real-time run from the first row on."""
     wait_for_first_row(slave, outputs)
     values, longest, begun = [], 0.0, time.monotonic()
     for step in range(round(SECONDS / STEP_S)):
@@ -52,7 +55,7 @@ def follow(slave, outputs):
 
 
 def in_order(found, sent):
-    """True where `found` is made of `sent`, in its order."""
+    """True if all values of `found` are in `sent`, in the same order."""
     rest = iter(sent)
     return all(value in rest for value in found)
 
@@ -71,7 +74,7 @@ def test_what_the_plant_sends_is_delivered():
     airflow = [value for value, before in zip([row[0] for row in values], [None, *(row[0] for row in values)])
                if value != before]
     print(f"    {len(airflow)} of {len(sent['airflow'])} values, longest step {1e3 * longest:.3g} ms")
-    expect(in_order(airflow, sent["airflow"]), "the FMU delivered what the plant has not sent, or in another order")
+    expect(in_order(airflow, sent["airflow"]), "the FMU delivered other values, or in another order")
     expect(len(airflow) >= len(sent["airflow"]) // 2, f"only {len(airflow)} values were delivered")
     expect([row[1] for row in values].count(1.0) >= (SECONDS - 0.5 - STROKE) / STEP_S - 20, "the end signal is late")
     expect(SANITIZER or longest < 0.1, f"a step took {longest} s")

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""Boolean and Integer signals live: the transport system by Modbus TCP, belts as coil and discrete input, a count as a register;
-locked by a Boolean in real time, recorded, and replayed to the bit."""
+"""Boolean and Integer signals live: the transport system by Modbus TCP.
+
+The belts are a coil and a discrete input, and a count is a register. A Boolean synchronises the
+twin in real time. The replay must give the same bits.
+"""
 import signal
 
 from live_test import RESULTS, Program, check_database, end_well, expect_repeated, free_port, number, query
@@ -8,11 +11,12 @@ from twinlock_test import SOURCE, edited_config, expect, main, read_table, repla
 
 U = "belt2.enabled"
 SECONDS = 3.5
-BEGIN_S = 2.5  # of the recording: belt 2 is told to be on half a second later, and the product hangs
+BEGIN_S = 2.5  # of the recording: half a second later belt 2 is switched on, and the product gets stuck
 
 
 def recording(folder):
-    """The part of the product's recording around the hang, with a count of what has changed."""
+    """The part of the product's recording in which it is stuck, with a count of the belts'
+    changes."""
     table = read_table(SOURCE / "config" / "transport" / "slow_recording.csv")
     rows, count, before = ["t,x,enabled1,enabled2,messages"], 0, (0.0, 0.0)
     for time, x, *belts in zip(table["t"], table["x"], table["enabled1"], table["enabled2"]):
@@ -31,7 +35,7 @@ def configuration():
     return edited_config("transport/slow.json", {
         "duration_s": SECONDS,
         "sources": {"control": {"modbus_tcp": {"host": "127.0.0.1", "port": free_port(), "period_s": 0.01}}},
-        "components": {"product": {"set": {"y_start": 285}}},  # where belt 1 ends and belt 2 begins
+        "components": {"product": {"set": {"y_start": 285}}},  # mm: where belt 1 ends and belt 2 begins
         "plant": {"enabled1": modbus("coil", 3), "enabled2": modbus("discrete", 9),
                   "messages": {"type": "integer", **modbus("holding", 4, type="int16")},
                   "x": modbus("input", 0, type="float32")},
@@ -45,7 +49,7 @@ def test_booleans_by_modbus():
     config = configuration()
     database = config.parent / "run.db"
     with Program("plant", config) as plant:
-        plant.wait_for("playing starts with the first request")
+        plant.wait_for("control|4 signals|Modbus TCP")
         with Program("run", config, "--json") as run:
             told, _ = end_well(run)
         code, _, log = plant.end(signal.SIGTERM)
@@ -58,9 +62,9 @@ def test_booleans_by_modbus():
         expect(found == values, f"{name} was read as {found}")
     u = [value for value, in query(database, "SELECT applied FROM adjustments ORDER BY step")]
     nominal = [value for value, in query(database, "SELECT nominal FROM adjustments ORDER BY step")]
-    expect(set(nominal) == {0, 1}, f"what the control says never changes: {set(nominal)}")
+    expect(set(nominal) == {0, 1}, f"the nominal value never changes: {set(nominal)}")
     hangs = u[:round((5.0 - BEGIN_S) / 0.05)]
-    expect(not any(hangs), f"belt 2 was on while the product hung, in {sum(hangs)} steps")
+    expect(not any(hangs), f"belt 2 was on while the product was stuck, in {sum(hangs)} steps")
     counted = [y for y, in query(database, "SELECT simulated FROM v_outputs WHERE name = 'process.messages' ORDER BY step")]
     expect(counted[-1] == 3 and set(counted) <= {0, 1, 2, 3}, f"messages counted: {set(counted)}")
     again = scratch() / "again.db"

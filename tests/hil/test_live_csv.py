@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The plant as rows of text: a FIFO that is written while it is read, a file played in its own time."""
+"""CSV sources live: a FIFO that another process writes, and a file that is played in real time."""
 import csv
 import errno
 import fcntl
@@ -20,7 +20,8 @@ OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def csv_config(file, **changes):
-    """The motor bench, live, with the same signals from a stream; its path, that of the stream and of the database."""
+    """The motor bench, live, with its signals from a CSV source. Returns the paths (configuration,
+    CSV file, database)."""
     signals = {name: {"modbus": None, "csv": {"source": "stream"}} for name in ("torque", "omega")}
     sources = {"inverter": None, "stream": {"csv": {"file": file, "time_column": "t"}}}
     config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
@@ -29,7 +30,8 @@ def csv_config(file, **changes):
 
 
 class Feeder(threading.Thread):
-    """Writes a row of that speed into a FIFO every 10 ms; `extra` is written once, after the next."""
+    """Writes a row with `speed` into a FIFO every 10 ms. It writes `extra` once, after the next
+    row."""
 
     def __init__(self, fifo, run):
         super().__init__(daemon=True)
@@ -73,23 +75,23 @@ def test_fifo_and_its_writer_twice():
     with Program("plant", config, "--fifo", fifo) as first:
         wait_until(fifo.exists, "the FIFO", first.log)
         with Program("run", config, "--json") as live:
-            live.wait_for("rows are coming")
+            live.wait_for("stream|plant.fifo|rows")
             wait_for_lock(live, database)
             code, _, log = first.end(signal.SIGTERM)
             expect(code == 0, f"the first writer ended with {code}\n{log}")
             wait_for_quality(live, database, "omega", NO_LINK)
             wait_for_steps(live, database, last_step(database) + 20)
             with Program("plant", config, "--fifo", fifo) as second:
-                live.wait_for("rows are coming", times=2)
+                live.wait_for("stream|plant.fifo|rows", times=2)
                 wait_for_quality(live, database, "omega", GOOD)
                 wait_for_lock(live, database, last_step(database))
                 told, _ = end_well(live, signal.SIGTERM)
                 code, _, log = second.end(signal.SIGTERM)
                 expect(code == 0, f"the second writer ended with {code}\n{log}")
     rows = check_summary(told, database)
-    expect_events(database, ("info", "rows are coming"), ("warning", "its writer has closed it"),
-                  ("info", "rows are coming"))
-    expect_events(database, ("warning", "plant.omega: no link"), ("info", "plant.omega: good again"))
+    expect_events(database, ("info", "stream|plant.fifo|rows"), ("warning", "stream|plant.fifo|closed"),
+                  ("info", "stream|plant.fifo|rows"))
+    expect_events(database, ("warning", "plant.omega|no link"), ("info", "plant.omega|good"))
     expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK, GOOD], "quality of omega")
     check_free_run(database)
     check_replay(config, database, rows)
@@ -101,9 +103,9 @@ def test_rows_that_are_none():
     with Program("run", config, "--json") as live, Feeder(fifo, live) as feeder:
         wait_for_lock(live, database)
         for times, bad in enumerate(("1e999\n", "some;thing,else\n", "1,2,3,4,5\n", "0,0,0\n")):
-            time.sleep(1 if times else 0)  # complaints are limited to one a second
+            time.sleep(1 if times else 0)  # the log has at most one such line per second
             feeder.extra = bad
-            live.wait_for("(skipped; ", times + 1)
+            live.wait_for("plant.fifo|skipped", times + 1)
         feeder.speed = "nan"
         wait_for_quality(live, database, "omega", NOT_A_NUMBER)
         feeder.speed = repr(OMEGA)
@@ -111,15 +113,15 @@ def test_rows_that_are_none():
         wait_for_lock(live, database, last_step(database))
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
-    expect_events(database, ("info", "(skipped; 1"), ("info", "(skipped; 1"), ("info", "(skipped; 1"),
-                  ("info", "time goes back"), ("warning", "plant.omega: not a number"),
-                  ("info", "plant.omega: good again"))
+    expect_events(database, ("info", "plant.fifo|skipped|1|3"), ("info", "plant.fifo|skipped|2|3"),
+                  ("info", "plant.fifo|skipped|5|3"), ("info", "plant.fifo|skipped|time|0.000000000 s"),
+                  ("warning", "plant.omega|not a number"), ("info", "plant.omega|good"))
     check_free_run(database)
     check_replay(config, database, rows)
 
 
 def rows_of_recording(path, seconds):
-    """The recording's beginning as a file of its own."""
+    """Writes the beginning of the recording into a file."""
     with open(SOURCE / "config" / "motor" / "recording.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))
     lines = [",".join(row) for row in rows[:1] + [row for row in rows[1:] if float(row[0]) < seconds]]
@@ -131,12 +133,12 @@ def test_file():
     rows_of_recording(path, 1)
     with Program("run", config, "--json") as live:
         wait_for_lock(live, database)
-        wait_for_quality(live, database, "omega", STALE)  # after its end
+        wait_for_quality(live, database, "omega", STALE)  # after the end of the file
         wait_for_steps(live, database, last_step(database) + 20)
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
     expect_in_order(qualities(database, "omega"), [GOOD, STALE], "quality of omega")
-    expect_events(database, ("info", "open"), ("warning", "plant.omega: stale"), ("warning", "runs free"))
+    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.omega|stale"), ("warning", "free"))
     check_free_run(database)
     check_replay(config, database, rows)
 
@@ -152,14 +154,14 @@ def test_file_that_goes_back_in_time():
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
     expect_in_order(qualities(database, "omega"), [GOOD, NOT_A_NUMBER, NO_LINK], "quality of omega")
-    expect_events(database, ("info", "open"), ("warning", "plant.csv, line"),
-                  ("warning", "plant.omega: no link"))
+    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.csv|line 19|0.100000000 s|0.700000000 s"),
+                  ("warning", "plant.omega|no link"))
     check_free_run(database)
     check_replay(config, database, rows)
 
 
 class Terminal(threading.Thread):
-    """80 columns; reads all the time, as a terminal does."""
+    """A terminal of 80 columns that reads continuously."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -172,12 +174,13 @@ class Terminal(threading.Thread):
         try:
             while part := os.read(self.master, 4096):
                 self.shown += part
-        except OSError:  # nobody has it open any more
+        except OSError:  # all processes have closed it
             pass
 
 
 def test_status_on_a_terminal():
-    """80 columns show the time and \u0394u, and leave room for the ^C that a terminal writes behind the line."""
+    """The status line has the time and \u0394u, and at most 77 columns, so that ^C fits behind
+    it."""
     config, fifo, _ = csv_config("plant.fifo")
     os.mkfifo(fifo)
     terminal = Terminal()
@@ -191,10 +194,10 @@ def test_status_on_a_terminal():
     os.close(terminal.end)
     terminal.join(5)
     lines = [part.split("\r\n")[0] for part in terminal.shown.decode().split("\r\033[K") if " s  \u0394motor.d " in part]
-    expect(code in (0, NOT_LOCKED) and len(lines) > 3, f"{code}: {terminal.shown}")  # a busy machine has one step before the "x"
+    expect(code in (0, NOT_LOCKED) and len(lines) > 3, f"{code}: {terminal.shown}")  # on a busy machine only one step precedes the "x"
     begun = [part for part in terminal.shown.split(b"twinlock: ")[:-1] if part]
     expect(b"not a number" in terminal.shown and all(part.endswith((b"\n", b"\r\033[K")) for part in begun),
-           f"an event does not begin its line: {begun}")
+           f"an event within a line: {begun}")
     expect(all(len(line) <= 77 and "motor.omega" in line for line in lines), f"{lines}")
 
 

@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
-"""A cylinder live, by a FIFO, whose strokes are searched in real time: a search that lasts over many cycles, each within
-its time, finds the throttle; a replay of the database repeats it to the bit."""
+"""A cylinder live, by a FIFO: a search over each stroke finds the throttle in real time.
+
+The search takes many cycles, each within its time. A replay must give the same bits.
+"""
 import signal
 from statistics import median
 
@@ -10,13 +12,13 @@ from twinlock_test import at_most, edited_config, expect, main, scratch
 
 FIRST = 0.01  # the twin's throttle; the plant's is 0.023
 PERIOD_S, BUDGET_S = 0.005, 0.002
-T_STEP = 5e-6  # s: a macro step of the twin takes some 150 us, and a cycle has time for some ten of the 500 of a search
+T_STEP = 5e-6  # s: a step of the twin takes some 150 us, so a cycle has time for ten of a search's 500 steps
 FREE = 3  # executions of a step without a search
-STROKE_S, STROKES = 2.0, 15  # the valve's period; the test ends with the second stroke that was searched
+STROKE_S, STROKES = 2.0, 15  # s, the valve's period; the test ends after the second searched stroke
 
 
 def valve(folder):
-    """What the PLC tells the valve: extend, and half a period later retract."""
+    """The PLC's commands to the valve: extend, and half a period later retract."""
     rows = ["t,move_out", "0,0"]
     for stroke in range(STROKES):
         begin = 0.3 + stroke * STROKE_S
@@ -43,7 +45,7 @@ def twin_config(measurements):
 
 
 def wait_for_strokes(live, database):
-    """Until a stroke was searched and has told the throttle, and another one is over as well."""
+    """Waits until the search of a stroke has found the throttle, and one more search has ended."""
     def there():
         expect(live.process.poll() is None, f"the run has ended\n{live.log()}")
         ended = query(database, "SELECT outcome FROM v_steps WHERE outcome NOT IN ('held', 'searching', 'caught up')")
@@ -53,7 +55,7 @@ def wait_for_strokes(live, database):
 
 
 def run_live(measurements):
-    """(configuration, database, what it told) of a run of two strokes or more."""
+    """(configuration, database, --json report) of a run of at least two strokes."""
     config = twin_config(measurements)
     fifo, database = config.parent / "plant.fifo", config.parent / "run.db"
     with Program("plant", plant_config(), "--fifo", fifo) as plant:
@@ -66,14 +68,16 @@ def run_live(measurements):
 
 
 def expect_many_cycles(database):
-    """The search that has found the throttle was left and taken up again, each time within the period. That is asserted
-    of the median: one cycle may be late for what else the machine does, most of them only for the search."""
+    """Checks that the first search continued over several cycles, each shorter than the period.
+
+    This tests the median of the cycles: other load of the machine may delay single cycles.
+    """
     found, u, value = query(database, "SELECT step, applied, J FROM v_steps JOIN adjustments USING (run, step) "
-                            "WHERE outcome = 'optimised' ORDER BY step LIMIT 1")[0]
+                            "WHERE outcome = 'optimised' ORDER BY step")[0]
     expect(u != FIRST and value < 1, f"the throttle found at step {found} is {u}, J = {value}")
     cycles = query(database, "SELECT executions, used_ns FROM steps WHERE step < ? AND stop = ?", found, STOP_TIME)
     worked = [used for executions, used in cycles if executions > FREE]
-    expect(len(worked) >= 2, f"the first search has worked in {len(worked)} cycles before that of its end: {cycles}")
+    expect(len(worked) >= 2, f"the first search took {len(worked)} cycles before its last one: {cycles}")
     print(f"    throttle {u:.4f}")
     at_most(median(worked) / 1e9, PERIOD_S, f"time of {len(worked)} cycles of the search, median, s")
 

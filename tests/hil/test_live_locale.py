@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A live CSV source is read although an FMU has given the process a decimal comma, and what the run recorded is replayed."""
+"""A live CSV source and its replay, although an FMU sets a locale with a decimal comma in the
+process."""
 from comma_locale import comma_config, comma_locale, write_rows
 from live_test import GOOD, qualities
 from twinlock_test import expect, main, read_table, run_well, scratch, write_config
@@ -18,8 +19,8 @@ def test_run():
         run_well(["replay", config, "--recording", database, "--csv", steps])
     table = read_table(steps)
     read = set(table["comma.y"])
-    expect(table["comma.commas"][-1] > 0, "the FMU did not find the locale")
-    expect(read <= {0.0, *values} and len(read) > 5, f"not what the file has: {table['comma.y']}")
+    expect(table["comma.commas"][-1] > 0, "the FMU has set no locale")
+    expect(read <= {0.0, *values} and len(read) > 5, f"other values than in the file: {table['comma.y']}")
     expect(qualities(database, "u")[-1] == GOOD, f"qualities: {qualities(database, 'u')}")
 
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The main job: a recording of a plant by Modbus TCP, in real time, the twin locked to it; then its replay.
+"""The main use case: the emulated plant by Modbus TCP, in real time, with a locked twin; then the
+replay.
 
-TL_LONG=1 takes the 14 s of config/motor/live.json; otherwise 6 s of them.
+With TL_LONG=1 the run takes the 14 s of config/motor/live.json, else 6 s of them.
 """
 import os
 import signal
@@ -19,7 +20,7 @@ def test_recording_by_modbus():
                                   "sources": {"inverter": {"modbus_tcp": {"port": free_port()}}}})
     database = config.parent / "run.db"
     with Program("plant", config) as plant:
-        plant.wait_for("playing starts with the first request")
+        plant.wait_for("inverter|Modbus TCP")
         with Program("run", config, "--json", "--db", database) as run:
             told, _ = end_well(run)
         code, _, log = plant.end(signal.SIGTERM)
@@ -30,7 +31,7 @@ def test_recording_by_modbus():
     wanted = round(duration / 0.01) + 1
     expect(told["ticks"] == wanted, f"{told['ticks']} ticks in {duration} s, wanted {wanted}")
     check_database(database)
-    expect_reasons(database, "end of duration")
+    expect_reasons(database, "duration")
     expect(number(database, "SELECT entries_lost FROM runs") == 0, "entries were lost")
     in_lock = told["outcomes"]["first guess"] + told["outcomes"]["optimised"]
     expect(in_lock > 0, f"never in lock: {told['outcomes']}")

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""A register that is polled six times as often as its device writes it: with `every_s` each value is one reading, so that a line goes from one to the next, and a
-median sees what it counts. The plant is ours here: its true speed is a sine."""
+"""A register that is polled six times as often as its device writes it.
+
+With `every_s` each value is one reading. So a line connects different values, and a median counts
+each value once. The test's own device has a sine as its true speed.
+"""
 import contextlib
 import math
 import threading
@@ -49,9 +52,10 @@ def live(match, spoil=lambda count, value: value, **signal):
 
 
 def mse_of(database):
-    """How far the twin is from a sine with that period, of whatever phase: a delay is no part of it, what comes and goes with each message is."""
+    """The mean square error of the twin against its best-fitting sine of that period, so a delay
+    has no effect."""
     steps = round(PERIODS * PERIOD_S / STEP_S)
-    y = [row[0] for row in query(database, "SELECT simulated FROM outputs WHERE run = 1 AND step >= ? ORDER BY step LIMIT ?", round(SETTLED_S / STEP_S), steps)]
+    y = [row[0] for row in query(database, "SELECT simulated FROM outputs WHERE step >= ? AND run = 1 ORDER BY step", round(SETTLED_S / STEP_S))[:steps]]
     expect(len(y) == steps, f"{len(y)} steps, wanted {steps}")
     wave = [2 * math.pi * i * STEP_S / PERIOD_S for i in range(steps)]
     mean = sum(y) / steps
@@ -60,7 +64,7 @@ def mse_of(database):
 
 
 def read_again(database, name="plant.omega"):
-    """Readings that came with the value of the one before although none was due."""
+    """(number of readings that repeat the one before within `every_s`, number of all readings)"""
     found = query(database, READINGS, name)
     pairs = list(zip(found, found[1:]))
     return sum(value == before and stamp - since < (EVERY_S - POLLED_S) * 1e9 for (since, before), (stamp, value) in pairs), len(pairs)
@@ -85,7 +89,8 @@ def test_a_line_is_truer():
 
 
 def test_a_median_sees_what_was_written():
-    """One value in eleven is 30 rad/s off, for six polls: a median of three polls takes it."""
+    """One value in eleven is 30 rad/s off, for six polls, so a median of three polls does not
+    remove it."""
     def spoil(count, value):
         return value + (30.0 if count % 11 == 5 else 0.0)
     median = {"condition": {"median": 3}}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""docs/retune.md: each command is typed into one shell, and prints what the page says."""
+"""docs/retune.md: runs each command in one shell, and compares its output with the page."""
 import re
 import shutil
 import subprocess
@@ -13,18 +13,19 @@ END = "=== end of the command ==="
 
 
 def commands():
-    """(command, the lines that it prints)"""
+    """(command, lines of its output)"""
     for block in re.findall(r"^```console\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.M | re.S):
         for command, output in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.M):
             yield command, output.splitlines()
 
 
-# What a build without TL_SERVE leaves out.
+# Beginnings of the commands that need a build with TL_SERVE.
 NETWORK = "twinlock token", "twinlock serve", "curl", "sed -n", "pin=", "mkdir -p run", "ln -s", "kill %4"
 
 
 def page(ports):
-    """The same, with other ports, since tests run side by side; and what belongs to the network only where that was built."""
+    """As commands(), with other ports, because tests run in parallel, and without NETWORK if
+    TL_SERVE is off."""
     for command, wanted in commands():
         if command.startswith(NETWORK) and not (Path(PROGRAM).parent / "twinlock-serve").exists():
             continue
@@ -41,7 +42,7 @@ def fits(line, pattern):
 
 
 class Shell:
-    """As an engineer sits before it: one shell, its folder, jobs in the background."""
+    """A shell with its own folder and background jobs."""
 
     def __init__(self):
         self.folder = scratch()
@@ -52,7 +53,7 @@ class Shell:
                        "TMPDIR": str(scratch()), "LC_ALL": "C.UTF-8"}
         self.process = subprocess.Popen(["bash", "-m"], cwd=self.folder, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                         stderr=subprocess.STDOUT, text=True)
-        self.type(":")  # what bash says of a terminal that is none
+        self.type(":")  # skips bash's warning about a missing terminal
 
     def type(self, command):
         self.process.stdin.write(f"{command}\necho '{END}'\n")

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""The box with its real kernel and drivers, as tests/hil/rig.json describes it: the tests of tests/hil/box run on it,
-its watchdog bites, and script/rig tells how a box came to its end that came to none."""
+"""The emulated box with its real kernel and drivers (tests/hil/rig.json): runs the tests of
+tests/hil/box.
+
+It also tests the watchdog of the box, and how script/rig reports a box that crashed or hangs.
+"""
 import contextlib
 import functools
 import os
@@ -29,7 +32,7 @@ def rig(*arguments, timeout=HUNG_S):
 
 @functools.cache
 def preparation():
-    """What keeps this machine from making the rig; empty when it is there."""
+    """The reason why this machine cannot make the rig; "" if the rig is ready."""
     done = subprocess.run([PREPARE], capture_output=True, encoding="utf-8", check=False)
     return done.stderr.strip() if done.returncode != 0 else ""
 
@@ -40,12 +43,13 @@ def need_rig():
         raise Skip(preparation())
 
 
-# Tests of BOX_TESTS that go to the first of two boxes; all others go to the second one, in their order.
+# Tests of BOX_TESTS for the first of two boxes. The second one runs all others, in their order.
 FIRST_BOX = ("test_can_floods.py", "test_kills.py", "test_live_gpio.py", "test_motor_scenario.py", "test_watchdog.py")
 
 
 def test_on_the_box():
-    """All of tests/hil/box, in one boot of each of two boxes at the same time: much of it waits."""
+    """Runs all of tests/hil/box on two boxes in parallel, because many tests wait. Each box boots
+    once."""
     need_rig()
     results = BUILD / "rig"
     results.mkdir(exist_ok=True)
@@ -66,7 +70,7 @@ def test_on_the_box():
 def test_watchdog_bites():
     need_rig()
     done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=HUNG_S)
-    expect("watchdog opened" in done.stdout, f"the watchdog was not opened\n{done.stdout}{done.stderr}")
+    expect("watchdog opened" in done.stdout, f"no open watchdog\n{done.stdout}{done.stderr}")
     expect(done.returncode == LOST, f"the box must be reset, not end with {done.returncode}\n{done.stderr}")
     expect("the watchdog softdog reset the guest" in done.stderr, done.stderr)
 
@@ -99,12 +103,12 @@ def test_wrong_usage():
 
 
 def emulator_of(process):
-    """The process id of the QEMU that script/rig has started."""
+    """The process id of the QEMU that script/rig started."""
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
         for child in children:
-            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a tool that has ended meanwhile
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the process has ended meanwhile
                 if Path(f"/proc/{child}/comm").read_text(encoding="ascii").startswith("qemu"):
                     return child
         time.sleep(0.05)
@@ -126,7 +130,7 @@ def test_signals_leave_nothing_behind():
 
 
 def prepare_elsewhere(environment):
-    """(exit code, standard error) of rig/prepare in a folder where nothing is made yet."""
+    """(exit code, standard error) of rig/prepare in an empty folder."""
     copied = twinlock_test.scratch() / "tests" / "hil" / "rig"
     copied.mkdir(parents=True)
     for name in ("prepare", "kernel.py"):

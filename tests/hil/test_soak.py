@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A minute and a bit of script/soak, with each of its faults; and that it would find what grows. The long form is by hand."""
+"""72 s of script/soak with each of its faults, and tests of its detection of growth. The long form
+runs by hand."""
 import argparse
 import mmap
 import os
@@ -21,7 +22,7 @@ SHORT = "0.02", "--every", "7"  # 72 s, ten faults
 
 
 def noise(order, before):
-    """Of a figure that moves slowly."""
+    """Slowly changing noise: the next value after `before`."""
     return 0.8 * before + order.gauss(0, 50)
 
 
@@ -38,34 +39,35 @@ def lasting_slope(lives):
 
 
 def test_slopes():
-    """What grows is seen through restarts, and noise is not taken for growth."""
+    """Growth is detected across restarts, and noise does not count as growth."""
     order, false = random.Random(1), 0
     for i in range(200):
         lives = [life(order, 500 * j, 0) for j in range(7)]
         false += slope_of(lives).grows()
         grown = slope_of([life(order, 500 * j, 3000) for j in range(7)])
-        expect(lasting_slope([life(order, 500 * j, 3000) for j in range(7)]).grows(), f"{i}: taken for what is taken once")
+        expect(lasting_slope([life(order, 500 * j, 3000) for j in range(7)]).grows(), f"{i}: counts as a single step")
         expect(grown.grows() and abs(grown.slope - 3000) < 2 * grown.noise, f"{i}: {grown}")
-    expect(false <= 4, f"noise was taken for growth {false} times of 200")
+    expect(false <= 4, f"noise counted as growth {false} times of 200")
     expect(slope_of([[(0, 1), (1, 2)]]) is None, "a slope of two points")
-    expect(not slope_of([[(i, 7) for i in range(10)]]).grows(), "what stays the same grows")
+    expect(not slope_of([[(i, 7) for i in range(10)]]).grows(), "a constant grows")
 
 
 PAGE = 4  # KiB
 
 
 def paged(seconds, taken):
-    """A life looked at every 5 s. `taken`: KiB that a process has taken by then."""
+    """The memory of a process in whole pages, every 5 s. `taken(t)`: KiB that it has allocated by
+    then."""
     return [(t, 2000 + taken(t) // PAGE * PAGE) for t in range(0, seconds, 5)]
 
 
 def rising(seconds, rises):
-    """[(at, KiB)] each time."""
+    """As paged(), for a process that allocates so much at these times: [(at, KiB)]."""
     return paged(seconds, lambda t: sum(kib for at, kib in rises if t >= at))
 
 
 def test_leaks():
-    """Of the kind that there are: pages, in processes that are begun anew every two minutes, or live for hours."""
+    """Leaks of single pages, in processes that restart every two minutes, or live for hours."""
     for seconds, lives, kib_per_s in (120, 20, 4), (120, 20, 1), (450, 7, 4), (450, 7, 0.25), (3500, 1, 4), (3500, 1, 0.02):
         slope = lasting_slope([paged(seconds, lambda t: t * kib_per_s) for _ in range(lives)])
         expect(slope.grows(), f"{kib_per_s} KiB/s in {lives} lives of {seconds} s: {slope}")
@@ -76,7 +78,8 @@ def test_leaks():
 
 
 def test_no_leaks():
-    """What is taken once, at whatever moment, is none; nor is much at once."""
+    """Memory that a process allocates once does not count as a leak, at any time and of any
+    size."""
     order = random.Random(2)
     for seconds, lives in (120, 20), (450, 7), (3500, 1):
         for kib in PAGE, 24, 132:
@@ -87,7 +90,8 @@ def test_no_leaks():
 
 
 def test_footprint():
-    """Memory that is shared has its size, and is not private, touched or not."""
+    """Shared memory counts with its whole size, and not as private memory, whether it was written
+    or not."""
     mib = 1 << 20
     before = footprint(os.getpid())
     block = os.memfd_create("twinlock test")
@@ -103,7 +107,7 @@ def test_footprint():
         grown = footprint(os.getpid())
         expect(3072 < grown.private - touched.private < 5120 and 3072 < grown.held - touched.held < 5120, f"grown: {touched}, {grown}")
     os.close(block)
-    expect(footprint(os.getpid()).shared == before.shared, "what is unmapped counts")
+    expect(footprint(os.getpid()).shared == before.shared, "unmapped memory counts")
 
 
 def test_counts():
@@ -113,7 +117,7 @@ def test_counts():
 
 
 def expect_forgiven(faults):
-    """As firmware/live/restarts.c counts, each twin having lived from failure to failure."""
+    """Checks that no fault is a restart loop, with the rule of firmware/live/restarts.c."""
     failures, last = 0, 0.0
     for at, kind in faults:
         if kind in TWIN:
@@ -123,7 +127,7 @@ def expect_forgiven(faults):
 
 
 def test_plans():
-    """Whatever the seed: each kind in turn, none of them a restart loop."""
+    """With each seed all kinds take turns, without a restart loop."""
     for seed in range(50):
         for every in (5, 7, 30, 60, 100):
             faults = plan(3600, every, seed)
@@ -132,7 +136,7 @@ def test_plans():
             expect_forgiven(faults)
         kinds = Counter(kind for _, kind in plan(3600, 60, seed))
         expect(all(6 <= kinds[kind] <= 7 for kind in (*TWIN, *ELSEWHERE)), f"{kinds}")
-    expect(plan(3600, 60, 1) == plan(3600, 60, 1) != plan(3600, 60, 2), "the seed decides nothing, or not all")
+    expect(plan(3600, 60, 1) == plan(3600, 60, 1) != plan(3600, 60, 2), "a plan depends on more or less than its seed")
 
 
 def run_script(*args):
@@ -149,7 +153,7 @@ def test_a_minute_and_a_bit():
 
 
 def test_interrupted():
-    """A report all the same, and nothing is left running."""
+    """An interrupted run still reports."""
     path = scratch() / "out"
     with open(path, "wb") as file, subprocess.Popen([SCRIPT, "1", "--every", "7"], stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL) as script:
         wait_until(lambda: b"whole again" in path.read_bytes(), "the first fault", path.read_text)

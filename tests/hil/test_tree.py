@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""The processes of a run (tests/support/tree.py): who holds what, and that each may die at any instant without harm to the others. Some kills here,
-as many as you like by tests/hil/tree_kills."""
+"""The processes of a run (tests/support/tree.py): their resources, and kills of each of them at any
+time.
+
+Some kills here, more of them by tests/hil/tree_kills.
+"""
 import argparse
 import hashlib
 import json
@@ -15,17 +18,18 @@ from pathlib import Path
 
 import kills
 from footprint import shared_kib
-from live_test import Device, Program, children, expect_reasons, member, number, query, stop, title, wait_until
+from live_test import (Device, Program, children, committed_steps, count_lines, expect_reasons, member, number, query, stop, title,
+                       wait_until)
 from supervised import WORD, Supervised, end_orderly, wait_for_run
 from tree import FOLLOWED, OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
-from twinlock_test import BUILD, at_least, at_most, expect, main, run_well, scratch
+from twinlock_test import BUILD, at_least, at_most, expect, expect_line, expect_no_line, has_line, main, run_well, scratch
 
 SEED = 1
 JOBS_KIB = 64
 
 
 def remote_ports(pid):
-    """Of TCP connections whose sockets this process holds."""
+    """The remote ports of the TCP sockets of a process."""
     rows = [line.split() for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]]
     held = {name[len("socket:["):-1] for name in descriptors(pid) if name.startswith("socket:[")}
     return {str(int(row[2].partition(":")[2], 16)) for row in rows if row[9] in held}
@@ -36,8 +40,8 @@ def gone(pids):
 
 
 def test_who_holds_what():
-    """Nothing but what it needs: the twin no socket, no database; io no FMU and no database; the recorder no socket and no FMU; the supervisor nothing
-    of all that."""
+    """Each process has only what it needs: the twin FMUs, io the socket, the recorder the database,
+    the supervisor none."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -60,7 +64,8 @@ def test_who_holds_what():
 
 
 def test_each_kind_of_source_has_a_process():
-    """Who reads a file has no socket to the device, and neither has the other's. If one of them dies both begin anew, and at the end none is left."""
+    """The process that reads a file has no socket, and the other one has no file. If one dies, both
+    are restarted."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port, sources={"inverter": {"modbus_tcp": {"host": "localhost", "port": device.port}},
                                                                "load": {"csv": {"file": "load.csv", "time_column": "t"}}},
@@ -85,11 +90,12 @@ def test_each_kind_of_source_has_a_process():
             pids = [again, *children(again)]
             end_orderly(live)
             expect(gone([first, second, *pids]), "a process is left")
-    expect("was ended by signal 9" in live.log(), live.log())
+    expect_line(live.log(), "error|signal 9")
 
 
 def test_check_names_what_they_share():
-    """After a cold start and a warm one: no more than that, but for the jobs, and rounding to pages; and no less than what is always in use."""
+    """`check` reports the shared memory of a run, except that of jobs, after a cold and a warm
+    start."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -98,12 +104,13 @@ def test_check_names_what_they_share():
             wait_for_run(live, database, 2)
             taken = sum(shared_kib(pid) for pid in (live.pid, *live.children()))
             end_orderly(live)
-        named = {name: float(size) for name, size in
-                 re.findall(r"^  (mail|outbox|checkpoint|past) +([0-9.]+) KiB ", run_well(["check", config]), re.M)}
-    print(f"    {taken} KiB of {named}")
-    expect(len(named) == 4, f"{named}")
-    at_most(taken, named["mail"] + named["outbox"] + named["checkpoint"] + JOBS_KIB, "KiB shared")
-    at_most(named["outbox"] + named["checkpoint"], taken + JOBS_KIB, "KiB named")
+        page = run_well(["check", config])
+    sizes = [float(size) for size in re.findall(r"^  \S.*?  +([0-9.]+) KiB.*`run`", page, re.M)]
+    print(f"    {taken} KiB of {sizes}")
+    expect(len(sizes) == 5, page)
+    samples, queue, checkpoint, *_ = sizes  # the others are an earlier run, and a shadow
+    at_most(taken, samples + queue + checkpoint + JOBS_KIB, "KiB shared")
+    at_most(queue + checkpoint, taken + JOBS_KIB, "KiB reported by check")
 
 
 def test_nothing_is_left():
@@ -118,20 +125,20 @@ def test_nothing_is_left():
 
 
 def test_the_supervisor_is_killed():
-    """All are gone within a second, and who comes next goes on."""
+    """All processes end within a second, and the next start resumes the run."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
             wait_for_run(live, database, 1)
             pids, at = live.children(), time.monotonic()
             live.kill()
-            wait_until(lambda: gone(pids), "the end of all")
+            wait_until(lambda: gone(pids), "their end")
             at_most(time.monotonic() - at, 1.0, "seconds until all were gone")
             state = live.state
         with Program("run", config, "--supervise", "--state", state) as again:
             wait_for_run(again, database, 2)
             expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
-    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE beginnings.run = 2") == [(1,)], "run 2 has not resumed run 1")
 
 
 def killed(*roles, **changes):
@@ -150,7 +157,8 @@ def test_io_is_killed():
 
 
 def test_a_restart_loop_writes_few_lines():
-    """Of io, killed eight times: the supervisor's line once, the lines of the process itself twice, and in the end how often."""
+    """io is killed eight times: one line of the supervisor, two of io itself, and one with the
+    count at the end."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -161,9 +169,9 @@ def test_a_restart_loop_writes_few_lines():
             live.wait_for_tick(database)
             end_orderly(live)
             log = live.log()
-    connected = log.count("connected")
+    connected = count_lines(log, "inverter|connected")
     expect(connected in (1, 2), f"{connected} lines of io\n{log}")
-    expect(log.count("the reading of the plant failed: ") == 1 and log.count("the reading of the plant failed 7 more times") == 1, log)
+    expect(count_lines(log, "error|failed|signal 9") == 2 and count_lines(log, "error|failed|7|signal 9") == 1, log)
 
 
 def test_the_twin_is_killed():
@@ -171,12 +179,15 @@ def test_the_twin_is_killed():
 
 
 def test_the_twin_is_killed_in_mode_ahead():
-    """There a tick is over only when the next one has come."""
+    """In mode ahead a tick ends only when the next one has come."""
     killed(*["twin"] * 4, synchronise={"horizon": {"measurements": "ahead"}})
 
 
 def test_the_twin_dies_in_its_step():
-    """It has taken the sample, and there is no step: the next one takes that tick as its own. The recorder is killed with it every other time."""
+    """The twin dies after its sample, and before its step: the next twin computes that tick.
+
+    Every other time the recorder is killed, too.
+    """
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
         for run in range(1, 5):
             unruly.wait_for_tick(run)
@@ -188,34 +199,41 @@ def test_the_twin_dies_in_its_step():
     found = read(unruly.database)
     expect_whole(found)
     expect(len(found.firsts) == 4, f"{found.firsts}")
-    lead = number(unruly.database, "SELECT lead FROM runs WHERE run = 1")
-    expect(sorted(found.ticks) == [*range(lead), *(step + lead for step in sorted(found.steps))], "half a tick")
+    lead = number(unruly.database, "SELECT lead FROM runs WHERE runs.run = 1")
+    expect(sorted(found.ticks) == [*range(lead), *(step + lead for step in sorted(found.steps))], "a tick without a step")
+
+
+def corruptions(database):
+    """The number of events of a corrupted record queue of the twin."""
+    return sum(has_line(text, "queue|twin|corrupted") for text, in query(database, "SELECT text FROM events WHERE source = 'recorder'"))
 
 
 def test_a_twin_that_has_destroyed_its_outbox():
-    """Its heart beats, and nothing of it can be recorded any more: the recorder says so, and another one goes on with what is in the database."""
+    """An FMU overwrites the record queue. The recorder reports it, and a new twin resumes from the
+    database."""
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)
         unruly.tell("scribble")
-        live.wait_for("the twin failed: it has destroyed its own memory: what it hands to the recorder cannot be read on")
+        live.wait_for("error|twin|failed|memory|recorder")
         unruly.wait_for_tick(2)
-        unruly.tell("crash")  # it is a twin like any other
+        unruly.tell("crash")  # the new twin handles other faults, too
         unruly.wait_for_tick(3)
         end_orderly(live)
         expect(live.account()["restarts"] == 2, f"{live.account()}")
-    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'the queue of twin was corrupted by the process of the FMUs: it %'") == 1, "not said")
+    expect(corruptions(unruly.database) == 1, "not one event")
     expect_whole(read(unruly.database))
 
 
 def test_twins_that_destroy_their_outbox_at_each_step():
-    """The second one goes on, and hardly anything that it hands over can be read: what io reads is recorded all the same."""
+    """The second twin continues, and the recorder can read few of its steps. All samples of io are
+    still recorded."""
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)
         first, child = kills.first_tick(unruly.database, 1), live.child()
         live.tell("scribbles", stays=True)
-        live.wait_for("resume: goes on with")
+        live.wait_for("resume|run 1|tick")
         live.child(child)
         live.tell("scribbles", stays=True)
         time.sleep(5)
@@ -226,7 +244,7 @@ def test_twins_that_destroy_their_outbox_at_each_step():
     at_least(len(ticks), (last - first) / 0.01 - 10, "samples")
     at_most(number(unruly.database, "SELECT count(*) FROM steps"), len(ticks) - 200, "steps that could be read")
     at_most(number(unruly.database, "SELECT sum(entries_lost) FROM runs"), 3 * len(ticks), "samples, steps and events lost")
-    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'the queue of twin was corrupted %'") <= 2, "said again and again")
+    expect(1 <= corruptions(unruly.database) <= 2, "not one or two events")
 
 
 def test_all_are_killed_at_random():
@@ -237,14 +255,17 @@ def test_all_are_killed_at_random():
 
 
 def digest_of(document):
-    """As `fmus` in the database."""
+    """The value of `fmus` in the database."""
     files = [(BUILD / "fmus" / entry["fmu"]).read_bytes() for entry in document["components"].values()]
     return hashlib.sha256(b"".join(hashlib.sha256(file).hexdigest().encode() + b"\0" for file in files)).hexdigest()
 
 
 def test_an_fmu_that_is_replaced():
-    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why. Its run is that of the other FMU, also for who goes on with
-    it after another start, and whoever records."""
+    """The FMU file is replaced: the next twin cannot use the checkpoint, starts again, and reports
+    why.
+
+    Its run has the digest of the new FMU, and later runs resume it.
+    """
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         fmu = scratch() / "motor.fmu"
@@ -260,7 +281,7 @@ def test_an_fmu_that_is_replaced():
                 file.writestr("resources/another", "one")
             other.rename(fmu)
             live.kill_one("twin")
-            live.wait_for("begins anew: the FMUs are not those of the run before")
+            live.wait_for("notice|resume|FMUs")
             wait_for_run(live, database, 2)
             live.kill_one("twin")
             wait_for_run(live, database, 3)
@@ -274,7 +295,8 @@ def test_an_fmu_that_is_replaced():
 
 
 def test_a_recorder_that_hangs():
-    """Stopped for some seconds, as by a disk: the twin does not notice, and nothing is lost."""
+    """The recorder stops for some seconds, as with a slow disk. The twin is not disturbed, and
+    nothing is lost."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -292,7 +314,7 @@ def test_a_recorder_that_hangs():
 
 
 def test_io_that_hangs():
-    """It is begun again after hang_s, so that the readings of no more than that, and of its start, are missing."""
+    """io is restarted after hang_s. Only the readings of that time and of its start are missing."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port, realtime={"hang_s": 1})
         with Tree(config) as live:
@@ -302,14 +324,14 @@ def test_io_that_hangs():
             wait_until(lambda: live.child(io, "io") != io, "another io", live.log)
             live.wait_for_tick(database)
             end_orderly(live)
-            silence = re.search(r'it hung: "\S+" gave no sign of life for ([0-9.]+) s', live.log())
-    expect(silence, "io was not said to hang")
+            silence = re.search(r'error: .*hung.* "inverter" .*?\b([0-9.]+) s\b', live.log())
+    expect(silence, f"no line of a hang of inverter\n{live.log()}")
     at_most(float(silence[1]), 5, "seconds of silence")
     expect_whole(read(database))
 
 
 def stop_one(live, role, other_than=0):
-    """The process, once it has stopped."""
+    """Stops the process of that role, and returns its id."""
     pid = wait_until(lambda: [pid for pid in live.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")],
                      role, live.log, every=0.001)[0]
     stop(pid)
@@ -317,7 +339,8 @@ def stop_one(live, role, other_than=0):
 
 
 def test_a_recorder_that_hangs_at_the_end():
-    """Asked twice, nobody waits for it; and another one writes what it has left."""
+    """After a second signal the supervisor kills the recorder, and a new one writes the remaining
+    entries."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -331,15 +354,14 @@ def test_a_recorder_that_hangs_at_the_end():
             at_most(time.monotonic() - at, 5, "seconds from the second signal to the end")
     found = read(database)
     expect_whole(found)
-    at_least(len(found.steps), 100, "steps, also of the time in which it had stopped")
+    at_least(len(found.steps), 100, "steps, also of the time of the stop")
     expect_reasons(database, "SIGINT")
-    told = query(database, "SELECT count(*) FROM events WHERE source = 'supervisor' AND text = 'the recorder failed when it was to end: "
-                           "it was told to end, and was still there 2 s later; another one is begun'")
-    expect(told == [(1,)], f"{query(database, 'SELECT text FROM events')}")
+    told = [text for text, in query(database, "SELECT text FROM events WHERE source = 'supervisor'")]
+    expect(sum(has_line(text, "recorder|failed|2 s") for text in told) == 1, f"{told}")
 
 
 def test_recorders_that_hang_at_the_end():
-    """What is lost then is said, and how much it is."""
+    """Two recorders hang at the end: the log has the number of lost entries."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -351,14 +373,15 @@ def test_recorders_that_hang_at_the_end():
             live.signal(signal.SIGINT)
             stop_one(live, "recorder", first)
             code, _, log = live.end()
-    lost = [int(count) for count in re.findall(r"error: (\d+) samples, steps and events are lost: no recorder is left to write what came last", log)]
+    lost = [int(count) for count in re.findall(r"error: .*?\b(\d+) samples\b.*\blost\b.*\brecorder\b", log)]
     expect(code == 75 and len(lost) == 1, f"ended with {code}\n{log}")
     at_least(lost[0], 100, "samples, steps and events lost")
     expect_whole(read(database))
 
 
 def test_told_to_end_before_the_recorder_has_answered():
-    """What it was before is not known, and does not matter any more."""
+    """The run ends before it knows whether there is an earlier run. That is not an error, and not
+    logged."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Tree(config) as live:
@@ -369,81 +392,90 @@ def test_told_to_end_before_the_recorder_has_answered():
             time.sleep(0.5)
             os.kill(recorder, signal.SIGCONT)
             code, _, log = live.end()
-    expect(code == 0 and "begins anew" not in log, f"ended with {code}\n{log}")
+    expect(code == 0, f"ended with {code}\n{log}")
+    expect_no_line(log, "resume")
     expect_reasons(database, "SIGTERM")
 
 
 def test_alone_the_run_ends_with_the_twin():
-    """What was recorded until then is there, the run has an end, and an event says why."""
+    """All entries until then are recorded, the run has an end, and an event has the reason."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Program("run", config) as live:
-            wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+            wait_until(lambda: committed_steps(database) > 20, "steps", live.log)
             twin = member(live, "twin")
             os.kill(twin, signal.SIGKILL)
             code, _, log = live.end()
-        expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
+        expect(code == 70, f"ended with {code}\n{log}")
+        expect_line(log, "error|twin|failed|signal 9")
         expect_whole(read(database))
-        expect_reasons(database, "not ended cleanly")
-        told = query(database, "SELECT severity, source FROM v_events WHERE text = 'the twin failed: it was ended by signal 9, Killed'")
-        expect(told == [("error", "supervisor")], f"{told}")
-        with Program("run", config) as live:  # and who is started after it goes on with it
+        expect_reasons(database, "cleanly")
+        told = query(database, "SELECT severity, source, text FROM v_events")
+        found = [event[:2] for event in told if has_line(event[2], "twin|failed|signal 9|Killed")]
+        expect(found == [("error", "supervisor")], f"{told}")
+        with Program("run", config) as live:  # resumes the run
             wait_for_run(live, database, 2)
             expect(live.end(signal.SIGTERM)[0] == 0, "ended badly")
-    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE beginnings.run = 2") == [(1,)], "run 2 has not resumed run 1")
 
 
 def test_alone_an_fmu_crashes():
-    """The sample of the tick of the crash is recorded, without a step. The next run repeats that tick. While the process dies the recorder may
-    write samples of further ticks."""
+    """The sample of the crash's tick is recorded, without a step. The next run computes that tick
+    again.
+
+    While the process dies, the recorder may write samples of further ticks.
+    """
     with Device(OMEGA) as device:
         config = kills.configuration(device.port, kills.Pace())
         database = config.parent / "twin.db"
         os.environ["TWINLOCK_UNRULY"] = WORD
         with Program("run", config) as live:
-            wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+            wait_until(lambda: committed_steps(database) > 20, "steps", live.log)
             Supervised.tell(live, "crash")
             code, _, log = live.end()
         with Program("run", config) as again:
-            wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = 2 AND outcome <> ?", FOLLOWED), "another run", again.log)
+            wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE outcome <> ? AND run = 2", FOLLOWED), "another run", again.log)
             again.end(signal.SIGTERM)
         del os.environ["TWINLOCK_UNRULY"]
-    expect(code == 70 and "Segmentation fault, in fmi2DoStep of unruly" in log, f"ended with {code}\n{log}")
+    expect(code == 70, f"ended with {code}\n{log}")
+    expect_line(log, "error|Segmentation fault|fmi2DoStep|unruly")
     lead, last, step = query(database, "SELECT lead, (SELECT max(tick) FROM samples s WHERE s.run = r.run), (SELECT max(step) FROM steps s "
                                        "WHERE s.run = r.run) FROM runs r WHERE run = 1")[0]
     crashed = step + lead + 1
     expect(last >= crashed, f"its last sample is that of tick {last}, its last step {step}, its lead {lead}")
-    resumed = query(database, "SELECT resumed_run, resumed_tick FROM beginnings WHERE run = 2")
+    resumed = query(database, "SELECT resumed_run, resumed_tick FROM beginnings WHERE beginnings.run = 2")
     expect(resumed == [(1, crashed)], f"{resumed}, not {crashed}, last sample {last}")
 
 
 def hanging(device, *options):
-    """A run of nobody's but its user's, whose FMU hangs from now on; and its database."""
+    """An unsupervised run whose FMU hangs from now on, and its database."""
     config = kills.configuration(device.port, kills.Pace())
     database = config.parent / "twin.db"
     os.environ["TWINLOCK_UNRULY"] = WORD
     live = Program("run", config, *options)
     del os.environ["TWINLOCK_UNRULY"]
-    wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+    wait_until(lambda: committed_steps(database) > 20, "steps", live.log)
     Supervised.tell(live, "hang")
     return live, database
 
 
-HUNG = re.compile(r"the twin failed: it hung: \"cycle\" gave no sign of life for \d+\.\d s, in fmi2DoStep of unruly")
+HUNG = "twin|failed|hung|cycle|s|fmi2DoStep|unruly"  # parts of the message
 
 
 def expect_given_up(live, database):
-    """Its FMU is named, on the log and by an event, and all steps until then are kept."""
+    """Checks that the log and one event name the FMU, and that all steps until then are
+    recorded."""
     code, _, log = live.end()
-    expect(code == 70 and HUNG.search(log), f"ended with {code}\n{log}")
+    expect(code == 70, f"ended with {code}\n{log}")
+    expect_line(log, f"error|{HUNG}")
     told = query(database, "SELECT text FROM v_events WHERE severity = 'error' AND source = 'supervisor'")
-    expect(len(told) == 1 and HUNG.fullmatch(told[0][0]), f"{told}")
+    expect(len(told) == 1 and has_line(told[0][0], HUNG), f"{told}")
     expect(number(database, "SELECT max(step) FROM steps") > 20, "steps are lost")
     expect_whole(read(database))
 
 
 def test_alone_an_fmu_hangs():
-    """For ten times the limit of a call: that is the end."""
+    """The FMU hangs for ten times --call-limit. Then the run ends."""
     with Device(OMEGA) as device:
         live, database = hanging(device, "--call-limit", "0.1")
         with live:
@@ -451,7 +483,7 @@ def test_alone_an_fmu_hangs():
 
 
 def test_alone_somebody_holds_the_twin():
-    """A debugger, or whoever stops it, for longer than that: it lives, until it is let go."""
+    """A stopped twin, as by a debugger, is not killed until it continues."""
     with Device(OMEGA) as device:
         live, database = hanging(device, "--call-limit", "0.1")
         with live:

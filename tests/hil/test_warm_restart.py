@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""A `run` that is killed and started again goes on where it was: in step with the plant, locked, and repeatable to the bit.
+"""A killed and restarted `run` resumes: in step with the plant, in lock, and with a replay of the
+same bits.
 
-Steps are counted, not seconds, so that a slow machine fails nothing.
+The tests count steps, not seconds, so that a slow machine does not fail them.
 """
 import functools
 import hashlib
@@ -16,7 +17,8 @@ from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
                        expect_same_events, free_port, number, query, wait_until)
-from twinlock_test import EMULATED, FMUS, HUNG_S, PLAIN_LIVE, SANITIZER, SOURCE, Skip, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
+from twinlock_test import (BAD_DATA, BAD_USAGE, EMULATED, FMUS, HUNG_S, PLAIN_LIVE, SANITIZER, SOURCE, Skip, at_most, edited_config, expect,
+                           expect_line, has_line, main, replay_json, run, run_well, scratch)
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
@@ -27,7 +29,8 @@ WITHIN = FIRST_GUESS, OPTIMISED
 
 @functools.cache
 def long_recording():
-    """That of the motor bench 40 times, 9 min: the plant ends with its recording, and a test on a busy machine takes longer than 14 s."""
+    """The motor bench's recording of 14 s, repeated 40 times: on a busy machine a test takes longer
+    than 14 s."""
     header, *rows = (SOURCE / "config" / "motor" / "recording.csv").read_text(encoding="utf-8").split()
     rows = [row.partition(",") for row in rows]
     lap = float(rows[-1][0]) + 0.03
@@ -37,7 +40,8 @@ def long_recording():
 
 
 def live_config(port, **changes):
-    """The motor bench, live, without an end, committed ten times a second. The port's, and the database's path."""
+    """The motor bench, live, without an end, with ten commits per second. Returns (configuration,
+    database)."""
     record = {"commit_s": 0.1, **changes.pop("record", {})}
     config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": record, "recording": {"file": str(long_recording())},
                                                "sources": {"inverter": {"modbus_tcp": {"port": port}}}, **changes})
@@ -51,44 +55,46 @@ def execute(database, sql, *parameters):
 
 
 def begin(config, database, run_number, steps=100):
-    """A run that has got so many steps of its own, without those that were made up."""
+    """Starts a run, and waits for so many own steps. Skipped steps do not count."""
     live = Program("run", config, "--json")
     wait_until(lambda: database.exists() and query(database, "SELECT count(*) FROM runs")[0][0] >= run_number,
                f"run {run_number}", live.log)
-    own = """SELECT count(*) FROM steps LEFT JOIN beginnings USING (run)
+    own = """SELECT count(*) FROM steps s LEFT JOIN beginnings b USING (run)
              WHERE run = ? AND outcome NOT IN (?, ?) AND step >= coalesce(resumed_tick, 0)"""
     wait_until(lambda: number(database, own, run_number, FOLLOWED, MADE_UP) >= steps, f"{steps} steps", live.log)
     return live
 
 
 def resumption(database, run_number):
-    return query(database, "SELECT resumed_run, resumed_tick, resumed_from FROM beginnings WHERE run = ?",
+    return query(database, "SELECT resumed_run, resumed_tick, resumed_from FROM beginnings WHERE beginnings.run = ?",
                  run_number)[0]
 
 
 def told_by(database, run_number):
-    """What the run said about going on, or not."""
-    return [row[0] for row in query(database, "SELECT text FROM events WHERE run = ? AND source = 'resume'",
+    """The texts of the run's events about a resume."""
+    return [row[0] for row in query(database, "SELECT text FROM events WHERE source = 'resume' AND run = ?",
                                     run_number)]
 
 
-def expect_told(database, run_number, *words):
+def expect_told(database, run_number, *wanted):
+    """Checks that each of these lists of parts (see has_line()) is in an event about a resume."""
     told = told_by(database, run_number)
-    expect(all(any(word in text for text in told) for word in words), f"run {run_number} told {told}, wanted {words}")
+    expect(all(any(has_line(text, parts) for text in told) for parts in wanted), f"run {run_number} told {told}, wanted {wanted}")
 
 
 def check_resumed(config, database, told, run_number, before, origin):
-    """The run goes on with the one before, in step with the plant, locked, without a hole; its replay is the same."""
-    lead = number(database, "SELECT lead FROM runs WHERE run = ?", run_number)
+    """Checks that the run resumes the one before: in step, in lock, without a gap, and with a
+    replay of the same bits."""
+    lead = number(database, "SELECT lead FROM runs WHERE runs.run = ?", run_number)
     run_before, tick, source = resumption(database, run_number)
-    expect((run_before, source) == (before, origin), f"run {run_number} goes on with {run_before} from {source}")
+    expect((run_before, source) == (before, origin), f"run {run_number} resumes {run_before} from {source}")
     expect(told["resumed"] == {"run": before, "tick": tick, "from": origin}, f"told {told['resumed']}")
-    newest = number(database, "SELECT max(step) FROM steps WHERE run = ?", before)
-    expect(tick == newest + lead + 1, f"goes on at tick {tick} after step {newest}")
-    steps = query(database, "SELECT step, outcome FROM steps WHERE run = ? ORDER BY step", run_number)
+    newest = number(database, "SELECT max(step) FROM steps WHERE steps.run = ?", before)
+    expect(tick == newest + lead + 1, f"resumed at tick {tick} after step {newest}")
+    steps = query(database, "SELECT step, outcome FROM steps WHERE steps.run = ? ORDER BY step", run_number)
     expect([step for step, _ in steps] == list(range(steps[0][0], steps[0][0] + len(steps))), "steps are missing")
     own = [(step, outcome) for step, outcome in steps if step + lead >= tick]
-    expect(all(outcome == FOLLOWED for step, outcome in steps if step + lead < tick), "what was not followed")
+    expect(all(outcome == FOLLOWED for step, outcome in steps if step + lead < tick), "other outcomes before the first own step")
     expect(told["steps"] + told["skipped"] == told["ticks"] == len(own),
            f"{told['steps']} steps, {told['skipped']} skipped, {told['ticks']} ticks, {len(own)} rows")
     met = [outcome for _, outcome in own if outcome != MADE_UP]
@@ -102,14 +108,15 @@ def check_resumed(config, database, told, run_number, before, origin):
 
 
 def check_clock(database, run_number, before):
-    """t_start is that of the run before: ticks are the plant's still."""
+    """Checks that the run has the t_start of the run before, so its ticks continue."""
     starts = query(database, "SELECT start_ns, started FROM beginnings JOIN runs USING (run) WHERE run IN (?, ?)",
                    before, run_number)
     expect(starts[0] == starts[1], f"t_start moved: {starts}")
 
 
 def check_repeated(config, database, run_number):
-    """A replay with the same configuration gives the same steps, to the bit."""
+    """Checks that a replay with the same configuration gives the same bits. Returns its --json
+    report."""
     again = scratch() / "again.db"
     told = replay_json(config, "--recording", database, "--run", str(run_number), "--db", again, timeout=HUNG_S)
     wanted = [bits(row) for row in query(database, RESULTS, run_number)]
@@ -123,7 +130,8 @@ def check_repeated(config, database, run_number):
 
 
 def same_course(database, before, run_number):
-    """What the new run led the twin along is to the bit what the run before had."""
+    """Checks that the followed steps of the new run have the same bits as those of the run
+    before."""
     sql = """SELECT n.step, n.simulated, o.simulated, na.applied, oa.applied FROM outputs n JOIN outputs o USING (step, signal)
              JOIN adjustments na ON na.run = n.run AND na.step = n.step
              JOIN adjustments oa ON oa.run = o.run AND oa.step = n.step
@@ -141,21 +149,21 @@ def kill_and_resume(pause, origin="checkpoint", **changes):
         time.sleep(pause)
         again = begin(config, database, 2, ENOUGH)
         told, log = end_well(again, signal.SIGTERM)
-    expect("goes on with run 1" in log, log)
+    expect_line(log, f"notice|resume|run 1|tick {told['resumed']['tick']}")
     check_resumed(config, database, told, 2, 1, origin)
     same_course(database, 1, 2)
-    expect_reasons(database, "not ended cleanly", "SIGTERM")
-    own = number(database, "SELECT count(*) FROM checkpoints WHERE run = 2 AND tick >= ?", told["resumed"]["tick"])
+    expect_reasons(database, "cleanly", "SIGTERM")
+    own = number(database, "SELECT count(*) FROM checkpoints WHERE tick >= ? AND run = 2", told["resumed"]["tick"])
     expect(own == 1, f"the new run has saved {own} checkpoints of its own\n{log}")
     return config, database, told
 
 
-def expect_refused(wanted, words, *args):
+def expect_refused(wanted, parts, *args):
     code, _, log = run(args)
-    expect(code == wanted and words in log, f"{args} ended with {code}\n{log}")
+    expect(code == wanted and has_line(log, parts), f"{args} ended with {code}, wanted {wanted} and {parts}\n{log}")
 
 
-# ---- it goes on ----
+# ---- resumed runs ----
 
 def test_killed_and_started_at_once():
     kill_and_resume(0)
@@ -163,9 +171,8 @@ def test_killed_and_started_at_once():
 
 def test_killed_and_started_a_second_later():
     _, database, told = kill_and_resume(1)
-    expect(told["skipped"] >= 90, f"only {told['skipped']} ticks of the pause were made up")
-    shown = run_well(["show", database])
-    expect("goes on with   run 1" in shown, shown)
+    expect(told["skipped"] >= 90, f"only {told['skipped']} ticks of the pause were skipped")
+    expect_line(run_well(["show", database]), f"run 1|tick {told['resumed']['tick']}")
     document = json.loads(run_well(["show", database, "--json"]))
     expect([entry["resumed"] is None for entry in document["runs"]] == [True, False], document["runs"])
 
@@ -181,7 +188,8 @@ def test_conditioned_measurement_and_a_longer_horizon():
 
 
 def test_killed_twice_in_quick_succession():
-    """The second is killed before it has got anywhere: the third goes on with what there is."""
+    """The second run is killed before its first own step. The third one resumes the first or the
+    second."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
@@ -199,7 +207,7 @@ def test_killed_twice_in_quick_succession():
 
 
 def test_killed_at_any_moment():
-    """Also while it goes on, and while a checkpoint is written: nothing that was committed is lost."""
+    """Kills at random times, also during a resume or a checkpoint: no committed entry is lost."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1, 50).kill()
@@ -214,14 +222,14 @@ def test_killed_at_any_moment():
         last = number(database, "SELECT max(run) FROM runs") + 1
         told, log = end_well(begin(config, database, last, ENOUGH), signal.SIGTERM)
     if told["resumed"] is None:
-        expect("got nowhere" in log, log)
+        expect_line(log, "resume|3 runs")
     else:
         check_resumed(config, database, told, last, told["resumed"]["run"], "checkpoint")
 
 
 def test_asked_to_stop_and_started_again():
-    """An administrator's restart goes on too; a run that came to its end does not."""
-    more = 500  # steps, of which a busy machine takes some to begin
+    """A run that ended by SIGTERM is resumed. A run that reached its duration is not."""
+    more = 500  # steps; on a busy machine the start takes some of them
     config, database = live_config(free_port())
     with Program("plant", config):
         end_well(begin(config, database, 1), signal.SIGTERM)
@@ -230,7 +238,7 @@ def test_asked_to_stop_and_started_again():
         last = number(database, "SELECT max(step) FROM steps")
         code, out, log = Program("run", config, "--json", "--duration", str((last + more) * PERIOD)).end()
         expect(code == 0 and json.loads(out)["resumed"]["run"] == 2, f"{code} {out}\n{log}")
-        expect(number(database, "SELECT max(step) FROM steps WHERE run = 3") == last + more, "the duration is from t_start")
+        expect(number(database, "SELECT max(step) FROM steps WHERE steps.run = 3") == last + more, "the duration is from t_start")
         told, _ = end_well(begin(config, database, 4, 20), signal.SIGTERM)
     expect(told["resumed"] is None, f"{told['resumed']}")
 
@@ -238,7 +246,7 @@ def test_asked_to_stop_and_started_again():
 # ---- from the inputs ----
 
 def test_without_checkpoints():
-    """All of it where that is short, to the bit; else the newest of it."""
+    """The whole recording if it is short, to the bit; else its newest part."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
@@ -247,13 +255,13 @@ def test_without_checkpoints():
         check_resumed(config, database, told, 2, 1, "start")
         same_course(database, 1, 2)
         execute(database, "DELETE FROM checkpoints")
-        execute(database, "DELETE FROM samples WHERE run = 2 AND tick < 100")
+        execute(database, "DELETE FROM samples AS old WHERE old.run = 2 AND tick < 100")
         told, _ = end_well(begin(config, database, 3, ENOUGH), signal.SIGTERM)
     check_resumed(config, database, told, 3, 2, "inputs")
 
 
 def test_damaged_checkpoints():
-    """The older one where the newest is damaged; the inputs where both are."""
+    """The older checkpoint if the newest is damaged; the inputs if both are."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
@@ -261,26 +269,26 @@ def test_damaged_checkpoints():
                 "FROM checkpoints")
         told, _ = end_well(begin(config, database, 2), signal.SIGTERM)
         check_resumed(config, database, told, 2, 1, "checkpoint")
-        expect_told(database, 2, "is of no use: its bytes are damaged", "goes on with run 1")
+        expect_told(database, 2, "checkpoint|tick 20|run 1|damaged", f"run 1|tick {told['resumed']['tick']}|checkpoint")
         execute(database, "UPDATE checkpoints SET bytes = substr(bytes, 1, 100)")
         told, _ = end_well(begin(config, database, 3), signal.SIGTERM)
         expect(told["resumed"]["from"] in ("start", "inputs"), f"{told['resumed']}")
-        expect_told(database, 3, "is of no use: its bytes are damaged")
+        expect_told(database, 3, "checkpoint|run 2|damaged", f"run 2|tick {told['resumed']['tick']}|inputs")
         execute(database, "UPDATE checkpoints SET format = 'twinlock 0'")
         told, _ = end_well(begin(config, database, 4), signal.SIGTERM)
         expect(told["resumed"]["from"] in ("start", "inputs"), f"{told['resumed']}")
-        expect_told(database, 4, "another version of twinlock")
-    expect_refused(65, "is damaged", "replay", config, "--recording", database, "--run", "2")
+        expect_told(database, 4, "checkpoint|run 3|another version", f"run 3|tick {told['resumed']['tick']}|inputs")
+    expect_refused(BAD_DATA, f"error|{database}|checkpoint|run 2|damaged", "replay", config, "--recording", database, "--run", "2")
 
 
 def without_serializing(config):
-    """The configuration with FMUs that cannot turn their state into bytes."""
+    """Puts FMUs beside the configuration that cannot serialise their state."""
     for name in "drive.fmu", "motor.fmu":
         with zipfile.ZipFile(FMUS / name) as source, zipfile.ZipFile(config.parent / name, "w") as changed:
             for entry in source.infolist():
                 data = source.read(entry)
                 if entry.filename == "modelDescription.xml":
-                    expect(b'canSerializeFMUstate="true"' in data, f"{name} cannot be turned into bytes anyway")
+                    expect(b'canSerializeFMUstate="true"' in data, f"{name} has no such capability")
                     data = data.replace(b'canSerializeFMUstate="true"', b'canSerializeFMUstate="false"')
                 changed.writestr(entry, data)
 
@@ -292,29 +300,29 @@ def test_fmus_that_cannot_be_turned_into_bytes():
         begin(config, database, 1).kill()
         expect(number(database, "SELECT count(*) FROM checkpoints") == 0, "there is a checkpoint")
         told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
-    expect("canSerializeFMUstate" in log, log)
+    expect_line(log, "checkpoint|canSerializeFMUstate")
     check_resumed(config, database, told, 2, 1, "start")
     same_course(database, 1, 2)
 
 
 def test_states_that_are_slow():
-    """Led back by copies of its memory, it is turned into bytes by its own states all the same."""
+    """An FMU that is rolled back by copies of its memory uses its own states for checkpoints."""
     if SANITIZER or EMULATED:
-        raise Skip("there is no copy of an FMU's memory with a sanitizer, and FMUs are compiled here for this machine")
-    import keeper_fmu  # pylint: disable=import-outside-toplevel  # it ends a test that cannot run here
+        raise Skip("no memory copies of FMUs with a sanitizer, and no FMUs for an emulated machine")
+    import keeper_fmu  # pylint: disable=import-outside-toplevel  # skips the test if it cannot run here
     config, database = live_config(free_port())
     keeper_fmu.slow_states("motor", config.parent / "motor.fmu")
-    expect("rolled back by its memory,\n               which takes " in run_well(["check", config]), "by its own states")
+    expect_line(run_well(["check", config]), "motor|motor.fmu|memory")
     with Program("plant", config):
         begin(config, database, 1, 120).kill()
         told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
-    expect("goes on with run 1" in log, log)
+    expect_line(log, f"notice|resume|run 1|tick {told['resumed']['tick']}|checkpoint")
     check_resumed(config, database, told, 2, 1, "checkpoint")
     same_course(database, 1, 2)
 
 
 def test_an_fmu_that_refuses_its_bytes():
-    """They are whole, but not a state of this FMU: the twin is made anew, and led along from the start."""
+    """The FMU rejects the bytes of the checkpoint: the twin starts again and follows all inputs."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
@@ -324,12 +332,13 @@ def test_an_fmu_that_refuses_its_bytes():
             execute(database, "UPDATE checkpoints SET bytes = ?, sha256 = ? WHERE tick = ?", data,
                     hashlib.sha256(data).hexdigest(), tick)
         told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
-    expect_told(database, 2, "fmi2DeSerializeFMUstate", "goes on with run 1")
+    expect_told(database, 2, "checkpoint|tick 0|run 1|fmi2DeSerializeFMUstate", f"run 1|tick {told['resumed']['tick']}|inputs")
     check_resumed(config, database, told, 2, 1, "start")
 
 
 def test_an_fmu_that_fails_on_the_way():
-    """What was recorded leads nowhere: that attempt is a run of its own, and the next one begins anew."""
+    """An FMU fails with the recorded inputs: that attempt is a separate run, and the next run
+    starts at tick 0."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
@@ -337,8 +346,8 @@ def test_an_fmu_that_fails_on_the_way():
         live = begin(config, database, 3, 20)
         told, _ = end_well(live, signal.SIGTERM)
         expect(told["resumed"] is None, f"{told['resumed']}")
-        expect_reasons(database, "not ended cleanly", "could not go on with an earlier run", "SIGTERM")
-        expect_told(database, 2, "begins anew: to go on with run 1 has failed: motor")
+        expect_reasons(database, "cleanly", "earlier run", "SIGTERM")
+        expect_told(database, 2, "run 1|failed|motor|fmi2DoStep")
         told, _ = end_well(begin(config, database, 4, 20), signal.SIGTERM)
     expect(told["resumed"]["run"] == 3, f"{told['resumed']}")
 
@@ -346,43 +355,47 @@ def test_an_fmu_that_fails_on_the_way():
 # ---- a long pause ----
 
 def test_nobody_ran_for_most_of_a_minute():
-    """Some 5000 ticks are made up, each cycle as many as its budget has time for; then it is locked as ever."""
+    """The twin catches up some 5000 ticks, as many per cycle as its budget permits. Then it
+    locks."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
         execute(database, "UPDATE beginnings SET start_ns = start_ns - 50000000000")
         begun = time.monotonic()
         told, _ = end_well(begin(config, database, 2, 5000 + 2 * LOCKED), signal.SIGTERM)
-    print(f"    {told['skipped']} ticks made up, {time.monotonic() - begun:.2f} s in all, "
+    print(f"    {told['skipped']} ticks caught up, {time.monotonic() - begun:.2f} s in all, "
           f"the run {told['wall_s']:.2f} s")
-    expect(told["skipped"] >= 5000, f"{told['skipped']} ticks were made up")
-    lead = number(database, "SELECT lead FROM runs WHERE run = 2")
-    first = number(database, "SELECT min(step) FROM steps WHERE run = 2 AND outcome NOT IN (?, ?)", MADE_UP, FOLLOWED)
-    late = number(database, "SELECT count(*) FROM steps WHERE run = 2 AND step > ? AND step < ? AND outcome NOT IN "
-                  "(?, ?)", first, first + LOCKED, *WITHIN)
-    print(f"    {late} of {LOCKED} steps after the first one that was searched (lead {lead}) were not locked")
+    expect(told["skipped"] >= 5000, f"{told['skipped']} ticks were skipped")
+    lead = number(database, "SELECT lead FROM runs WHERE runs.run = 2")
+    first = number(database, "SELECT min(step) FROM steps WHERE outcome NOT IN (?, ?) AND run = 2", MADE_UP, FOLLOWED)
+    late = number(database, "SELECT count(*) FROM steps WHERE step > ? AND step < ? AND outcome NOT IN (?, ?) AND run = 2",
+                  first, first + LOCKED, *WITHIN)
+    print(f"    {late} of {LOCKED} steps after the first searched one (lead {lead}) were not locked")
     expect(late < LOCKED // 2, f"{late} of {LOCKED} steps were not locked")
     check_repeated(config, database, 2)
 
 
-# ---- it begins anew, and says why ----
+# ---- runs that are not resumed ----
 
-def expect_anew(prepare, *words, record=None):
-    """After `prepare` has done something to the database or the configuration, the next run begins at tick 0."""
+def expect_anew(prepare, *wanted, record=None):
+    """`prepare` changes the database or the configuration, so that the next run starts at tick 0.
+
+    Checks its events about that: `wanted` are lists of parts (see has_line()).
+    """
     config, database = live_config(free_port(), record=record or {})
     with Program("plant", config):
         begin(config, database, 1, 40).kill()
         config = prepare(config, database) or config
         told, _ = end_well(begin(config, database, 2, 20), signal.SIGTERM)
-    expect(told["resumed"] is None, f"it goes on: {told['resumed']}")
-    expect(number(database, "SELECT min(step) FROM steps WHERE run = 2") == 0, "not from step 0")
+    expect(told["resumed"] is None, f"resumed: {told['resumed']}")
+    expect(number(database, "SELECT min(step) FROM steps WHERE steps.run = 2") == 0, "not from step 0")
     told = told_by(database, 2)
-    expect(len(told) == len(words) and all(word in text for word, text in zip(words, told)), f"{told}, wanted {words}")
+    expect(len(told) == len(wanted) and all(has_line(text, parts) for parts, text in zip(wanted, told)), f"{told}, wanted {wanted}")
 
 
 def test_why_it_begins_anew():
-    """If the run before is another one, also how long no twin ran."""
-    gap = "no twin ran for "
+    """The reason, and the time without a twin if the run before is a different one."""
+    gap = "s|ticks"
 
     def other_tolerance(config, _):
         document = json.loads(config.read_text())
@@ -394,30 +407,31 @@ def test_why_it_begins_anew():
             for statement in statements:
                 execute(database, statement)
         return change
-    expect_anew(other_tolerance, "begins anew: the configuration is not that of run 1", gap)
-    expect_anew(sql("UPDATE beginnings SET fmus = 'x'"), "begins anew: the FMUs are not those of run 1", gap)
-    expect_anew(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "more than record.resume_s")
-    expect_anew(sql("UPDATE beginnings SET boot = ''"), "does not tell what it takes", gap)
-    expect_anew(sql("UPDATE runs SET ended = committed, ended_reason = 'drive: fmi2DoStep failed'"),
-                "run 1 ended: drive: fmi2DoStep failed", gap)
-    expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps WHERE step = 20"), "has a hole")
+    expect_anew(other_tolerance, "configuration|run 1", gap)
+    expect_anew(sql("UPDATE beginnings SET fmus = 'x'"), "FMUs|run 1", gap)
+    expect_anew(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "run 1|s|record.resume_s")
+    expect_anew(sql("UPDATE beginnings SET boot = ''"), "run 1", gap)
+    expect_anew(sql("UPDATE runs SET (ended, ended_reason) = (committed, 'drive: fmi2DoStep failed')"),
+                "run 1|drive: fmi2DoStep failed", gap)
+    expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps AS one WHERE one.step = 20"), "run 1|ticks")
     expect_anew(lambda *_: None, record={"resume_s": 0})
 
 
 def test_runs_that_get_nowhere():
-    """What kills one right after the start would kill all that go on with it."""
+    """After three runs in a row without an own step, the next run does not resume."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
         for run_number in 2, 3, 4:
             begin(config, database, run_number, 1).kill()
-            execute(database, "DELETE FROM steps WHERE run = ?", run_number)
+            execute(database, "DELETE FROM steps AS own WHERE own.run = ?", run_number)
         told, log = end_well(begin(config, database, 5, 20), signal.SIGTERM)
-    expect(told["resumed"] is None and "begins anew: 3 runs in a row have got nowhere" in log, log)
+    expect(told["resumed"] is None and has_line(log, "notice|resume|3 runs"), log)
 
 
 def test_after_a_reboot():
-    """By UTC; where the clock was set back meanwhile, or by years, nothing is believed."""
+    """After a reboot UTC decides. A clock that was set back, or too far ahead, prevents the
+    resume."""
     other = "UPDATE beginnings SET boot = 'another'"
     shifted = "UPDATE runs SET started = strftime('%Y-%m-%dT%H:%M:%fZ', started, '{0}'), " \
               "committed = strftime('%Y-%m-%dT%H:%M:%fZ', committed, '{0}')"
@@ -435,8 +449,8 @@ def test_after_a_reboot():
             execute(path, other)
             execute(path, shifted.format(days))
         return change
-    expect_anew(after("+1 day"), "by the clock run 1 has not happened yet")
-    expect_anew(after("-1 day"), "more than record.resume_s")
+    expect_anew(after("+1 day"), "clock|run 1")
+    expect_anew(after("-1 day"), "run 1|s|record.resume_s")
 
 
 def test_a_database_that_was_removed():
@@ -450,19 +464,20 @@ def test_a_database_that_was_removed():
 
 
 def test_a_run_of_no_use_any_more():
-    """Its replay says what is missing."""
+    """A replay of a resumed run fails if its FMUs or its checkpoint are missing, and reports
+    which."""
     config, database = live_config(free_port())
     with Program("plant", config):
         begin(config, database, 1).kill()
         end_well(begin(config, database, 2, 40), signal.SIGTERM)
     execute(database, "UPDATE beginnings SET fmus = 'x' WHERE run = 2")
     replay = "replay", config, "--recording", database
-    expect_refused(65, "the FMUs are not those", *replay)
-    execute(database, "DELETE FROM checkpoints WHERE run = 2")
-    expect_refused(65, "the beginning of run 2 is not there", *replay)
-    expect_refused(65, "holds no run 7", *replay, "--run", "7")
-    expect_refused(2, "expected the number of a run", *replay, "--run", "x")
-    expect_refused(2, "is no database", "replay", config, "--run", "7")
+    expect_refused(BAD_DATA, "error|FMUs|run 2|run 1", *replay)
+    execute(database, "DELETE FROM checkpoints AS own WHERE own.run = 2")
+    expect_refused(BAD_DATA, f"error|{database}|beginning|run 2", *replay)
+    expect_refused(BAD_DATA, f"error|{database}|run 7", *replay, "--run", "7")
+    expect_refused(BAD_USAGE, "--run|\"x\"|3", *replay, "--run", "x")
+    expect_refused(BAD_USAGE, "recording.csv|run 7|--run", "replay", config, "--run", "7")
 
 
 if __name__ == "__main__":

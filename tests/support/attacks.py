@@ -1,10 +1,13 @@
-"""Attacks by an FMU, and the other end of each: what the attacker (tests/fmu/hostile/attack) is told to do, and how one sees whether it
-came through without asking it.
+"""Attacks by an FMU: the orders to the attacker (tests/fmu/hostile/attack), and the evidence of
+their success.
 
-An attack is a line of a table: Attack(label, function of the attacker's, stage, calls). A stage is called with the Ground on which all takes place, and
-gives the attacker's arguments and a function that tells, after the run, whether anything was reached. `calls` are system calls that a
-process with FMUs has no use for: one of them must have been refused, and that said; without them the attack needs a call that everybody
-needs, and the kernel refuses it by what it is called with.
+The evidence does not rely on the attacker's own report. An attack is a row of a table:
+Attack(label, function of the attacker, stage, calls). A stage gets the Ground. It returns the
+attacker's arguments, and a function that tells after the run whether the attack had an effect.
+
+`calls` are system calls that a process with FMUs does not need. The log must report that one of
+them was refused. An attack without `calls` uses a call that all processes need; the kernel refuses
+it because of its arguments.
 """
 import ctypes
 import fcntl
@@ -28,17 +31,18 @@ from pathlib import Path
 import hostile_fmu
 import live_test
 import twinlock_test
-from twinlock_test import PATIENCE, PROGRAM, Failure, expect, scratch
+from twinlock_test import PATIENCE, PROGRAM, Failure, expect, has_line, scratch
 
-PLAIN_USER = 47110  # nobody's
-REFUSAL = re.compile(r"FMU (\S+) asked for (\w+) in (.+?), which is refused; said once")
+PLAIN_USER = 47110  # not in /etc/passwd
+REFUSAL = re.compile(r"\bFMU (\S+) .*?\b(\w+) in (\w[^\s,]*).*\brefused\b.*")  # FMU, system call, FMI function
 REPORT = re.compile(r"attack ([^:\n]+): (succeeded|E\w+)")
 NEW_PROCESS = ("clone", "clone3", "fork", "vfork")
 
 
 class Attack:
     def __init__(self, label, function, stage, calls=(), only=None):
-        """`only`: whether it can succeed at all, unconfined, on a Ground: for root, with an option of the kernel's."""
+        """`only`: whether it can succeed on a Ground, unconfined. Some attacks need root or a
+        kernel option."""
         self.label, self.function, self.stage, self.calls, self.only = label, function, stage, calls, only or always
 
 
@@ -51,7 +55,7 @@ def as_root(ground):
 
 
 def attributes(ground):
-    """Whether the file system keeps attributes of users."""
+    """Whether the file system supports extended attributes of users."""
     try:
         os.setxattr(ground.folder, "user.test", b"")
     except OSError:
@@ -60,18 +64,20 @@ def attributes(ground):
 
 
 def elsewhere(_):
-    """The terminal, and TMPDIR as a whole, are the parent's: FMUs have lost them by being in a process of their own, unconfined too."""
+    """The terminal and TMPDIR belong to the parent. FMUs run in another process, so they have
+    neither, even unconfined."""
     return False
 
 
 # ---- where it takes place ----
 
 def users():
-    """Root and a plain user if this is root; else whoever this is."""
+    """Root and a plain user if this is root; else the current user."""
     return (0, PLAIN_USER) if os.geteuid() == 0 else (os.geteuid(),)
 
 
-# What a container without privileges gives: a user namespace with one user, who is root there and has no capability.
+# Like a container without privileges: a user namespace whose only user is root there, without
+# capabilities.
 IN_CONTAINER = ["unshare", "--user", "--map-root-user", "--", "setpriv", "--bounding-set=-all", "--inh-caps=-all", "--no-new-privs", "--"]
 in_container = False
 
@@ -83,7 +89,8 @@ def as_user(user):
 
 
 def program_for(user):
-    """The program where that user may start it: the folder of the build may be closed to others."""
+    """The path of a program that this user may start: other users may have no access to the build
+    folder."""
     if user == os.geteuid():
         return PROGRAM
     copy = scratch() / "twinlock"
@@ -93,7 +100,7 @@ def program_for(user):
 
 
 def open_to_all(path):
-    """The folders of tests are closed; this one and those above may be entered."""
+    """Lets all users enter the folders above `path`. Test folders are closed by default."""
     for folder in path.parents:
         if "twinlock-test-" not in str(folder):
             break
@@ -102,17 +109,18 @@ def open_to_all(path):
 
 @functools.cache
 def attacker():
-    """The FMU without orders: that of TL_ATTACKER, else made here."""
+    """The FMU without orders: that of TL_ATTACKER, or a new one."""
     made = os.environ.get("TL_ATTACKER", "")
     return Path(made) if os.path.exists(made) else hostile_fmu.make("attack")
 
 
 class Ground:
-    """A folder of a user's with the FMU, its configuration and all that is attacked; and who is attacked."""
+    """A user's folder with the FMU, its configuration and the attacked files; and the attacked
+    process."""
 
     def __init__(self, user, where="fmi2DoStep", confined=False, verb="replay"):
         self.user, self.where, self.confined, self.verb = user, where, confined, verb
-        self.changes = None  # of the configuration
+        self.changes = None  # to the configuration
         self.folder = scratch()
         self.others, self.temporary = self.folder / "others", self.folder / "temporary"
         self.home = self.folder / "home"
@@ -123,7 +131,7 @@ class Ground:
         self._victim = None
         self.code = self.out = self.log = None
         self.screen = self.typed = b""
-        self.mebibytes = 0  # the most that one of the processes held
+        self.mebibytes = 0  # the largest memory of one process
 
     def __enter__(self):
         return self
@@ -136,12 +144,13 @@ class Ground:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def keep(self, thing):
-        """Closed at the end."""
+        """Closes `thing` at the end."""
         self.kept.append(thing.close)
         return thing
 
     def own(self):
-        """All in the folder becomes the user's; what is so already stays untouched, its times too."""
+        """Gives all files in the folder to the user. Files that are the user's already keep their
+        times."""
         open_to_all(self.folder / "x")
         for path in (self.folder, *self.folder.rglob("*")):
             if path.lstat().st_uid != self.user:
@@ -180,17 +189,18 @@ class Ground:
         config = self.config(self.changes)
         self.own()
         program = [program_for(self.user), self.verb, config, *results.get(self.verb, ()), *options, *mode]
-        # A shell in front is the parent of a process that has no other one of ours.
+        # The shell is the parent that such a process attacks; it is no process of the test.
         return [*as_user(self.user), "sh", "-c", "\"$@\"; exit $?", "sh", *map(str, program)]
 
     def environment(self):
-        """Little of the machine's: an attacker prints what it reads."""
+        """A small environment, because the attacker prints what it reads."""
         known = ("PATH", "LANG", "ASAN_OPTIONS", "LSAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS", "TWINLOCK_FMU_PATH", "TMPDIR")
         everything = twinlock_test.environment(self.temporary)
         return {**{name: everything[name] for name in known if name in everything}, "TWINLOCK_ATTACK": str(self.folder), "ATTACK_SECRET": self.secret}
 
     def run(self, *options, timeout=60):
-        """By a shell without a terminal, until nothing of it is there any more but what was left behind on purpose."""
+        """Runs the program in a shell without a terminal, until all its processes have ended but
+        the attacker's."""
         with open(self.folder / "out", "wb") as out, open(self.folder / "log", "wb") as log:
             process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=subprocess.DEVNULL,
                                        stdout=out, stderr=log, start_new_session=True)
@@ -206,7 +216,7 @@ class Ground:
         return self
 
     def _wait(self, process, timeout):
-        """For the shell; then for the program, if it was only the shell that was killed."""
+        """Waits for the shell, and then for the program, if an attack has killed the shell only."""
         until = time.monotonic() + timeout * PATIENCE
         ended = 0
         while ended == 0 or any(comm(pid) == "twinlock" for pid in self.left()):
@@ -219,39 +229,39 @@ class Ground:
             time.sleep(0.005)
 
     def _text(self, name):
-        """Beginning and end, if it is long."""
+        """The text of a file; only its beginning and end if it is long."""
         with open(self.folder / name, "rb") as file:
             text = file.read(1 << 20)
             file.seek(max(file.tell(), os.fstat(file.fileno()).st_size - (1 << 20)))
             return (text + file.read()).decode("utf-8", "backslashreplace")
 
-    # -- what came of it --
+    # -- results --
 
     def __str__(self):
         how = "confined" if self.confined else "unconfined"
         return f"{self.verb} by {'root' if self.user == 0 else 'a plain user'}, {self.where}, {how}"
 
     def said(self):
-        """Of the log, what fits a failure's text."""
+        """The log, shortened for the text of a failure."""
         return self.log if len(self.log) < 8000 else f"{self.log[:4000]}\n ... \n{self.log[-4000:]}"
 
     def reports(self):
         return dict(REPORT.findall(self.log))
 
     def refusals(self):
-        """[system call] that were said to be refused, as often as they were."""
+        """The system calls that the log reports as refused, once for each report."""
         return [call for _, call, _ in REFUSAL.findall(self.log)]
 
     def rows(self):
-        """What the run has computed, and how it lies there; None: not to be had of this verb."""
+        """The results of the run and the attributes of their files; None if the verb has none."""
         return None if self.verb == "check" else (kept_file(self.home / "rows.csv"), kept_database(self.home / "run.db"))
 
     def is_obeyed(self):
-        """Whether log or output would be more than text to a terminal."""
+        """Whether log or output contain control characters that a terminal obeys."""
         return any(OBEYED.search((self.folder / name).read_bytes()) for name in ("out", "log"))
 
     def faults(self):
-        """What is wrong with the results as such, whatever their values."""
+        """The errors in the format of the results. Their values do not count."""
         found = []
         table, database = self.home / "rows.csv", self.home / "run.db"
         if table.exists():
@@ -263,11 +273,11 @@ class Ground:
         return found
 
     def events(self):
-        """Texts of the refusals in the database."""
-        return [text for text, in query(self.home / "run.db", "SELECT text FROM events WHERE text LIKE '%asked for%'")]
+        """The texts of the refusals in the database."""
+        return [text for text, in query(self.home / "run.db", "SELECT text FROM events") if REFUSAL.search(text)]
 
     def left(self):
-        """Processes that were begun here and are still there."""
+        """The processes of this run that still exist."""
         marked = []
         for path in Path("/proc").glob("[0-9]*/environ"):
             try:
@@ -279,14 +289,14 @@ class Ground:
 
     @functools.cache
     def terminal(self):
-        """Both ends of the terminal that it may be started from."""
+        """Both ends of the terminal for on_terminal()."""
         master, slave = os.openpty()
         os.chown(os.ttyname(slave), self.user, self.user)
         self.kept.append(lambda: (os.close(slave), os.close(master)))
         return master, slave
 
     def on_terminal(self, *options, timeout=60):
-        """The same on a terminal of its own, which it controls: what came to the screen is in `screen`, what was typed in `typed`."""
+        """As run(), on its own controlling terminal. `screen` has the output, `typed` the input."""
         master, slave = self.terminal()
         process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=slave, stdout=slave, stderr=slave,
                                    start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
@@ -309,7 +319,7 @@ class Ground:
 
 
 def readable(descriptor):
-    """What is there to be read now: of what was typed, a call gives a line."""
+    """All bytes that can be read now."""
     got = bytearray()
     try:
         while part := os.read(descriptor, 1 << 20):
@@ -320,7 +330,7 @@ def readable(descriptor):
 
 
 def kept_file(path):
-    """A result as its reader finds it: mode, owner, attributes, contents; None if it is not there."""
+    """Mode, owner, attributes and content of a result; None if it does not exist."""
     found = state(path)
     return found and (*found[:3], *found[-2:])
 
@@ -331,7 +341,8 @@ def query(path, sql):
 
 
 def kept_database(path):
-    """The same for a database: its steps instead of its bytes; what is wrong if it cannot be read."""
+    """As kept_file() for a database, with its steps instead of its bytes, or with SQLite's
+    error."""
     found = state(path)
     if found is None:
         return None
@@ -343,7 +354,7 @@ def kept_database(path):
 
 
 def comm(pid):
-    """The name of a process, as it calls itself; "" if it is gone."""
+    """The name of a process; "" if it is gone."""
     try:
         status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -351,11 +362,11 @@ def comm(pid):
     return "" if "State:\tZ" in status else status.split("\n", 1)[0].removeprefix("Name:\t")
 
 
-# ---- a process that has nothing to do with it ----
+# ---- an independent process ----
 
 VICTIM = """
 import ctypes, json, os, signal, sys
-ctypes.CDLL(None).prctl(0x59616d61, ctypes.c_ulong(-1), 0, 0, 0)  # whoever wants to may trace it
+ctypes.CDLL(None).prctl(0x59616d61, ctypes.c_ulong(-1), 0, 0, 0)  # all processes may trace it
 got = set()
 for number in range(signal.SIGRTMIN, signal.SIGRTMAX + 1):
     signal.signal(number, lambda number, frame: got.add(number))
@@ -366,12 +377,12 @@ while sys.stdin.readline():
 """
 
 
-WRITTEN = 64  # bytes of its memory, from FIRST_WRITTEN on, that attacks may write: the others are there to be read
+WRITTEN = 64  # bytes of its memory, from FIRST_WRITTEN on, that attacks write; they read the others
 FIRST_WRITTEN = 32
 
 
 class Victim:
-    """A process of the same user: it tells which signals it got, and what is in its memory."""
+    """A process of the same user that reports its signals and its memory."""
 
     def __init__(self, ground):
         self.words = secrets.token_hex(16), secrets.token_hex(16)
@@ -402,7 +413,7 @@ class Victim:
 # ---- stages: the network ----
 
 class Plant(live_test.Device):
-    """A Modbus device that lets itself be written, and keeps what was."""
+    """A Modbus device that accepts write requests and stores their values."""
 
     def __init__(self):
         self.registers = {}
@@ -424,7 +435,7 @@ def modbus_plant(ground):
 
 
 def received(listener):
-    """Whether anything waits at a socket: bytes, or who wants to connect."""
+    """Whether bytes or a connection wait at a socket."""
     listener.setblocking(False)
     try:
         return bool(listener.accept() if listener.type == socket.SOCK_STREAM else listener.recv(100))
@@ -465,7 +476,8 @@ def socket_in_folder(kind):
 
 
 def ethernet(ground):
-    """The loopback interface, where only root may listen; it is everybody's, so that a frame says whose it is."""
+    """The loopback interface. Only root may listen there. All processes use it, so a frame carries
+    our secret."""
     if os.geteuid() != 0:
         return ("1", ground.secret), lambda: False
     listener = ground.keep(socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88B5)))
@@ -485,7 +497,7 @@ def ethernet(ground):
 # ---- stages: devices ----
 
 def serial_line(ground):
-    """A pseudo-terminal: what is written to it comes out at the other end."""
+    """A pseudo-terminal: the test reads at the other end what the attacker writes."""
     master, slave = os.openpty()
     name = os.ttyname(slave)
     os.chown(name, ground.user, ground.user)
@@ -511,9 +523,10 @@ def kernel_log(*before):
 
 
 def lines(log):
-    """Of the kernel's log, one a call; ends where it has no more. It shows a line that may still go on only when there is another one."""
+    """The lines of the kernel's log. The kernel shows its last line only after the next one, so
+    this writes one."""
     if os.access("/dev/kmsg", os.W_OK):
-        Path("/dev/kmsg").write_text("twinlock's test has looked for attacks\n", encoding="utf-8")
+        Path("/dev/kmsg").write_text("twinlock's test has read the log\n", encoding="utf-8")
     while True:
         try:
             line = os.read(log, 8192)
@@ -529,7 +542,7 @@ def lines(log):
 # ---- stages: files ----
 
 def state(path):
-    """All that a file is; None if it is not there."""
+    """All attributes and the content of a file; None if it does not exist."""
     try:
         about = path.lstat()
         names = os.listxattr(path)
@@ -541,7 +554,7 @@ def state(path):
 
 def changed_file(ground):
     path = ground.others / f"file-{len(ground.orders)}"
-    path.write_text("of somebody else", encoding="utf-8")
+    path.write_text("another owner's", encoding="utf-8")
     os.chown(path, ground.user, ground.user)
     before = state(path)
     return (path, f"{path}.away"), lambda: state(path) != before
@@ -567,7 +580,7 @@ def secret_in(name, folder="others"):
 
 
 def connections(ground):
-    """A socket that listens, as /proc tells it."""
+    """A listening socket in /proc/self/net."""
     listener = listening(ground, socket.AF_INET, socket.SOCK_STREAM, ("127.0.0.1", 0))
     return ("/proc/self/net/tcp",), lambda: f"0100007F:{listener.getsockname()[1]:04X}" in ground.log
 
@@ -590,7 +603,7 @@ def signalled(ground):
 
 
 def written_memory(word):
-    """Each at a place of its own in the victim's memory."""
+    """Each attack writes to another address in the victim's memory."""
     def stage(ground):
         victim = ground.victim()
         at = FIRST_WRITTEN + 8 * len(ground.orders) % WRITTEN
@@ -638,13 +651,17 @@ def many_processors(_):
 # ---- stages: programs and bombs ----
 
 def told(*words):
-    """Only the attacker knows."""
+    """An attack whose only evidence is the attacker's report."""
     return lambda ground: (words, None)
 
 
-def told_or_seen(sentence, *words):
-    """Whoever watches the process may be faster than the attacker's word, and says that he has seen it. For one that is alone."""
-    return lambda ground: (words, lambda: "succeeded" in ground.reports().values() or sentence in ground.said())
+def told_or_seen(parts, *words):
+    """An attack whose evidence is the attacker's report, or a line of the log with all parts (see
+    has_line()).
+
+    The parent may end the process before the attacker reports. For a run with only this attack.
+    """
+    return lambda ground: (words, lambda: "succeeded" in ground.reports().values() or has_line(ground.log, parts))
 
 
 def system_v(ground):
@@ -667,7 +684,7 @@ def ring(_):
 
 
 def programs_of_32_bits(_):
-    """Whether the kernel still takes calls by int 0x80: what it does with a program that makes one."""
+    """Whether the kernel still accepts system calls by int 0x80; a child process tries one."""
     code = bytes((0xB8, 20, 0, 0, 0, 0xCD, 0x80, 0xC3))  # getpid()
     child = os.fork()
     if child == 0:
@@ -680,14 +697,14 @@ def programs_of_32_bits(_):
 
 
 def never(_):
-    """No kernel of today's has it; it is tried all the same."""
+    """No current kernel has it. The test tries it anyway."""
     return False
 
 
-# ---- stages: what kernels offer besides ----
+# ---- stages: other features of the kernel ----
 
 def keyrings(_):
-    """Whether the kernel has them, and lets this user."""
+    """Whether the kernel has keyrings and this user may use them."""
     keys = Path("/proc/keys")
     return keys.exists() and not in_container
 
@@ -701,11 +718,11 @@ def anothers_descriptor(ground):
 
 
 def escaped(ground):
-    """Nothing that a terminal would obey comes of it."""
+    """Checks that no control characters reach log or output."""
     return (secrets.token_hex(8),), ground.is_obeyed
 
 
-# ---- the table: attacks after which a run goes on ----
+# ---- the table: attacks after which the run continues ----
 
 ATTACKS = (
     Attack("Modbus function 6", "modbus", modbus_plant, ("socket", "connect")),
@@ -779,17 +796,22 @@ ATTACKS = (
     Attack("watching a folder", "watch_folder", watched_folder, ("inotify_init1",)),
     Attack("faults of its memory", "handle_faults", told(), ("userfaultfd",)),
     Attack("another's descriptor", "take_descriptor", anothers_descriptor, ("pidfd_open",)),
-    *(() if twinlock_test.SANITIZER else (Attack("dumpable", "be_dumpable", told(), ("prctl",)),)),  # it may itself, to be traced
+    *(() if twinlock_test.SANITIZER else (Attack("dumpable", "be_dumpable", told(), ("prctl",)),)),  # a sanitizer makes itself dumpable
     Attack("another personality", "change_personality", told(), ("personality",)),
     Attack("escapes by its own pipe", "write_own_pipe", escaped, (), elsewhere),
 )
 
 
-# ---- those after which it may end: each in a program of its own ----
+# ---- attacks after which the run may end: each in a separate run ----
 
 class Lone(Attack):
-    """`at`: another place than usual. `may_end`: confined, the run may end with 70 and a sentence. `believed`: it may think that it has
-    succeeded, as who closes its own descriptors does. `own_values`: it may spoil what it computes itself, which is its right; not how that lies there."""
+    """An attack that has a run for itself.
+
+    `at`: another place than usual. `may_end`: the confined run may end with 70 and a message.
+    `believed`: the attacker may report success, for example after it has closed its own
+    descriptors. `own_values`: the attack may change the values that its FMU computes, but not the
+    format of the results.
+    """
 
     def __init__(self, label, function, stage, calls=(), only=None, at=None, may_end=False, believed=False, own_values=False):
         super().__init__(label, function, stage, calls, only)
@@ -810,7 +832,7 @@ def traced_parent(_):
 
 
 def taken(mebibytes):
-    """Memory of a process: the kernel counts it."""
+    """An attack that takes memory. The kernel measures it."""
     return lambda ground: ((mebibytes,), lambda: ground.mebibytes >= mebibytes)
 
 
@@ -830,7 +852,7 @@ def filled(mebibytes, *folder):
 
 def many_files(count, *folder):
     def stage(ground):
-        tried = 20 * count if ground.confined else count  # so that there is time to be noticed
+        tried = 20 * count if ground.confined else count  # enough time for the parent to notice
         return (tried, *folder), lambda: len(list((ground.home if folder else ground.temporary).iterdir())) >= count
     return stage
 
@@ -839,11 +861,11 @@ def printed(count):
     return lambda ground: ((count,), lambda: sum((ground.folder / name).stat().st_size for name in ("out", "log")) >= count)
 
 
-LIMIT_MEBIBYTES = 192  # of the process of the FMUs, when bombs are thrown; less on any machine than
+LIMIT_MEBIBYTES = 192  # memory limit of the FMUs' process in these tests; on any machine less than
 BOMB_MEBIBYTES = 384
 DISK_MEBIBYTES = 640  # more than FMUs may write
 FILES = 20000
-PRINTED = 30000000  # less than is passed on at once
+PRINTED = 30000000  # bytes; the log relay forwards more at once
 
 LONE = (
     Lone("kill of its parent", "send_kill", killed_parent, ("kill",), may_end=True),
@@ -870,33 +892,37 @@ BOMBS = (
     Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
     Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
-    Lone("bytes in removed files", "fill_removed", told_or_seen("have removed and hold open", DISK_MEBIBYTES), believed=True, may_end=True),
+    Lone("bytes in removed files", "fill_removed", told_or_seen("removed|MB|FMUs", DISK_MEBIBYTES), believed=True, may_end=True),
     Lone("bytes in its folder", "fill_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), elsewhere, may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("files in its folder", "many_files", many_files(FILES, "."), may_end=True),
 )
-# What it prints comes by a pipe, and is neither the program's own output nor in its way.
+# The output of FMUs comes through a pipe. It neither replaces nor blocks the program's own output.
 PRINTS = (
     Lone("flood", "flood_output", printed(PRINTED), believed=True),
     Lone("no newline", "output_without_newline", printed(PRINTED // 10), believed=True),
 )
 
 
-# ---- on what the run itself writes, and what it holds open ----
+# ---- attacks on the files that the run writes or has open ----
 
 def result(name):
-    """A file of the results, when half of the steps are done. Of a database that was harmed a recorder says so, makes it anew, and goes on with
-    what it has still."""
+    """A result file, after half of the steps.
+
+    The recorder reports a damaged database as an error, creates a new one and continues with the
+    data it has.
+    """
     def stage(ground):
         path = ground.home / name
-        return (path, f"{path}.away"), lambda: "made anew" in ground.log or ground.rows() != untouched(ground.user, ground.verb)
+        reported = f"error|recorder|{name}"
+        return (path, f"{path}.away"), lambda: has_line(ground.log, reported) or ground.rows() != untouched(ground.user, ground.verb)
     return stage
 
 
 @functools.cache
 def untouched(user, verb):
-    """The results of a run in which nobody is attacked."""
+    """The results of a run without attacks."""
     with Ground(user, verb=verb).run() as ground:
         expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
         return ground.rows()
@@ -910,7 +936,7 @@ ON_RESULTS = {
     "unlink": ("unlink_file", ()),
     "write": ("write_file", ()),
 }
-ON_DATABASE = tuple(label for label in ON_RESULTS if label != "write")  # which lies there no longer when SQLite has written its own
+ON_DATABASE = tuple(label for label in ON_RESULTS if label != "write")  # SQLite overwrites these bytes
 
 
 def on_result(name, at, *labels):
@@ -924,24 +950,25 @@ RESULTS = {
 }
 
 
-# What it does to its own end of what it shares is its own loss, and must not be more.
+# Attacks on shared memory, pipes and descriptors of the FMUs' own process. They may harm that
+# process only.
 def inside(label, function, stage):
     return Lone(label, function, stage, at=HALF_WAY, may_end=True, believed=True, own_values=True)
 
 
 OWN_PIPE = Lone("reads its own pipe", "read_own_pipe", told(), ("socket",), elsewhere, at=HALF_WAY)
 INSIDE = (
-    inside("writes into all descriptors", "write_descriptors", told_or_seen("its memory was destroyed")),
+    inside("writes into all descriptors", "write_descriptors", told_or_seen("FMUs|killed|memory")),
     inside("closes all descriptors but the log", "close_descriptors", told(3)),
     inside("closes all descriptors", "close_descriptors", told(0)),
     *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),
     *(inside(f"{pattern} over shared memory", "fill_shared", told(pattern)) for pattern in ("escapes", "NaN")),
-    inside("moves who sleeps on shared memory", "move_sleepers", told()),
+    inside("moves the futex waiters of shared memory", "move_sleepers", told()),
     OWN_PIPE,
 )
 
 
-# ---- on the terminal that it was started from ----
+# ---- attacks on the terminal of the program ----
 
 def shown(*terminal):
     def stage(ground):
@@ -975,6 +1002,7 @@ ON_TERMINAL = (
     Attack("typing by the terminal's path", "type_text", typed(by_path), (), as_root),
     Attack("typing by a descriptor", "type_by_descriptor", typed(), (), elsewhere),
 )
-ERASE_LINE = b"\033[K"  # what the program itself sends, besides newlines
-# ESC, BEL, backspace and the other control characters that a terminal obeys; C1 as UTF-8 and as bytes.
+ERASE_LINE = b"\033[K"  # sent by the program itself, besides newlines
+# ESC, BEL, backspace and the other control characters that a terminal obeys; C1 as UTF-8 and as
+# bytes.
 OBEYED = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\xc2[\x80-\x9f]")

@@ -1,9 +1,13 @@
-"""A supervised twin whose process is killed, or whose FMU hangs, again and again, with everything on one processor; and what that
-costs: the time until the next tick, the supervisor's own processor time, and the longest pause between two strokes of its watchdog.
+"""Kills a supervised twin, or lets its FMU hang, again and again on one processor, and measures the
+cost.
 
-The strokes are those that systemd hears: a watchdog is stroked in the same moments (firmware/live/supervisor.c). Before each fault somebody
-reads about all threads of the process in /proc, as every monitor of a box does: so the kernel has something to forget when the
-process dies, which is what a supervisor of real-time priority once had to wait for in vain.
+The cost is the time until the next tick, the supervisor's processor time, and the longest pause
+between two keepalives. The test counts the keepalives of systemd: the supervisor sends those of the
+watchdog at the same time (firmware/live/supervisor.c).
+
+Before each fault the test reads the process's threads in /proc, as monitoring tools do. The kernel
+frees these entries when the process dies. A supervisor with real-time priority once waited for that
+forever.
 """
 import os
 import signal
@@ -19,31 +23,31 @@ from supervised import WORD, Supervised, end_orderly
 from twinlock_test import BUILD, Skip, expect, scratch, write_config
 
 OMEGA = 1.5
-FOLLOWED = 9  # master/sync/record.h: run again to where the run before was
-PATIENCE_S = 2.0  # of the service manager; strokes come four times as often
-MOST_FAULTS = 4  # in a run: with the fifth it is a restart loop
-PAUSES_S = (0, 0.25, 0.5, 1.0)  # of the supervisor before it begins a new process
+FOLLOWED = 9  # master/sync/record.h: a step of the resumed run
+PATIENCE_S = 2.0  # of the service manager; the supervisor sends keepalives four times as often
+MOST_FAULTS = 4  # in a run: the fifth is a restart loop
+PAUSES_S = (0, 0.25, 0.5, 1.0)  # of the supervisor before it starts a new process
 LOAD_PRIORITY, BUSY_S, PERIOD_S = 60, 0.005, 0.010
 
 
 @dataclass
 class Pace:
-    """How fast the twin is. The rig's processor is slow."""
+    """Step and hang limit of the twin. The rig's processor is slow."""
     step_s: float = 0.01
     hang_s: float = 0.3
 
 
 @dataclass
 class Cost:
-    """Of one fault."""
-    back_s: float  # until the next tick, without the pause that the supervisor makes; a hang's patience is in it
+    """The cost of one fault."""
+    back_s: float  # until the next tick, with hang_s, but without the supervisor's pause
     used_s: float  # the supervisor's processor time
-    left: int  # dead processes that nobody had reaped by then
-    gap_s: float = 0.0  # the longest between two strokes, of the whole run
+    left: int  # dead processes that were not reaped by then
+    gap_s: float = 0.0  # the longest pause between two keepalives of the whole run
 
 
 def configuration(port, pace):
-    """An FMU that obeys the file of TWINLOCK_UNRULY, at a live source."""
+    """The FMU tests/hil/fmus/unruly, which obeys the file of TWINLOCK_UNRULY, at a live source."""
     omega = {"stale_s": 5,
              "modbus": {"source": "device", "unit_id": 1, "table": "input", "address": 0, "type": "float32"}}
     return write_config({
@@ -58,7 +62,7 @@ def configuration(port, pace):
 
 
 class Strokes(threading.Thread):
-    """When the supervisor told the service manager that it is alive."""
+    """The times of the supervisor's keepalives to the service manager."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -78,8 +82,10 @@ class Strokes(threading.Thread):
 
 
 class FifoLoad:
-    """A task on the processor, as long as this is open, that is more urgent than the cycle and less so than the supervisor, and
-    busy half of the time."""
+    """A real-time task on the processor that is busy half of the time.
+
+    Its priority is above the cycle's and below the supervisor's.
+    """
 
     def __init__(self, core):
         ready, told = os.pipe()
@@ -118,7 +124,7 @@ class FifoLoad:
 
 
 class Unruly:
-    """A supervised twin with an FMU that obeys (tests/hil/fmus/unruly)."""
+    """A supervised twin with the FMU tests/hil/fmus/unruly."""
 
     def __init__(self, device, pace=Pace()):
         config = configuration(device.port, pace)
@@ -142,7 +148,7 @@ class Unruly:
 
 
 def observe(pid):
-    """As top and the exporters of monitoring do."""
+    """Reads what top and monitoring exporters read."""
     for file in [*Path(f"/proc/{pid}").glob("task/*/stat*"), *Path(f"/proc/{pid}").glob("stat*")]:
         try:
             file.read_bytes()
@@ -151,7 +157,7 @@ def observe(pid):
 
 
 def used_s(pid):
-    """Processor time of a process' first thread so far."""
+    """Processor time of the first thread of a process, in seconds."""
     return int(Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()[0]) / 1e9
 
 
@@ -162,12 +168,13 @@ def is_dead(pid):
         return False
 
 
-TICK = """SELECT (julianday(started) - 2440587.5) * 86400.0 + t_ns / 1e9 FROM steps JOIN runs USING (run)
-          WHERE run = ? AND outcome NOT IN (?, ?) ORDER BY step LIMIT 1"""
+TICK = """SELECT min((julianday(started) - 2440587.5) * 86400.0 + t_ns / 1e9) FROM steps JOIN runs USING (run)
+          WHERE run = ? AND outcome NOT IN (?, ?)"""
 
 
 def first_tick(database, run):
-    """When the run made its first step of its own, in seconds of the system's clock; None where it has not."""
+    """The time of the run's first own step in seconds of the system clock; None if there is none
+    yet."""
     rows = query(database, TICK, run, MADE_UP, FOLLOWED) if database.exists() else []
     return rows[0][0] if rows else None
 
@@ -185,7 +192,7 @@ class Patient:
         return wait_until(ticked, f"a tick of run {run}", self.live.log)
 
     def harm(self, child, kind):
-        """When the fault was there."""
+        """Causes the fault and returns its time."""
         observe(child)
         if kind == "kill":
             at = time.time()
@@ -207,7 +214,7 @@ class Patient:
 
 
 def one_run(kind, count, core, load, pace):
-    """What each fault of a run cost."""
+    """The cost of each fault of one run."""
     with Device(OMEGA) as device:
         strokes, config = Strokes(), configuration(device.port, pace)
         strokes.start()
@@ -228,7 +235,8 @@ def one_run(kind, count, core, load, pace):
 
 
 def campaign(kind, count, core, load=False, pace=Pace()):
-    """What each of so many faults cost: "kill" is SIGKILL, every other kind a word for the FMU (tests/hil/fmus/unruly)."""
+    """The cost of each of `count` faults. `kind`: "kill" for SIGKILL, else an order to
+    tests/hil/fmus/unruly."""
     costs = []
     while len(costs) < count:
         costs += one_run(kind, min(MOST_FAULTS, count - len(costs)), core, load, pace)
@@ -236,10 +244,10 @@ def campaign(kind, count, core, load=False, pace=Pace()):
 
 
 def describe(costs):
-    """One line."""
+    """A summary in one line."""
     def figures(values, unit=1e3):
         values = sorted(values)
         return f"{values[len(values) // 2] * unit:.0f} ({values[-1] * unit:.0f})"
     return (f"{len(costs)} faults; median (most), ms: until the next tick {figures([cost.back_s for cost in costs])}, "
-            f"the supervisor's processor time {figures([cost.used_s for cost in costs])}, longest pause between two strokes "
+            f"the supervisor's processor time {figures([cost.used_s for cost in costs])}, longest pause between two keepalives "
             f"{figures([cost.gap_s for cost in costs])}; dead processes left {sum(cost.left for cost in costs)}")

@@ -1,8 +1,7 @@
-"""What the tests of `plant` and `run` share: programs that are watched while they run, databases, and a
-Modbus device that is told what to answer.
+"""Helpers for tests of `plant` and `run`: running programs, databases, and a Modbus device.
 
-Nothing here waits for a length of time where it can wait for what is to happen; whoever waits in vain fails
-with the log.
+The helpers wait for an event, not for a length of time, where they can. A wait that times out fails
+the test and prints the log.
 """
 import os
 import re
@@ -16,9 +15,9 @@ from contextlib import closing
 from pathlib import Path
 
 import twinlock_test
-from twinlock_test import HUNG_S, NOT_LOCKED, Failure, describe, expect, finish, replay_json, scratch, start
+from twinlock_test import HUNG_S, NOT_LOCKED, Failure, describe, expect, finish, has_line, replay_json, scratch, start
 
-PATIENCE = HUNG_S  # for what takes well under a second where nothing else runs
+PATIENCE = HUNG_S  # s, for events that take well under a second on an idle machine
 
 GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK, OUTLIER = range(6)  # master/base/signal.h
 FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h
@@ -26,7 +25,8 @@ STOP_TIME = 4
 
 
 def wait_until(condition, what, explain=lambda: "", every=0.01):
-    """What `condition` gives as soon as that is true; a failure where it never becomes so. Looks `every` so many seconds."""
+    """Polls `condition` at intervals of `every` seconds, and returns its value once that is true.
+    Fails after PATIENCE."""
     until = time.monotonic() + PATIENCE
     while True:
         value = condition()
@@ -37,8 +37,14 @@ def wait_until(condition, what, explain=lambda: "", every=0.01):
         time.sleep(every)
 
 
+def count_lines(text, parts):
+    """The number of lines that have all parts (see has_line())."""
+    return sum(has_line(line, parts) for line in text.splitlines())
+
+
 class Program:
-    """twinlock, running; killed at the end of `with`. Its stderr goes to a file, which can always be read."""
+    """A running twinlock, which the end of `with` kills. Its stderr goes to a file that can be read
+    at any time."""
 
     def __init__(self, *args, **options):
         self.path = scratch() / "stderr"
@@ -56,21 +62,23 @@ class Program:
     def log(self):
         return self.path.read_text(encoding="utf-8", errors="replace")
 
-    def wait_for(self, text, times=1):
-        """Until it has said `text`; a failure also where it ends without that."""
+    def wait_for(self, parts, times=1):
+        """Waits until so many lines of its log have all parts (see has_line()). Fails if the
+        program ends before."""
         def said():
             ended = self.process.poll() is not None
-            if self.log().count(text) >= times:
+            if count_lines(self.log(), parts) >= times:
                 return True
-            expect(not ended, f"{describe(self.process)} ended without \"{text}\"\n{self.log()}")
+            expect(not ended, f"{describe(self.process)} ended without \"{parts}\"\n{self.log()}")
             return False
-        wait_until(said, f"\"{text}\"", self.log)
+        wait_until(said, f"\"{parts}\"", self.log)
 
     def signal(self, number):
         self.process.send_signal(number)
 
     def end(self, number=None):
-        """(exit code, stdout, stderr) at its end, to which a signal may bring it."""
+        """Waits for its end, after a signal if one is given, and returns (exit code, stdout,
+        stderr)."""
         if number is not None:
             self.signal(number)
         code, out, _ = finish(self.process, PATIENCE)
@@ -79,13 +87,14 @@ class Program:
         return code, out, log
 
     def kill(self):
-        """SIGKILL, and no questions asked."""
+        """Sends SIGKILL and ignores the exit code."""
         self.process.kill()
         self.process.communicate()
 
 
 def end_well(program, number=None):
-    """(what --json told, log) of a `run` that must end well. Its twin may be one that never is in lock: its figures tell."""
+    """(report of --json, log) of a `run` that must end with 0, or with 3 because its twin was not
+    in lock."""
     code, out, log = program.end(number)
     expect(code in (0, NOT_LOCKED), f"{describe(program.process)} ended with {code}\n{log}")
     return twinlock_test.json.loads(out), log
@@ -94,7 +103,8 @@ def end_well(program, number=None):
 # ---- databases ----
 
 def query(path, sql, *parameters):
-    """All rows of a question to a database that somebody may be writing. Parameters, or one dictionary."""
+    """All rows of a query. Another process may be writing the database. `parameters`: values, or
+    one dictionary."""
     values = parameters[0] if parameters and isinstance(parameters[0], dict) else parameters
     with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10)) as database:
         return database.execute(sql, values).fetchall()
@@ -105,8 +115,8 @@ def number(path, sql, *parameters):
 
 
 def committed_steps(path, run=1):
-    """How many steps are there already; 0 where there is no database yet."""
-    return number(path, "SELECT count(*) FROM steps WHERE run = ?", run) if path.exists() else 0
+    """The number of recorded steps; 0 if there is no database yet."""
+    return number(path, "SELECT count(*) FROM steps WHERE steps.run = ?", run) if path.exists() else 0
 
 
 def wait_for_steps(program, database, count, run=1):
@@ -121,16 +131,17 @@ def check_database(path):
 
 
 def check_rows(path, run=1):
-    """Steps without a hole, each with the instant of its y and with all that belongs to it; how many."""
-    step_ns = number(path, "SELECT step_ns FROM runs WHERE run = ?", run)
-    steps = query(path, "SELECT step, t_ns FROM steps WHERE run = ? ORDER BY step", run)
+    """Checks that no step, tick or value is missing, and that each t_ns is right. Returns the
+    number of steps."""
+    step_ns = number(path, "SELECT step_ns FROM runs WHERE runs.run = ?", run)
+    steps = query(path, "SELECT step, t_ns FROM steps WHERE steps.run = ? ORDER BY step", run)
     wrong = [row for i, row in enumerate(steps) if row != (i, (i + 1) * step_ns)]
     expect(not wrong, f"step and t_ns are wrong from {wrong[:1]}")
     for table in "outputs", "adjustments":
         rows = query(path, f"SELECT step FROM {table} WHERE run = ? ORDER BY step", run)
         expect([row[0] for row in rows] == list(range(len(steps))),
                f"{table} has {len(rows)} rows, steps {len(steps)}")
-    ticks = query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)
+    ticks = query(path, "SELECT DISTINCT tick FROM samples own WHERE own.run = ? ORDER BY tick", run)
     expect([row[0] for row in ticks] == list(range(len(ticks))), "ticks are missing in samples")
     for value in "applied", "nominal", "simulated", "measured":
         table = "adjustments" if value in ("applied", "nominal") else "outputs"
@@ -140,8 +151,10 @@ def check_rows(path, run=1):
 
 
 def check_ledger(told, candidate_steps):
-    """The ledger that --json told: its entries agree with the executions, and nothing was executed that it does
-    not predict. `candidate_steps`: committed steps, and T_P for each evaluation."""
+    """Checks the ledger of --json: it agrees with the executions, and predicts each of them.
+
+    `candidate_steps`: the number of committed steps, plus T_P for each evaluation.
+    """
     ledger, executions = told["ledger"], told["executions"]
     expect(ledger["complete"], f"the ledger has forgotten candidates: {ledger}")
     entries = {**ledger["components"], "total": ledger["total"]}
@@ -160,7 +173,7 @@ LEDGER = "SELECT component, plain, predicted, executions, repeated, difference F
 
 
 def check_recorded_ledger(told, database, run):
-    """The database has the ledger that --json told, of each component and in the sum of the steps."""
+    """Checks that the database has the same ledger as --json, for each component."""
     components = told["ledger"]["components"]
     wanted = [(name, *(entry[key] for key in ("plain", "predicted", "executions", "repeated", "difference")))
               for name, entry in components.items()]
@@ -169,7 +182,8 @@ def check_recorded_ledger(told, database, run):
 
 
 def check_summary(told, database, prediction=1, components=3, run=1):
-    """What --json told about a `run` that lost nothing, against itself and the database: how many rows."""
+    """Checks the --json report of a `run` that lost nothing against the database. Returns the
+    number of steps."""
     rows = check_rows(database, run)
     caught_up = told["outcomes"]["caught up"]
     total = told["ledger"]["total"]
@@ -182,38 +196,40 @@ def check_summary(told, database, prediction=1, components=3, run=1):
     check_ledger(told, rows + prediction * told["evaluations"])
     check_recorded_ledger(told, database, run)
     counted = query(database, "SELECT sum(evaluations), sum(executions), sum(predicted), sum(outcome = ?) "
-                    "FROM steps WHERE run = ?", MADE_UP, run)[0]
-    wanted = (told["evaluations"], total["executions"], total["predicted"], caught_up)
+                    "FROM steps WHERE steps.run = ?", MADE_UP, run)[0]
+    wanted = (told["evaluations"], total["executions"], total["predicted"], made_up)
     wanted = (None,) * 4 if rows == 0 else wanted
     expect(counted == wanted, f"the database has {counted}, told was {wanted}")
     return rows
 
 
 def wait_for_lock(program, database, after=-1):
-    """Until 20 steps after that one were in tolerance."""
+    """Waits until 20 steps after step `after` were within tolerance."""
     wait_for_steps(program, database, 1)
-    sql = "SELECT count(*) FROM steps WHERE run = 1 AND step > ? AND outcome IN (?, ?)"
+    sql = "SELECT count(*) FROM steps WHERE step > ? AND outcome IN (?, ?) AND run = 1"
     wait_until(lambda: number(database, sql, after, FIRST_GUESS, OPTIMISED) >= 20, "lock", program.log)
 
 
 def wait_for_quality(program, database, signal, quality):
-    """Until the newest sample has that quality."""
+    """Waits until the newest sample has that quality."""
     wait_for_steps(program, database, 1)
-    sql = SAMPLES + " ORDER BY tick DESC LIMIT 1"
+    sql = SAMPLES + " ORDER BY samples.tick DESC LIMIT 1"
     wanted = {"run": 1, "name": "plant." + signal}
     wait_until(lambda: [row[1] for row in query(database, sql, wanted)] == [quality],
                f"quality {quality} of {signal}", program.log)
 
 
 def last_step(database):
-    return number(database, "SELECT max(step) FROM steps WHERE run = 1")
+    return number(database, "SELECT max(step) FROM steps WHERE steps.run = 1")
 
 
 RESULTS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.J, s.J_nominal, s.flags, s.held,
                     o.simulated, o.measured, o.quality, a.applied, a.nominal
-             FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step)
+             FROM steps s
+             JOIN outputs o USING (run, step)
+             JOIN adjustments a USING (run, step)
              WHERE run = ? ORDER BY step"""
-COSTS = "SELECT step, executions, predicted FROM steps WHERE run = ? ORDER BY step"
+COSTS = "SELECT step, executions, predicted FROM steps WHERE steps.run = ? ORDER BY step"
 
 
 def bits(row):
@@ -221,7 +237,7 @@ def bits(row):
 
 
 def expect_repeated(database, run, again, sql, rows):
-    """Both databases answer the same, to the bit."""
+    """Checks that the query gives the same bits of run `run` and of the replay, and `rows` rows."""
     found = [bits(row) for row in query(again, sql, 1)]
     wanted = [bits(row) for row in query(database, sql, run)]
     different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]
@@ -233,8 +249,11 @@ def expect_repeated(database, run, again, sql, rows):
 
 
 def check_replay(config, database, rows, run=1, costs=True):
-    """A replay of the newest run with its configuration gives the same, to the bit; what it told. Without `costs` it
-    may take fewer executions: a longer horizon may have been left half-way for want of time."""
+    """Checks that a replay of a run gives the same bits and events. Returns its --json report.
+
+    Without `costs` the replay may take fewer executions, because the run may have stopped a long
+    horizon early.
+    """
     again = scratch() / "again.db"
     told = replay_json(config, "--recording", database, "--db", again, timeout=PATIENCE)
     expect_repeated(database, run, again, RESULTS, rows)
@@ -244,14 +263,14 @@ def check_replay(config, database, rows, run=1, costs=True):
     return told
 
 
-# Without those of drivers and of the recorder, which have no tick; how missed ticks are counted together depends on how
-# many were made up at once.
+# Without the events of drivers and of the recorder, which have no tick, and without those of the
+# cycle: how it counts missed ticks together depends on how many it catches up at once.
 EVENTS = """SELECT tick, severity, source, text FROM events
-            WHERE run = ? AND tick IS NOT NULL AND source <> 'cycle' ORDER BY event"""
+            WHERE run = ? AND source <> 'cycle' AND tick IS NOT NULL ORDER BY event"""
 
 
 def expect_same_events(live, run, again):
-    """A replay tells what the run told, and both in the order of ticks."""
+    """Checks that run and replay have the same events, in the order of ticks."""
     told, repeated = (query(path, EVENTS.replace("?", str(number))) for path, number in ((live, run), (again, 1)))
     expect(told == repeated, f"events of the run:\n{told}\nof its replay:\n{repeated}")
     ticks = [event[0] for event in told]
@@ -259,9 +278,11 @@ def expect_same_events(live, run, again):
 
 
 def expect_reasons(path, *reasons):
-    """Why the runs of a database have ended, from the first to the last."""
+    """Checks why each run of a database has ended: `reasons` are lists of parts (see
+    has_line())."""
     found = [row[0] for row in query(path, "SELECT ended_reason FROM runs ORDER BY run")]
-    expect(found == list(reasons), f"the runs ended: {found}, wanted {list(reasons)}")
+    expect(len(found) == len(reasons) and all(has_line(text or "", parts) for text, parts in zip(found, reasons)),
+           f"the runs ended: {found}, wanted {list(reasons)}")
 
 
 def changes(values):
@@ -274,34 +295,38 @@ SAMPLES = """SELECT tick, quality, value FROM samples JOIN signals USING (run, s
 
 
 def qualities(database, signal, run=1):
-    """How the quality of a plant signal went."""
+    """The sequence of qualities of a plant signal, without repetitions."""
     rows = query(database, SAMPLES + " ORDER BY tick", {"run": run, "name": "plant." + signal})
     return changes([quality for _, quality, _ in rows])
 
 
 def expect_in_order(found, wanted, what):
-    """All of `wanted` is in `found`, in this order, with anything between."""
+    """Checks that `found` has all items of `wanted` in this order. Other items may be between
+    them."""
     rest = iter(found)
     expect(all(item in rest for item in wanted), f"{what}: found {found}, wanted {wanted} in this order")
 
 
 def events(database):
-    """Texts of the events, with their severity."""
+    """[(severity, text)] of the events of run 1."""
     return query(database, "SELECT severity, text FROM v_events WHERE run = 1")
 
 
 def expect_events(database, *wanted):
-    """Events in this order, with any between; each is a severity and words of the text."""
+    """Checks that these events are in this order. Others may be between them. Each is a severity
+    and parts of the text."""
     rest = iter(events(database))
-    for severity, words in wanted:
-        expect(any(found == severity and words in text for found, text in rest),
-               f"no event {severity} \"{words}\" in its place in {events(database)}")
+    for severity, parts in wanted:
+        expect(any(found == severity and has_line(text, parts) for found, text in rest),
+               f"no event {severity} \"{parts}\" in its place in {events(database)}")
 
 
 def check_free_run(database):
-    """The twin ran free in the very steps whose measurement was not good, on the last one that was."""
+    """Checks that the twin ran free in exactly the steps without a good measurement, and kept the
+    last good one."""
     rows = query(database, f"""SELECT s.step, s.outcome, o.quality, o.measured, p.quality, p.value
-                               FROM steps s JOIN outputs o USING (run, step)
+                               FROM steps s
+                               JOIN outputs o USING (run, step)
                                JOIN ({SAMPLES}) p ON p.tick = s.step + 1
                                WHERE s.run = :run ORDER BY s.step""", {"run": 1, "name": "plant.omega"})
     good = None
@@ -322,15 +347,19 @@ def free_port():
 
 
 def refused_writes(log):
-    """Attempts to write that `twinlock plant` saw, as it says at its end."""
-    found = re.findall(r"(\d+) requests answered, (\d+) attempts to write refused", log)
-    expect(len(found) == 1 and int(found[0][0]) > 0, f"the plant does not say what it was asked\n{log}")
+    """The number of write requests that `twinlock plant` counted, from the line that it logs at its
+    end."""
+    found = re.findall(r"\b(\d+) requests\b\D*\b(\d+)\b.*\bwrit", log)
+    expect(len(found) == 1 and int(found[0][0]) > 0, f"not one count of requests, above 0\n{log}")
     return int(found[0][1])
 
 
 class Device:
-    """A Modbus TCP server of one unit whose input registers 0 … 2 are what the motor bench has: omega as float32,
-    torque as int16. It remembers the function codes it was sent, and keeps silent when told."""
+    """A Modbus TCP server with the input registers 0 … 2 of the motor bench: omega as float32,
+    torque as int16.
+
+    `functions` collects the function codes of all requests. `silent`: the device does not answer.
+    """
 
     def __init__(self, omega, torque=0, port=0):
         self.omega, self.torque, self.silent = omega, torque, False
@@ -346,7 +375,7 @@ class Device:
         return self
 
     def __exit__(self, *unused):
-        self.listener.shutdown(socket.SHUT_RDWR)  # else who accepts keeps the port
+        self.listener.shutdown(socket.SHUT_RDWR)  # else the accepting thread keeps the port
         self.listener.close()
 
     def _accept(self):
@@ -380,7 +409,7 @@ class Device:
 
 
 def title(pid):
-    """As ps shows a process; "" of a dead one."""
+    """The title of a process as in ps; "" if it is dead."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").partition("\0")[0]
     except OSError:
@@ -392,7 +421,8 @@ def children(pid):
 
 
 def member(program, role, other_than=0):
-    """The process of that role ("twin", "io", "recorder") of a run; one that is dying is not meant."""
+    """The process of a run that has this role ("twin", "io", "recorder"), other than the process
+    `other_than`."""
     def found():
         return [pid for pid in children(program.pid) if pid != other_than and title(pid).startswith(f"twinlock: {role}")]
     return wait_until(found, f"a process \"{role}\"", program.log)[0]
@@ -403,6 +433,6 @@ def is_stopped(pid):
 
 
 def stop(pid):
-    """SIGSTOP, and not before it has stopped."""
+    """Sends SIGSTOP and waits until the process has stopped."""
     os.kill(pid, signal.SIGSTOP)
     wait_until(lambda: is_stopped(pid), "the stop of a process")

@@ -1,7 +1,8 @@
-"""Every fault of a database of a service in a booted Debian (booted.py), at the start and while it is written: the twin is in lock, nobody has to
-do anything, and for systemd nothing has happened.
+"""Faults of the database of a service in a booted Debian (booted.py), at the start and while it is
+written.
 
-The plant stands still, so that steps which are out of lock are the fault's.
+The twin must be in lock again without help, and systemd must not have restarted the service. The
+plant stands still, so a step out of lock is caused by the fault.
 """
 import os
 import re
@@ -10,21 +11,23 @@ import sqlite3
 import time
 
 from bad_databases import FOREIGN, aside, beside, copied, execute, halve, hold, let_go, log_of, remove_all, replace, spoil
-from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, STOP_TIME, query, wait_until
-from twinlock_test import at_least, expect, json
+from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, STOP_TIME, count_lines, query, wait_until
+from twinlock_test import at_least, expect, has_line, json
 
 NAME = "faults"
 UNIT = f"twinlock@{NAME}"
 FOLDER = "/var/lib/twinlock"
 PORT = 1503
-LATE_S = 5  # of an answer and of a reading: the plant shares a busy machine with all else
+LATE_S = 5  # limit for an answer and for a reading: the machine of the plant may be busy
 ENOUGH = 50  # steps
-IN_LOCK = 0.95  # of them
-OUTCOMES = "SELECT outcome FROM steps WHERE run = ? AND step > ? AND outcome <> ? AND stop <> ? ORDER BY step"
+IN_LOCK = 0.95  # share of these steps
+LOCKED = "cannot write|locked"  # by another program: parts of the recorder's message, see has_line()
+TAKEN = "another twinlock|process"  # writes the database
+OUTCOMES = "SELECT outcome FROM steps WHERE steps.run = ? AND step > ? AND outcome <> ? AND stop <> ? ORDER BY step"
 
 
 def newest_run(database):
-    """0: there is none; it may be no database yet."""
+    """The number of the newest run; 0 if there is none, or no database yet."""
     try:
         return query(database, "SELECT coalesce(max(run), 0) FROM runs")[0][0]
     except sqlite3.Error:
@@ -32,7 +35,8 @@ def newest_run(database):
 
 
 def outcomes(database, since=-1):
-    """Of the newest run, at their own tick, and with the time for a search."""
+    """Outcomes of the newest run's steps, without steps that were caught up or had no time for a
+    search."""
     try:
         return [outcome for (outcome,) in query(database, OUTCOMES, newest_run(database), since, MADE_UP, STOP_TIME)]
     except sqlite3.Error:
@@ -44,11 +48,11 @@ def share_in_lock(found):
 
 
 def newest_step(database):
-    return query(database, "SELECT max(step) FROM steps WHERE run = ?", newest_run(database))[0][0]
+    return query(database, "SELECT max(step) FROM steps WHERE steps.run = ?", newest_run(database))[0][0]
 
 
 class Service:
-    """twinlock@faults, its plant, and its database as seen from here."""
+    """The unit twinlock@faults in the machine, its plant, and its database as seen from outside."""
 
     def __init__(self, machine, examples):
         self.machine = machine
@@ -69,7 +73,7 @@ class Service:
         machine.run_well("systemd-run", "--unit=still", "twinlock", "plant", "/srv/still.json", "--for", f"/etc/twinlock/{NAME}.json")
 
     def member(self, role):
-        """Its number in the machine; "": there is none."""
+        """The process id in the machine; "" if there is none."""
         group = self.machine.property(UNIT, "ControlGroup")
         script = 'for pid in $(cat "/sys/fs/cgroup$0/cgroup.procs"); do echo "$pid $(tr "\\0" " " <"/proc/$pid/cmdline")"; done'
         found = re.search(rf"^(\d+) twinlock: {role}", self.machine.run("sh", "-c", script, group).stdout, re.M)
@@ -84,7 +88,7 @@ class Service:
         self.main = self.machine.property(UNIT, "MainPID")
 
     def stop(self):
-        """As it was started, and not by a failure."""
+        """Stops the service, and checks that it is still the same process with the same twin."""
         wanted = {"ActiveState": "active", "MainPID": self.main, "NRestarts": "0"}
         found = {name: self.machine.property(UNIT, name) for name in wanted}
         expect(found == wanted and self.member("twin") == self.twin, f"{found}, twin {self.member('twin')}, not {self.twin}\n{self.said()}")
@@ -95,7 +99,8 @@ class Service:
         self.machine.run_well("sh", "-c", f"kill -{int(number)} {self.member(role)}")
 
     def wait_for_lock(self, database, after=0):
-        """Of a newer run than that; `database` gives where it is recorded."""
+        """Waits until a run newer than `after` is in lock; `database` returns the path of its
+        file."""
         def is_in_lock():
             found = outcomes(database()) if newest_run(database()) > after else []
             return len(found) >= ENOUGH and share_in_lock(found[-ENOUGH:]) >= IN_LOCK
@@ -106,7 +111,7 @@ class Service:
             file.unlink()
 
     def put(self, content):
-        """Such a file, and none beside it."""
+        """Writes the database file, and removes all files beside it."""
         self.remove_files()
         self.path.write_bytes(content)
         owner = self.path.parent.stat()
@@ -119,7 +124,7 @@ def newer(file):
     execute(file, "PRAGMA user_version = 99", "PRAGMA wal_checkpoint(TRUNCATE)")
 
 
-AT_THE_START = (  # what is done to it, where it is recorded then
+AT_THE_START = (  # the fault, and the end of the name of the file that must be recorded into
     (halve, ""),
     (lambda file: spoil(file, 2 * 4096), ""),
     (lambda file: os.truncate(file, 0), ".beside"),
@@ -137,16 +142,16 @@ def check_at_the_start(service, whole):
         service.start()
         service.wait_for_lock(lambda end=end: service.path.with_name(service.path.name + end))
         service.stop()
-        expect((service.path if end else aside(service.path)).read_bytes() == before, "what was wrong with it has changed")
+        expect((service.path if end else aside(service.path)).read_bytes() == before, "the faulty file has changed")
 
 
 def check_another_program(service, whole):
-    """One that has locked it, and another twinlock."""
+    """The database is locked by another program, and then written by another twinlock."""
     service.put(whole)
     before = newest_run(service.path)
     held = hold(service.path)
     service.start()
-    wait_until(lambda: "cannot write: another program has locked" in service.said(), "a word of it", service.said)
+    wait_until(lambda: has_line(service.said(), LOCKED), LOCKED, service.said)
     let_go(held)
     service.wait_for_lock(lambda: service.path, before)
     service.stop()
@@ -155,7 +160,7 @@ def check_another_program(service, whole):
                              f"{FOLDER}/{NAME}.db")
     service.wait_for_lock(lambda: service.path, before)
     service.start()
-    wait_until(lambda: "another twinlock is writing it" in service.said(), "a word of it", service.said)
+    wait_until(lambda: has_line(service.said(), TAKEN), TAKEN, service.said)
     before = newest_run(service.path)
     service.machine.run_well("systemctl", "stop", "another")
     service.wait_for_lock(lambda: service.path, before)
@@ -165,7 +170,8 @@ def check_another_program(service, whole):
 # ---- while it is written ----
 
 def endure(service, name, path, act, where):
-    """What is recorded since then is in lock, and in that file."""
+    """Causes a fault, and checks that the steps after it are recorded into the file `where`, in
+    lock."""
     since = newest_step(path)
     act(path)
     wait_until(lambda: len(outcomes(where, since)) >= ENOUGH, f"steps in {where}", service.said)
@@ -174,7 +180,7 @@ def endure(service, name, path, act, where):
 
 
 def written_back(act):
-    """After what is in the log has been brought into the file."""
+    """Returns a function that writes the log back into the file first."""
     def change(file):
         execute(file, "PRAGMA wal_checkpoint")
         act(file)
@@ -194,7 +200,7 @@ def close_folder(file):
 
 
 def check_while_written(service, whole):
-    """One fault after the other, in the same run of the same processes."""
+    """Causes one fault after the other, in the same run of the same processes."""
     path = service.path
     spoiled = path.with_name("spoiled")
     spoiled.write_bytes(whole)
@@ -207,7 +213,7 @@ def check_while_written(service, whole):
         return change
 
     def unseen(act):
-        """The recorder cannot look any more."""
+        """Returns a function that stops the recorder before the fault, and kills it afterwards."""
         def change(file):
             service.kill("recorder", signal.SIGSTOP)
             act(file)
@@ -238,7 +244,7 @@ def check_while_written(service, whole):
                                  ("read-only", lambda file: file.chmod(0o440), *ends[1:3]),
                                  ("unreadable", lambda file: file.chmod(0), *ends[2:4])):
         endure(service, f"{name}, the recorder killed", path.with_name(path.name + end), then_killed(act), path.with_name(path.name + then))
-    expect(path.read_bytes() == FOREIGN, "what is not ours was touched")
+    expect(path.read_bytes() == FOREIGN, "the foreign file has changed")
     service.stop()
     spoiled.unlink()
 
@@ -246,7 +252,8 @@ def check_while_written(service, whole):
 # ---- a full disk ----
 
 def check_a_full_disk(service):
-    """At the start, and while it is written: what had no room is written later."""
+    """The disk is full at the start, and while the database is written. The recorder writes the
+    rest later."""
     machine = service.machine
 
     def database():
@@ -255,23 +262,23 @@ def check_a_full_disk(service):
     def fill():
         machine.run("sh", "-c", f"head -c 20M /dev/zero >>{FOLDER}/ballast")
 
-    def wait_for_another(words, act):
-        times = service.said().count(words)
+    def wait_for_another(parts, act):
+        times = count_lines(service.said(), parts)
         act()
-        wait_until(lambda: service.said().count(words) > times, f"\"{words}\"", service.said)
+        wait_until(lambda: count_lines(service.said(), parts) > times, f"\"{parts}\"", service.said)
 
     def make_room():
         machine.run_well("sh", "-c", f": >{FOLDER}/ballast")
 
     machine.run_well("mount", "-t", "tmpfs", "-o", "size=16m", "none", FOLDER)
     fill()
-    wait_for_another("cannot write: ", service.start)
-    wait_for_another("writes again after", make_room)
+    wait_for_another("cannot write", service.start)
+    wait_for_another("again after", make_room)
     service.wait_for_lock(database)
     since = newest_step(database())
-    wait_for_another("cannot write: ", fill)
+    wait_for_another("cannot write", fill)
     time.sleep(1)
-    wait_for_another("writes again after", make_room)
+    wait_for_another("again after", make_room)
     wait_until(lambda: len(outcomes(database(), since)) >= ENOUGH, "steps on the disk", service.said)
     at_least(share_in_lock(outcomes(database(), since)), IN_LOCK, "a full disk: in lock")
     service.stop()

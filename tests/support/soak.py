@@ -1,7 +1,9 @@
-"""A live 1 kHz run for hours, with a fault every minute: what it holds and what it recorded (script/soak, tests/hil/test_soak.py).
+"""A live 1 kHz run for hours, with a fault every minute: its memory and its records (script/soak,
+test_soak.py).
 
-Faults are of three kinds: the device's, on the network; processes', killed by us or by their FMU, or hung; and the disk's. Each is over before the next
-one begins, and not before everything is recorded again. After each, all ticks and steps since the last time are held against each other.
+There are three kinds of faults: of the device on the network, of processes (killed, crashed, hung),
+and of the disk. A fault ends when everything is recorded again. Then all new ticks and steps are
+checked.
 """
 import errno
 import os
@@ -17,7 +19,7 @@ from dataclasses import dataclass, field
 
 from faulty_device import FaultyDevice
 from footprint import footprint
-from live_test import GOOD, MADE_UP, query, title, wait_until
+from live_test import GOOD, MADE_UP, count_lines, query, title, wait_until
 from slopes import HOUR, count_grows, slope_of, without_once
 from supervised import WORD
 from tree import BEGINNING, OMEGA, ROLES, Tree, expect_whole, read
@@ -28,21 +30,21 @@ TWIN = "crash", "hang", "twin killed"
 ELSEWHERE = (*NETWORK, "disk full", "io killed", "recorder killed")
 
 FORGIVEN_S = 120  # firmware/live/restarts.h
-MOST_FAILURES = 4  # with the fifth it is a restart loop
-SURE_S = 15  # a new twin does not live at once
+MOST_FAILURES = 4  # the fifth is a restart loop
+SURE_S = 15  # the start of a new twin takes less
 
 TICKS_PER_S = 1000
-SETTLED_TICKS = 500  # good ones after a fault, until it counts as over
-SETTLED_S = 1.5  # from then on everything holds what it will hold
-WARM_S = 60.0  # a process takes what it needs little by little
-ENOUGH_S = 600.0  # below that nothing is said about slopes
+SETTLED_TICKS = 500  # good ticks after a fault, until the fault is over
+SETTLED_S = 1.5  # after the end of a fault, until memory is measured
+WARM_S = 60.0  # a new process takes its memory step by step
+ENOUGH_S = 600.0  # for an estimate of a slope
 DISK_MB, DATABASE_MB = 256, 100
 
 
 # ---- which fault when ----
 
 class Bag:
-    """Each kind once in random order, then again."""
+    """Returns each kind once, in random order, and then starts again."""
 
     def __init__(self, kinds, order):
         self.kinds, self.order, self.left = kinds, order, []
@@ -53,7 +55,10 @@ class Bag:
 
 
 def plan(seconds, every, seed):
-    """[(at, kind)]: one in the first half of each interval; of every three one of the twin's, as long as its restarts are forgiven."""
+    """[(at, kind)]: one fault in the first half of each interval.
+
+    Every third fault is one of the twin, unless the supervisor would count a restart loop.
+    """
     order = random.Random(seed)
     twin, elsewhere = Bag(TWIN, order), Bag(ELSEWHERE, order)
     faults, failures, last = [], 0, 0.0
@@ -72,7 +77,8 @@ def plan(seconds, every, seed):
 
 @contextmanager
 def small_disk():
-    """The folder of the database: a file system of its own, if this process may mount one (script/soak sees to that)."""
+    """The folder of the database. It is a small file system of its own if this process may mount
+    one (script/soak)."""
     folder = scratch()
     own = os.environ.get("TL_OWN_MOUNTS") == "yes"
     if own:
@@ -85,7 +91,7 @@ def small_disk():
 
 
 def fill(path):
-    """Until there is no room, not even for a byte."""
+    """Writes until there is no space left, not even for one byte."""
     size = 1 << 20
     with open(path, "wb", buffering=0) as file:
         while size > 0:
@@ -107,7 +113,7 @@ class Sample:
 
 
 class Sampler(threading.Thread):
-    """Looks at all processes of a run, now and then."""
+    """Measures all processes of a run periodically."""
 
     def __init__(self, live, begun, period):
         super().__init__(daemon=True)
@@ -142,7 +148,7 @@ class Sampler(threading.Thread):
 
 @dataclass
 class Accounts:
-    """Of all ticks so far."""
+    """Counts all ticks and steps recorded so far."""
     database: object
     newest: object = BEGINNING
     outcomes: Counter = field(default_factory=Counter)
@@ -154,8 +160,8 @@ class Accounts:
         self.newest = found.newest
         self.outcomes.update(found.steps.values())
         self.lost.update(query(self.database, "SELECT run, entries_lost FROM runs"))
-        anew = query(self.database, "SELECT run FROM beginnings WHERE run > 1 AND resumed_run IS NULL")
-        expect(not anew, f"run {anew} began anew")
+        anew = query(self.database, "SELECT run FROM beginnings WHERE resumed_run IS NULL AND run > 1")
+        expect(not anew, f"run {anew} has not resumed the run before")
         expect(sum(self.lost.values()) == 0, f"entries were lost: {self.lost}")
 
     def describe(self):
@@ -163,13 +169,13 @@ class Accounts:
         return f"{self.newest.tick + 1} ticks in {self.newest.run} runs: {self.outcomes.total() - skipped} steps, {skipped} made up"
 
 
-NEWEST = """SELECT tick, quality FROM samples WHERE run = (SELECT max(run) FROM samples) ORDER BY run DESC, tick DESC LIMIT 1"""
+NEWEST = "SELECT tick, quality FROM samples own WHERE own.run = (SELECT max(run) FROM samples) ORDER BY own.tick DESC LIMIT 1"
 
 
 # ---- the run ----
 
 def configuration(port, folder):
-    """The motor bench, live, at 1 kHz, with an FMU that obeys beside it."""
+    """The motor bench, live, at 1 kHz, with the FMU tests/hil/fmus/unruly beside it."""
     return edited_config(PLAIN_LIVE, {
         "duration_s": None, "step_s": 1 / TICKS_PER_S,
         "components": {"unruly": {"fmu": str(BUILD / "tests" / "unruly.fmu")}},
@@ -184,11 +190,11 @@ def configuration(port, folder):
 
 
 class Soak:
-    """One run and its faults. `say` gets each line of progress."""
+    """One run and its faults. `say` prints a line of progress."""
 
     def __init__(self, faults, every, say):
         self.faults, self.every, self.say = faults, every, say
-        self.hold_s = min(every / 3, 10)  # how long a fault lasts that does not pass by itself
+        self.hold_s = min(every / 3, 10)  # duration of a fault that we end
         self.done, self.begun, self.restarts, self.asked = Counter(), time.monotonic(), 0, False
         self.sampler, self.accounts = None, Accounts(None)
 
@@ -196,12 +202,12 @@ class Soak:
         return time.monotonic() - self.begun
 
     def newest(self):
-        time.sleep(0.05)  # each question is a turn on a processor that others want
+        time.sleep(0.05)  # each query takes processor time
         rows = query(self.database, NEWEST) if self.database.exists() else []
         return rows[0] if rows else (-1, None)
 
     def wait_until_good(self):
-        """From now on so many ticks are recorded, and the plant is seen."""
+        """Waits until SETTLED_TICKS more ticks are recorded, and the plant's signals are good."""
         before = self.newest()[0]
 
         def good():
@@ -228,7 +234,7 @@ class Soak:
         self.live.child(before)
 
     def disk(self, _):
-        said = [self.live.log().count(words) + 1 for words in ("cannot write", "writes again")]
+        said = [count_lines(self.live.log(), parts) + 1 for parts in ("cannot write", "again after")]
         if self.own_disk:
             fill(self.ballast)
         if not self.own_disk or not self.told("cannot write", said[0]):
@@ -237,17 +243,20 @@ class Soak:
         time.sleep(self.hold_s)
         self.ballast.unlink(missing_ok=True)
         self.limit_files(False)
-        self.live.wait_for("writes again", said[1])
+        self.live.wait_for("again after", said[1])
 
-    def told(self, text, times):
-        """Soon. A database, and most of all its log, is written where it was written before as long as that will do, and has no need of the disk."""
+    def told(self, parts, times):
+        """Whether so many lines of the log have these parts soon.
+
+        SQLite reuses the pages of its log, so a full disk may have no effect for some time.
+        """
         until = time.monotonic() + self.every / 3
-        while self.live.log().count(text) < times and time.monotonic() < until:
+        while count_lines(self.live.log(), parts) < times and time.monotonic() < until:
             time.sleep(0.1)
-        return self.live.log().count(text) >= times
+        return count_lines(self.live.log(), parts) >= times
 
     def limit_files(self, full):
-        """The recorder may write no further than the first byte of a file."""
+        """Limits the recorder's files to one byte, or removes the limit."""
         recorder = self.live.child(role="recorder")
         hard = resource.prlimit(recorder, resource.RLIMIT_FSIZE)[1]
         resource.prlimit(recorder, resource.RLIMIT_FSIZE, (1 if full else hard, hard))
@@ -268,7 +277,7 @@ class Soak:
     # -- from the start to the end --
 
     def expect_accounts(self, told):
-        """What the last twin told, and what the supervisor did."""
+        """Checks the --json report of the last twin and the supervisor's number of restarts."""
         expect(told["steps"] + told["skipped"] == told["ticks"] > 0, f"{told}")
         wanted = sum(self.done[kind] for kind in TWIN)
         expect(self.restarts == wanted, f"{self.restarts} twins were begun again, {wanted} were harmed\n{self.live.log()}")
@@ -297,7 +306,7 @@ class Soak:
                 self.suffer(kind)
 
     def ask(self, number, _):
-        """The first Ctrl-C ends it when the fault is over that is under way, the second one at once."""
+        """The first Ctrl-C ends the run after the current fault, the second one ends it at once."""
         self.asked = True
         signal.signal(number, signal.SIG_DFL if number != signal.SIGINT else signal.default_int_handler)
 
@@ -321,7 +330,7 @@ class Soak:
 # ---- the verdict ----
 
 def lives_of(samples, role, name):
-    """[(seconds, value)] of each process that had the role, without its first minute."""
+    """[(seconds, value)] of each process of that role, without its first minute."""
     lives = {}
     for sample in samples:
         lives.setdefault(sample.pids[role], []).append((sample.at, getattr(sample.prints[role], name)))
@@ -329,7 +338,7 @@ def lives_of(samples, role, name):
 
 
 def sum_of(samples, name):
-    """Of all processes, between faults: what grows from restart to restart."""
+    """Sums over all processes, between faults. They show growth from restart to restart."""
     return [(sample.at, sum(getattr(one, name) for one in sample.prints.values())) for sample in samples
             if sample.settled and sample.at >= 2 * WARM_S]
 
@@ -354,7 +363,7 @@ def tell_counts(what, counts, say):
 
 
 def tell_growth(samples, say):
-    """Names of the figures that grow."""
+    """The names of the values that grow."""
     found = []
     for role in ("supervisor", *ROLES):
         what = f"{role}, private memory"
@@ -368,7 +377,7 @@ def tell_growth(samples, say):
 
 
 def soak(seconds, every, seed, say=print):
-    """True if all is well."""
+    """Runs for so many seconds and reports. True if nothing is wrong."""
     faults = plan(seconds, every, seed)
     say(f"seed {seed}: {seconds / HOUR:.2f} h, {len(faults)} faults")
     one, wrong = Soak(faults, every, say), []

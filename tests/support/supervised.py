@@ -1,17 +1,19 @@
-"""What the tests of `run --supervise` share: the supervisor as a program, its children, what it keeps and what it told."""
+"""Helpers for tests of `run --supervise`: the supervisor, its child processes, its account and its
+events."""
 import json
 import signal
 from pathlib import Path
 
 from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, children, member, number, query, wait_until
-from twinlock_test import Failure, at_most, expect, scratch
+from twinlock_test import Failure, at_most, expect, has_line, scratch
 
 WORD = "word"  # for TWINLOCK_UNRULY
-LOCK_STEPS = 200  # until the first of 20, of 10 ms each
+LOCK_STEPS = 200  # of 10 ms, before the first of 20 steps in a row that are within tolerance
 
 
 def left_in(file):
-    """Nothing either if it goes while it is read: its folder is the twin's."""
+    """The content of a file; nothing if the file disappears meanwhile, because its folder is the
+    twin's."""
     try:
         return file.read_bytes()
     except FileNotFoundError:
@@ -19,7 +21,7 @@ def left_in(file):
 
 
 class Supervised(Program):
-    """A supervised run, and the processes that it has begun. `state`: where it keeps its account."""
+    """A supervised run and its child processes. `state`: the folder of its account."""
 
     def __init__(self, config, *args, state=None, **options):
         self.state = state or scratch() / "state"
@@ -32,10 +34,13 @@ class Supervised(Program):
         return member(self, role, other_than)
 
     def tell(self, word, stays=False):
-        """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it. `stays`: it does not take the word out."""
+        """Gives the FMU tests/hil/fmus/unruly an order, and waits until it starts.
+
+        `stays`: the FMU does not remove the order, so it obeys in every step.
+        """
         def folders():
             return sorted(self.process.temporary.glob(f"twinlock-twin-{self.pid}-*"), key=lambda path: path.stat().st_mtime)
-        file = wait_until(folders, "the folder of the FMUs", self.log)[-1] / WORD
+        file = wait_until(folders, "the twin's folder", self.log)[-1] / WORD
         file.write_text(word, encoding="utf-8")
         wait_until(lambda: stays or not left_in(file), "a step that takes the word", self.log)
 
@@ -44,38 +49,45 @@ class Supervised(Program):
 
 
 def wait_for_run(live, database, which):
-    """Until run `which` is recorded, and is in lock."""
-    wait_until(lambda: database.exists() and query(database, "SELECT 1 FROM runs WHERE run = ?", which), f"run {which}", live.log)
-    wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = ? AND outcome = 1", which) >= 20, "lock", live.log)
+    """Waits until run `which` is recorded and in lock."""
+    wait_until(lambda: database.exists() and query(database, "SELECT 1 FROM runs WHERE runs.run = ?", which), f"run {which}", live.log)
+    wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE outcome = 1 AND run = ?", which) >= 20, "lock", live.log)
 
 
 def first_lock(database, run):
-    """How many steps of its own the run needed until 20 in a row were within tolerance. Those of the run that it goes on with
-    are not its own, and those of the time in which nobody ran are made up."""
+    """The number of its own steps before 20 in a row were within tolerance.
+
+    Steps of the resumed run are not its own. Steps of the time without a twin are caught up, and
+    not counted.
+    """
     own, lead = query(database, "SELECT coalesce(resumed_tick, 0), lead FROM beginnings JOIN runs USING (run) WHERE run = ?", run)[0]
-    steps = query(database, "SELECT outcome FROM steps WHERE run = ? AND step >= ? AND outcome <> ? ORDER BY step",
-                  run, own - lead, MADE_UP)
+    steps = query(database, "SELECT outcome FROM steps WHERE step >= ? AND outcome <> ? AND run = ? ORDER BY step",
+                  own - lead, MADE_UP, run)
     row = 0
     for i, (outcome,) in enumerate(steps):
         row = row + 1 if outcome in (FIRST_GUESS, OPTIMISED) else 0
         if row == 20:
             return i - 19
-    raise Failure(f"run {run} was never in lock")
+    raise Failure(f"run {run} has no 20 steps in lock in a row")
 
 
 def expect_in_lock(database, run, limit=LOCK_STEPS):
-    """In lock so many steps after it began: 2 s and 20 periods, counted in steps, since a busy machine has no other clock."""
+    """Checks that the run is in lock after at most `limit` steps. A busy machine slows time down,
+    but not steps."""
     at_most(first_lock(database, run), limit, f"steps until run {run} was in lock")
 
 
 def starts(database):
-    """What the supervisor told, of each run."""
+    """The texts of the supervisor's events, in order."""
     return [text for (text,) in query(database, "SELECT text FROM events WHERE source = 'supervisor' ORDER BY event")]
 
 
 def expect_starts(database, *reasons):
+    """Checks the supervisor's events: one for each start, with all parts of its reason (see
+    has_line())."""
     told = starts(database)
-    expect(len(told) == len(reasons) and all(reason in text for reason, text in zip(reasons, told)), f"{told}")
+    expect(len(told) == len(reasons) and all(has_line(text, parts) for parts, text in zip(reasons, told)),
+           f"{told}, wanted {reasons}")
 
 
 def end_orderly(live, number_=signal.SIGTERM):
