@@ -29,7 +29,7 @@ CLEAN = {
                                    '#include "firmware/base/log.h"\n',
     "firmware/plant/sample_buffer.h": header("firmware/plant/sample_buffer.h", "typedef struct mailbox {", "int one;", "} mailbox;"),
     "firmware/plant/mailbox_parts.h": header("firmware/plant/mailbox_parts.h"),
-    "firmware/main.c": '#include "firmware/base/log.h"\n',
+    "firmware/main.c": '#include "firmware/base/log.h"\nstatic const char text[] = "%s: the value is too large";\n',
     "firmware/base/log.h": header("firmware/base/log.h", "typedef int tl_log;"),
     "docs/folders.md": "# Folders\n<!-- folders: made by tests/check/picture.py --write -->\n<!-- end of folders -->\n",
     "firmware/cli/options.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
@@ -92,6 +92,11 @@ BROKEN = [
     ("names", "master/base/b.c", "\tint x;\n", "a tab"),
     ("names", "master/base/b.c", "int x; \n", "spaces at the end"),
     ("words", "master/base/b.c", "/* Nob" + "ody knows. */\n", "in a comment: write"),
+    ("words", "master/base/b.c", 'const char tl_a[] = "nob' + 'ody knows";\n', "in a message: write"),
+    ("words", "README.md", "# A\nNob" + "ody knows.\n", "in a document: write"),
+    ("words", "README.md", "# A\n" + "One" + " more word" * 20 + ".\n", "sentences are too long"),
+    ("sentences", "tests/unit/test_a.c", 'const char tl_a[] = "7: the value is too large";\n', "holds a sentence of the program"),
+    ("sentences", "tests/replay/test_a.py", 'TEXT = f"{x}: the value is too large"\n', "holds a sentence of the program"),
     ("words", "master/base/b.c", "/* A line" + " of words" * 12 + " */\n", "a comment of"),
     ("words", "master/base/b.h", header("master/base/b.h", *["/* One" + " more word" * 20 + ". */"] * 9), "sentences are too long"),
     ("names", "master/base/b.c", "int x;", "one newline"),
@@ -197,7 +202,7 @@ def run_symbols(floor, sources):
 
 def main():
     failures = 0
-    for check in ("layers", "type_names", "picture", "headers", "names", "words", "docs"):
+    for check in ("layers", "type_names", "picture", "headers", "names", "words", "sentences", "docs"):
         code, output = run(check, {})
         if code != 0:
             failures += 1

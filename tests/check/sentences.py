@@ -1,24 +1,21 @@
 #!/usr/bin/env python3
 """Wording may improve without a test: `sentences.py [ROOT]` finds tests that hold a sentence of the program word for word.
 
-Tests hold exit codes, paths, values and at most three words in a row. Longer sentences stand in tests/support/sentences.py,
-at most 50. A sentence counts if a text of a test has four words in a row that also follow each other in a text of the product.
+Tests hold exit codes, paths, values and at most three words in a row (tests/support/message.h, has_line() of twinlock_test.py).
+A sentence counts if a text of a test has four words in a row that also follow each other in a text of the product; SQL does not.
 """
 import ast
-import os
 import re
 
 import tree
 
-HELD = "tests/support/sentences.py"
-MOST = 50  # sentences in that file
 WORDS = 4  # in a row
 C_TEXT = re.compile(r'"(?:\\.|[^"\\\n])*"(?:\s*(?:PRI\w+\s*)?"(?:\\.|[^"\\\n])*")*')
 C_COMMENT = re.compile(r'("(?:\\.|[^"\\\n])*")|/\*.*?\*/|//[^\n]*', re.DOTALL)
 PLACEHOLDER = re.compile(r"%[-+.*0-9]*(?:ll|l|z|j)?[a-zA-Z%]")
-SQL = re.compile(r"\b(SELECT|UPDATE|DELETE|INSERT|FROM|WHERE|JOIN|PRAGMA|GROUP BY|ORDER BY)\b")
+SQL = re.compile(r"\b(ALTER|SELECT|UPDATE|DELETE|INSERT|FROM|WHERE|JOIN|PRAGMA|GROUP BY|ORDER BY)\b")
 PRODUCT = ("firmware", "board", "master", "fmus")
-SKIPPED = ("tests/check/", "tests/bench/", "tests/fuzz/", HELD)
+SKIPPED = ("tests/check/", "tests/bench/", "tests/fuzz/")
 
 
 def c_texts(text):
@@ -74,11 +71,7 @@ def main():
         for line, text in python_texts(tree.text(path)) if path.endswith(".py") else c_texts(tree.text(path)):
             held = next((" ".join(run) for words in rows(text) for run in sorted(runs(words)) if run in known), None)
             if held:
-                tree.finding(path, line, f'holds a sentence of the program ("{held}"): hold values, or put it into {HELD}')
-    if os.path.exists(os.path.join(tree.root, HELD)):
-        held = list(python_texts(tree.text(HELD)))
-        if len(held) > MOST:
-            tree.finding(HELD, 0, f"has {len(held)} sentences, {MOST} at most")
+                tree.finding(path, line, f'holds a sentence of the program ("{held}"): hold values')
     tree.finish(looked_at)
 
 

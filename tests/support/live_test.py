@@ -189,7 +189,7 @@ def check_summary(told, database, prediction=1, components=3, run=1):
     total = told["ledger"]["total"]
     expect(told["steps"] + told["skipped"] == told["ticks"],
            f"{told['steps']} steps + {told['skipped']} skipped are not {told['ticks']} ticks")
-    expect(caught_up == told["skipped"], f"{caught_up} made up, but {told['skipped']} skipped")
+    expect(caught_up == told["skipped"], f"{caught_up} caught up, but {told['skipped']} skipped")
     expect(sum(told["outcomes"].values()) == rows == told["steps"] + caught_up,
            f"{rows} rows, told {told['outcomes']}")
     expect(len(told["ledger"]["components"]) == components, f"components: {told['ledger']}")
@@ -197,7 +197,7 @@ def check_summary(told, database, prediction=1, components=3, run=1):
     check_recorded_ledger(told, database, run)
     counted = query(database, "SELECT sum(evaluations), sum(executions), sum(predicted), sum(outcome = ?) "
                     "FROM steps WHERE steps.run = ?", MADE_UP, run)[0]
-    wanted = (told["evaluations"], total["executions"], total["predicted"], made_up)
+    wanted = (told["evaluations"], total["executions"], total["predicted"], caught_up)
     wanted = (None,) * 4 if rows == 0 else wanted
     expect(counted == wanted, f"the database has {counted}, told was {wanted}")
     return rows

@@ -166,7 +166,7 @@ class Accounts:
 
     def describe(self):
         skipped = self.outcomes[MADE_UP]
-        return f"{self.newest.tick + 1} ticks in {self.newest.run} runs: {self.outcomes.total() - skipped} steps, {skipped} made up"
+        return f"{self.newest.tick + 1} ticks in {self.newest.run} runs: {self.outcomes.total() - skipped} steps, {skipped} caught up"
 
 
 NEWEST = "SELECT tick, quality FROM samples own WHERE own.run = (SELECT max(run) FROM samples) ORDER BY own.tick DESC LIMIT 1"
