@@ -459,5 +459,5 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
     }
     return failure == 0
                ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN, "the filter of system calls could not be loaded: %s", strerror(-failure));
+               : tl_fail(error, TL_TRY_AGAIN, "the system call filter cannot be loaded: %s", strerror(-failure));
 }

@@ -21,7 +21,7 @@ enum { PLACE = 4096, WITH_PORTS = 4 }; /* first version with TCP ports */
 
 #define EMPTY_FILE (UINT64_C(1) << 14)
 #define COMMAND_DEVICE (UINT64_C(1) << 15)
-#define TAKE_TCP_PORT (UINT64_C(1) << 0)
+#define BIND_TCP_PORT (UINT64_C(1) << 0)
 #define CONNECT_TCP_PORT (UINT64_C(1) << 1)
 #define RULE_TCP_PORT 2
 #define ABSTRACT_SOCKETS (UINT64_C(1) << 0)
@@ -44,12 +44,12 @@ enum { FILES_ONLY = sizeof(uint64_t), WITH_NETWORK = 2 * sizeof(uint64_t) };
 
 /* ---- rights ---- */
 
-#define LOOK (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR)
+#define READ_FILES (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR)
 /* Without devices, sockets, pipes and links. */
-#define CHANGE                                                                                                         \
+#define CHANGE_FILES                                                                                                   \
     (LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_DIR |                       \
      LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_REFER | EMPTY_FILE)
-#define NEVER                                                                                                          \
+#define NEVER_ALLOWED                                                                                                  \
     (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_BLOCK |                       \
      LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_SYM)
 /* Rights that apply to a file that is no folder. */
@@ -142,7 +142,7 @@ static int allow_open(landlock_rules *list, const char *path, uint64_t rights) {
     return place;
 }
 
-static void allow(landlock_rules *list, const char *path, uint64_t rights) {
+static void allow_path(landlock_rules *list, const char *path, uint64_t rights) {
     int place = allow_open(list, path, rights);
     int cause = errno;
     if (place >= 0) {
@@ -153,7 +153,7 @@ static void allow(landlock_rules *list, const char *path, uint64_t rights) {
 
 static void allow_all(landlock_rules *list, const char *const *paths, size_t count, uint64_t rights) {
     for (size_t i = 0; i < count && !list->failed; i++) {
-        allow(list, paths[i], rights);
+        allow_path(list, paths[i], rights);
     }
 }
 
@@ -172,7 +172,7 @@ static void allow_settings(landlock_rules *list, uint64_t rights) {
     while (!list->failed && folder != NULL && (entry = readdir(folder)) != NULL) {
         if (is_setting(entry->d_name)) {
             (void)snprintf(path, sizeof path, "/etc/%s", entry->d_name);
-            allow(list, path, rights);
+            allow_path(list, path, rights);
         }
     }
     if (folder != NULL) {
@@ -181,8 +181,8 @@ static void allow_settings(landlock_rules *list, uint64_t rights) {
 }
 
 static void allow_places(landlock_rules *list, const tl_confine_settings *places, uint64_t all) {
-    const uint64_t look = all & LOOK;
-    const uint64_t change = all & (LOOK | CHANGE);
+    const uint64_t look = all & READ_FILES;
+    const uint64_t change = all & (READ_FILES | CHANGE_FILES);
     allow_all(list, readable, COUNT(readable), look);
     for (size_t i = 0; i < COUNT(own) && !list->failed; i++) {
         (void)allow_open(list, own[i], look); /* stays open */
@@ -210,8 +210,8 @@ int tl_landlock_version(void) {
 
 static int make_rules(int version) {
     const rule_set set = {
-        .files = (LOOK | CHANGE | NEVER | COMMAND_DEVICE) & known(version),
-        .network = TAKE_TCP_PORT | CONNECT_TCP_PORT,
+        .files = (READ_FILES | CHANGE_FILES | NEVER_ALLOWED | COMMAND_DEVICE) & known(version),
+        .network = BIND_TCP_PORT | CONNECT_TCP_PORT,
         .scopes = SIGNALS | ABSTRACT_SOCKETS,
     };
     size_t size = version >= 6 ? sizeof set : version >= WITH_PORTS ? WITH_NETWORK : FILES_ONLY;
@@ -232,5 +232,5 @@ tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *er
     if (list.set >= 0) {
         (void)close(list.set);
     }
-    return list.failed ? tl_fail(error, TL_TRY_AGAIN, "Landlock could not be switched on: %s", strerror(cause)) : TL_OK;
+    return list.failed ? tl_fail(error, TL_TRY_AGAIN, "Landlock cannot be enabled: %s", strerror(cause)) : TL_OK;
 }

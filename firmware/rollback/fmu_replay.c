@@ -146,8 +146,10 @@ tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t c
     }
     if (history->calls == NULL || history->values == NULL) {
         tl_fmu_history_close(history);
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to keep what an FMU is given in %u steps: %zu bytes",
-                       (unsigned)most, count_bytes(most, calls, size));
+        return tl_fail(
+            error, TL_TRY_AGAIN,
+            "not enough memory to record the inputs of %u steps: %zu bytes; lower \"replay_steps\" of the component",
+            (unsigned)most, count_bytes(most, calls, size));
     }
     history->call_count = (uint32_t)call_count;
     tl_fmu_history_begin(history);

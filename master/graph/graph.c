@@ -145,6 +145,22 @@ static void report_units(tl_report *report, const char *where, const char *from,
                   from, from_unit, to, to_unit);
 }
 
+/* `signal`: the name of the one that is a signal of the plant, whose type the configuration sets;
+ * NULL: none. */
+static void report_types(tl_report *report, const char *where, const char *from, tl_type from_type, const char *to,
+                         tl_type to_type, const char *signal) {
+    char remedy[TL_ERROR_TEXT] = "";
+    tl_type wanted = port_type(signal == to ? from_type : to_type);
+    if (signal != NULL && wanted == TL_REAL) {
+        (void)snprintf(remedy, sizeof remedy, ": leave out \"type\" of %s; a coil is then 0 or 1", signal);
+    } else if (signal != NULL) {
+        (void)snprintf(remedy, sizeof remedy, ": set \"type\" of %s to \"%s\"", signal,
+                       wanted == TL_BOOLEAN ? "boolean" : "integer");
+    }
+    tl_report_add(report, TL_BAD_DATA, where, "types do not fit: %s is %s, %s is %s%s", from, tl_type_name(from_type),
+                  to, tl_type_name(to_type), remedy);
+}
+
 /* Conversion from a source port to a variable of `model`. */
 static bool convert(const tl_graph *graph, const tl_port *from, const tl_variable *to, const tl_model *model,
                     tl_conversion *conversion, const char **from_unit) {
@@ -214,9 +230,8 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
         return;
     }
     if (port_type(to->type) != from->type) {
-        tl_report_add(report, TL_BAD_DATA, plan->where, "types do not fit: %s is %s, %s is %s", plan->from,
-                      tl_type_name(from->variable == NULL ? from->type : from->variable->type), plan->to,
-                      tl_type_name(to->type));
+        report_types(report, plan->where, plan->from, from->variable == NULL ? from->type : from->variable->type,
+                     plan->to, to->type, from->variable == NULL ? plan->from : NULL);
         return;
     }
     if (is_connected(graph, node, to)) {
@@ -359,8 +374,7 @@ size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const 
     }
     const tl_plan_signal *plan = &graph->plan->signals[signal];
     if (plan->type != port->type) {
-        tl_report_add(report, TL_BAD_DATA, match->where, "types do not fit: %s is %s, %s is %s", match->variable,
-                      tl_type_name(port->type), match->to, tl_type_name(plan->type));
+        report_types(report, match->where, match->variable, port->type, match->to, plan->type, match->to);
         return SIZE_MAX;
     }
     tl_unit unit = signal_unit(plan, graph->components[port->node].model);
