@@ -283,7 +283,9 @@ static void describe_range(const tl_config_signal *signal, double value, char te
     const char *unit = signal->plan.unit == NULL ? "" : signal->plan.unit;
     const char *space = unit[0] == '\0' ? "" : " ";
     bool is_below = value < signal->minimum;
-    if (!is_below && !(value > signal->maximum)) {
+    if (!is_below && !(value > signal->maximum) && signal->plan.type == TL_REAL) {
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%s", tl_quality_name(TL_OUT_OF_RANGE));
+    } else if (!is_below && !(value > signal->maximum)) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is not of type %s", value, tl_type_name(signal->plan.type));
     } else if (isfinite(signal->minimum) && isfinite(signal->maximum)) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is outside %.6g \342\200\246 %.6g", value, space, unit,

@@ -16,6 +16,7 @@ WORDS = 4  # in a row
 C_TEXT = re.compile(r'"(?:\\.|[^"\\\n])*"(?:\s*(?:PRI\w+\s*)?"(?:\\.|[^"\\\n])*")*')
 C_COMMENT = re.compile(r'("(?:\\.|[^"\\\n])*")|/\*.*?\*/|//[^\n]*', re.DOTALL)
 PLACEHOLDER = re.compile(r"%[-+.*0-9]*(?:ll|l|z|j)?[a-zA-Z%]")
+SQL = re.compile(r"\b(SELECT|UPDATE|DELETE|INSERT|FROM|WHERE|JOIN|PRAGMA|GROUP BY|ORDER BY)\b")
 PRODUCT = ("firmware", "board", "master", "fmus")
 SKIPPED = ("tests/check/", "tests/bench/", "tests/fuzz/", HELD)
 
@@ -41,6 +42,8 @@ def python_texts(text):
 
 def rows(text):
     """Sequences of words: a value, a placeholder or a sign ends one."""
+    if SQL.search(text):
+        return
     text = re.sub(r"\\[nt]", " \x00 ", PLACEHOLDER.sub(" \x00 ", text))
     for part in re.split(r"[^A-Za-z' ]+", text):
         words = part.split()

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Completion in a bash that has nothing else: verbs, options and files, as they are offered at a line's end."""
+"""Completion of verbs, options and files at the end of a line, in a bash without other settings."""
 import os
 import re
 
 from debian import output_of
 from twinlock_test import PROGRAM, SOURCE, expect, main, run_well, scratch
 
-# What bash does when the tabulator is pressed at the end of a line.
+# As bash does it if the user presses Tab at the end of a line.
 PRESS = """
 set -u
 source "$1"
@@ -21,7 +21,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 
 
 def offered(*words, folder="."):
-    """What completes the last of the words behind "twinlock"."""
+    """Completions for the last of `words`, which follow "twinlock"."""
     path = f"{os.path.dirname(PROGRAM)}:{os.environ['PATH']}"
     lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "board/debian/twinlock.bash", folder, "twinlock",
                       *words, env={**os.environ, "PATH": path})
@@ -68,8 +68,8 @@ def test_values_of_options():
     expect(found == ["samples", "steps"], f"{found}")
     expect(offered("run", "a.json", "--duration", "", folder=folder) == [], "files for a number")
     expect(offered("show", "x.db", "--run", "", folder=folder) == [], "files for a number or last")
-    tables = re.search(r"--csv TABLE +CSV table: (.*)", run_well(["show", "--help"]))[1]
-    expect(sorted(re.split(r", | or ", tables)) == offered("show", "x.db", "--csv", ""), f"tables are {tables}")
+    tables = re.search(r"--csv TABLE .*: (.*)", run_well(["show", "--help"]))[1]
+    expect(sorted(re.split(r", | or ", tables)) == offered("show", "x.db", "--csv", ""), f"the help has {tables}")
 
 
 def test_tokens():
@@ -77,7 +77,7 @@ def test_tokens():
     expect(offered("token", "add", "anna", "--role", "r") == ["read", "retune"], "other roles")
 
 
-def test_nothing_where_the_program_is_missing():
+def test_without_the_program():
     lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "board/debian/twinlock.bash", scratch(), "twinlock",
                       "run", "--", env={"PATH": "/usr/bin:/bin"})
     expect(lines.strip() == "", lines)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The Debian package by itself: what is in it, for whom, what it depends on, and that it is the same each time."""
+"""The Debian packages: files, owners, dependencies, and that each build gives the same bytes."""
 import gzip
 import hashlib
 import os
@@ -17,7 +17,7 @@ SERVE_ROOT = debian.unpacked(SERVE)
 
 
 def elves():
-    """The programs of the package: the main one, and those in the FMUs."""
+    """The main program, and the shared objects of the FMUs."""
     folder = scratch()
     for fmu in (ROOT / "usr/lib/twinlock/fmus").glob("*.fmu"):
         with zipfile.ZipFile(fmu) as archive:
@@ -38,7 +38,7 @@ def test_fields():
     expect(version.rsplit("-", 1)[0] == program[1], f"{version}, but the program is {program}")
 
 
-def test_it_depends_on_what_it_is_linked_to_and_nothing_else():
+def test_it_depends_on_its_libraries_only():
     libraries = {name for elf in elves() for name in debian.needed(elf)}
     expect(len(libraries) >= 9, f"{libraries}")
     wanted = {debian.package_of(name) for name in libraries if not name.startswith("ld-linux")} | {"systemd"}
@@ -47,7 +47,7 @@ def test_it_depends_on_what_it_is_linked_to_and_nothing_else():
     expect("libc6 (>= " in debian.fields(PACKAGE)["Depends"], "no version of libc6")
 
 
-def test_what_loads_fmus_is_linked_to_nothing_of_the_network():
+def test_the_main_program_has_no_network_library():
     libraries = {name.split(".so")[0] for elf in elves() for name in debian.needed(elf)}
     expect(not libraries & {"libgnutls", "libmicrohttpd"}, f"{libraries}")
 
@@ -72,14 +72,14 @@ def test_the_package_of_the_network():
 
 
 def test_owners_and_modes():
-    """Whatever umask whoever makes it has."""
+    """The same for each umask of the build."""
     for package in ("twinlock", "twinlock-serve"):
         for mode, owner, path, _ in debian.contents(debian.make(umask=0o077, name=package)):
             wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(mode[0], "-rwxr-xr-x" if path.startswith(("./usr/bin/", "./usr/lib/twinlock/inbox")) else "-rw-r--r--")
             expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
 
 
-def test_only_places_that_are_ours():
+def test_all_files_are_in_our_folders():
     ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock-inbox@.path",
             "./usr/lib/systemd/system/twinlock-inbox@.service", "./usr/lib/systemd/system/twinlock@.service",
             "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
@@ -94,7 +94,7 @@ def test_only_places_that_are_ours():
 
 
 def test_the_examples_are_those_of_the_sources():
-    """And nothing that somebody's run has left beside them."""
+    """Without files that a run has left beside them."""
     wanted = {name.removeprefix("config/") for name in debian.sources("config") if not name.startswith(("config/SPEC.md", "config/schema/"))}
     wanted = {name for name in wanted if ".db" not in name}
     folder = ROOT / "usr/share/doc/twinlock/examples"
@@ -129,10 +129,10 @@ def test_documents():
     expect("@" not in copyright_.replace("<maintainers@", ""), copyright_)
     for name in ("install", "your-plant", "troubleshooting", "method", "retune", "security"):
         same = (folder / "docs" / f"{name}.md").read_bytes() == (SOURCE / f"docs/{name}.md").read_bytes()
-        expect(same, f"{name}.md is not the one of the sources")
+        expect(same, f"{name}.md differs from the sources")
 
 
-def test_no_place_of_the_build_in_it():
+def test_no_path_of_the_build_in_it():
     for elf in [*elves(), SERVE_ROOT / "usr/bin/twinlock-serve"]:
         content = elf.read_bytes()
         for place in {str(SOURCE), str(BUILD), os.path.expanduser("~/")} - {"/root/"}:
@@ -144,7 +144,7 @@ def sum_of(path):
 
 
 def test_the_same_bytes_again():
-    """Whoever makes it, and when."""
+    """The same for each user, time zone and time."""
     again = debian.make(TZ="Pacific/Auckland", LC_ALL="C.UTF-8", HOME="/nonexistent")
     expect(sum_of(again) == sum_of(PACKAGE), "another package in another time zone")
     serve = debian.make(name="twinlock-serve", TZ="Pacific/Auckland", LC_ALL="C.UTF-8", HOME="/nonexistent")
@@ -157,7 +157,7 @@ def test_the_same_bytes_again():
 
 
 def test_the_same_bytes_from_sources_elsewhere():
-    """Built again from the beginning, in another folder; tests and checks are left out, since they are not packed."""
+    """A new build in another folder, without tests and checks, which are not packed."""
     copy = scratch() / "elsewhere"
     copy.mkdir()
     for name in debian.sources():
@@ -167,7 +167,7 @@ def test_the_same_bytes_from_sources_elsewhere():
             shutil.copymode(SOURCE / name, copy / name)
     (copy / ".deps").mkdir()
     for part in (SOURCE / ".deps").iterdir():
-        if part.name in ("fmi2", "unity"):  # no link: gcc says where a system header is in truth
+        if part.name in ("fmi2", "unity"):  # copy: gcc records the resolved path of a system header
             shutil.copytree(part, copy / ".deps" / part.name)
         elif part.is_dir():
             (copy / ".deps" / part.name).symlink_to(part)

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""A clean clone on a bare Debian 13: script/bootstrap finds its packages, script/package builds, and replays commit the same bits as on Debian 12.
+"""A clean clone on a bare Debian 13: script/bootstrap finds its packages, script/package builds,
+and replays commit the same bits as on Debian 12.
 
-build/debian13 holds the Debian, from the mirror of this machine's apt. It is made again after a week, because updates change its libraries.
+build/debian13 contains the Debian, from the mirror of this machine's apt. The test makes it again
+after a week, because updates change its libraries.
 """
 import functools
 import os
@@ -32,7 +34,8 @@ def remove(path):
 
 
 def make(root):
-    """With the machine's way to the mirror. A root that is lost in a power cut is made again, so dpkg need not wait for the disk."""
+    """Makes the Debian, with the proxy settings of this machine's apt. dpkg does not sync, because
+    the test can make it again."""
     ways = [line for line in debian.output_of("apt-config", "dump", "Acquire").splitlines() if line.startswith(("Acquire::http", "Acquire::Check"))]
     done = call("mmdebstrap", "--quiet", "--variant=apt", "--skip=cleanup/apt", "--dpkgopt=force-unsafe-io", *(f"--aptopt={line}" for line in ways),
                 RELEASE, root, "-", input=debian.archive(RELEASE))
@@ -43,7 +46,8 @@ def make(root):
 
 @functools.cache
 def tree():
-    """The files of this tree in the Debian, as a clone has them, and the pinned FMI headers, so that PyPI is not needed."""
+    """Copies the files of a clone into the Debian, with the pinned FMI headers, so that the test
+    needs no PyPI."""
     if debian.release() == RELEASE:
         raise Skip("this machine is a Debian 13 itself")
     debian.need("mmdebstrap", "unshare")
@@ -66,7 +70,7 @@ def tree():
 
 
 def inside(*command, **environment):
-    """Output of a command in the tree in the Debian, which must succeed."""
+    """Output of a command in that tree inside the Debian, which must succeed."""
     tree()
     done = call("sh", "-c", MOUNTS + 'exec chroot "$0" "$@"', ROOT, "env", "-C", TREE, *(f"{name}={value}" for name, value in environment.items()), *command,
                 env={"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "LC_ALL": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1",
@@ -80,7 +84,7 @@ def test_it_builds_and_makes_a_package():
     expect(out.count("\npackage: build/package/twinlock") == 2, out)
 
 
-def test_a_replay_says_nothing_of_the_system():
+def test_a_replay_has_no_warning():
     out = inside("build/host/bin/twinlock", "replay", "config/motor/lock.json", TWINLOCK_FMU_PATH="build/host/fmus")
     expect("MSE" in out and "warning" not in out, out)
 

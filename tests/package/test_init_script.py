@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The init script for boxes without systemd, with the real program: by dash, and by busybox with nothing but busybox's
-commands."""
+"""The init script for boxes without systemd, with the real program: in dash, and in busybox with
+only busybox's commands."""
 import contextlib
 import os
 import shutil
@@ -12,14 +12,14 @@ from pathlib import Path
 
 import twinlock_test
 from live_test import wait_until
-from twinlock_test import PLAIN_LIVE, FMUS, PROGRAM, SOURCE, Skip, edited_config, expect, scratch
+from twinlock_test import PLAIN_LIVE, FMUS, PROGRAM, SOURCE, Skip, edited_config, expect, expect_line, expect_no_line, scratch
 
 SCRIPT = SOURCE / "board/wago-pfc200/twinlock"
 NO_PLANT = {"sources": {"inverter": {"modbus_tcp": {"port": 1}}}, "duration_s": None, "record": None}
 
 
 def busybox():
-    """Busybox of this machine, or of the rig."""
+    """Path of busybox on this machine, or else of the rig's."""
     for path in (shutil.which("busybox"), SOURCE / ".deps/rig/host/usr/bin/busybox"):
         if path and os.access(path, os.X_OK):
             return str(path)
@@ -27,7 +27,7 @@ def busybox():
 
 
 def shells():
-    """{name: (command that runs a script, PATH)}"""
+    """{name: (command that runs a script, PATH for it)}"""
     applets = scratch()
     for name in subprocess.run([busybox(), "--list"], stdout=subprocess.PIPE, check=True, text=True).stdout.split():
         (applets / name).symlink_to(busybox())
@@ -38,7 +38,8 @@ SHELLS = shells()
 
 
 class Box:
-    """Settings, and a folder for all that the script writes; what was started is killed at the end of `with`."""
+    """Settings, and a folder for all files of the script. The end of `with` kills the started
+    program."""
 
     def __init__(self, shell, **settings):
         self.shell, self.path = SHELLS[shell]
@@ -59,7 +60,7 @@ class Box:
             os.killpg(int(self.pidfile.read_text()), signal.SIGKILL)
 
     def call(self, word, code=0):
-        """What the script says."""
+        """Runs the script, which must end with `code`. Returns its output."""
         environment = {"PATH": self.path, "TWINLOCK_SETTINGS": str(self.settings), "TWINLOCK_FMU_PATH": str(FMUS),
                        "TMPDIR": str(scratch())}
         done = subprocess.run([*self.shell, SCRIPT, word], env=environment, stdout=subprocess.PIPE, text=True,
@@ -75,7 +76,7 @@ class Box:
 
 
 def is_gone(pid):
-    """Also where it waits for a parent that takes note."""
+    """True also for a zombie."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes() == b""
     except FileNotFoundError:
@@ -83,7 +84,7 @@ def is_gone(pid):
 
 
 def with_each_shell(test):
-    """Runs a test once for each shell, at the same time: they mostly wait."""
+    """Runs a test once for each shell, in parallel, because the tests mostly wait."""
     def run():
         with ThreadPoolExecutor() as pool:
             list(pool.map(test, SHELLS))
@@ -93,21 +94,26 @@ def with_each_shell(test):
 
 @with_each_shell
 def test_a_day(shell):
-    """Started, asked, started again, restarted, stopped, stopped again."""
+    """Start, status, start again, reload, restart, stop, stop again."""
     with Box(shell) as box:
-        expect("does not run" in box.call("status", 3), "it runs")
-        expect("started" in box.call("start"), "not started")
+        expect_line(box.call("status", 3), "twinlock:|not")
+        said = box.call("start")
         first = box.pid()
-        expect(f"runs, process {first}" in box.call("status"), "another one runs")
+        expect_line(said, f"started|{first}")
+        expect_line(box.call("status"), f"twinlock:|{first}")
         expect(os.getsid(first) == first, "it ends with the terminal")
-        expect(f"runs already, process {first}" in box.call("start") and box.pid() == first, "started twice")
+        said = box.call("start")
+        expect_line(said, f"already|{first}")
+        expect(box.pid() == first, "started twice")
         wait_until(lambda: "inverter" in box.said(), "its log", box.said)
-        expect("is what is active" in box.call("reload"), "not reloaded")
+        said = box.call("reload")
+        expect_line(said, "authorise|commission")
+        expect_line(said, "active")
         box.call("restart")
         expect(is_gone(first) and box.pid() != first, "not restarted")
         second = box.pid()
         expect("stopped" in box.call("stop") and is_gone(second) and not box.pidfile.exists(), "not stopped")
-        expect("does not run" in box.call("stop"), "it ran")
+        expect_no_line(box.call("stop"), "stopped")
         box.call("status", 3)
         left = sorted(path.name for path in box.folder.iterdir() if not path.name.startswith("twin.db"))
         expect(left == ["log", "run", "settings", "states.json", "supervisor.json", "versions"], f"left: {left}")
@@ -122,7 +128,7 @@ def test_it_was_killed(shell):
         first = box.pid()
         os.killpg(first, signal.SIGKILL)
         wait_until(lambda: is_gone(first), "its end")
-        expect("is dead" in box.call("status", 1), "not dead")
+        expect_line(box.call("status", 1), "dead")
         box.call("start")
         expect(box.pid() != first, "the same process")
         box.call("status")
@@ -130,14 +136,14 @@ def test_it_was_killed(shell):
 
 
 @with_each_shell
-def test_its_number_was_given_to_another(shell):
+def test_another_process_has_its_number(shell):
     other = subprocess.Popen(["sleep", "1000"])
     try:
         with Box(shell) as box:
             box.pidfile.write_text(f"{other.pid}\n", encoding="utf-8")
             box.call("status", 1)
-            expect("does not run" in box.call("stop"), "it was stopped")
-            expect(other.poll() is None, "another's process was ended")
+            expect_no_line(box.call("stop"), "stopped")
+            expect(other.poll() is None, "the script ended another process")
             box.pidfile.write_text(f"{other.pid}\n", encoding="utf-8")
             box.call("start")
             expect(box.pid() != other.pid and other.poll() is None, "not started")
@@ -149,13 +155,14 @@ def test_its_number_was_given_to_another(shell):
 
 @with_each_shell
 def test_it_does_not_end(shell):
-    """As when it hangs: what SIGTERM does not end within its time is killed."""
+    """A stopped process stands for one that hangs. The script kills it if SIGTERM does not end it
+    in PATIENCE s."""
     with Box(shell, PATIENCE=1) as box:
         box.call("start")
         pid = box.pid()
         os.kill(pid, signal.SIGSTOP)
         begun = time.monotonic()
-        expect("is killed" in box.call("stop"), "not killed")
+        expect_line(box.call("stop"), f"killed|{pid}|1 s")
         expect(is_gone(pid) and time.monotonic() - begun < 10, "it lives")
 
 
@@ -164,9 +171,11 @@ def test_what_cannot_start(shell):
     for name, value in (("PROGRAM", "/nowhere/twinlock"), ("CONFIG", "/nowhere/plant.json"), ("DATA", "/nowhere")):
         with Box(shell, **{name: value}) as box:
             said = box.call("start", 1)
-            expect(f"there is no {value}" in said and not box.pidfile.exists(), said)
+            expect_line(said, f"not started|{value}|{box.settings}")
+            expect(not box.pidfile.exists(), said)
     with Box(shell, CONFIG=edited_config(PLAIN_LIVE, {"step_s": 0})) as box:
-        expect("ended at once" in box.call("start", 1) and not box.pidfile.exists(), "started")
+        expect_line(box.call("start", 1), "not started|log")
+        expect(not box.pidfile.exists(), "the PIDFILE is left")
         expect("step_s" in box.said(), box.said())
         box.call("status", 3)
 

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""The package on a bare Debian of this machine's release: apt finds all it depends on; what it installs runs and can be administered; and it
-goes away as it should. The Debian is made for this test, in a folder (mmdebstrap), and forgotten.
+"""The package on a bare Debian of this machine's release: apt finds its dependencies, the installed
+programs and units work, and upgrade, removal and purge leave the right files.
 
-`test_install.py` makes it; `test_install.py --inside ROOT` is what runs in it, before it is forgotten.
+`test_install.py` makes a Debian in a folder with mmdebstrap. The last hook of mmdebstrap runs
+`test_install.py --inside ROOT`, before mmdebstrap deletes the folder.
 """
 import contextlib
 import json
@@ -19,25 +20,26 @@ from booted import Booted
 from debian import output_of
 from live_test import wait_until
 from service_faults import check_bad_databases
-from twinlock_test import Skip, at_most, expect, scratch
+from twinlock_test import Skip, at_most, expect, expect_line, has_line, scratch
 
-SCORE = 2.5  # of `systemd-analyze security`: 0 is a cell, 10 is the whole machine
+SCORE = 2.5  # limit of `systemd-analyze security`: 0 is fully confined, 10 is unconfined
 EXAMPLES = "/usr/share/doc/twinlock/examples"
 SERVE_SCORE = 2.0
-AGAIN = "/srv/again.deb"  # the package inside, where a boot leaves it
+AGAIN = "/srv/again.deb"  # a copy of the package in a folder that stays visible after booting
 ROOT = Path(sys.argv[2]) if sys.argv[1:2] == ["--inside"] else None
 
 
-# ---- The Debian ------------------------------------------------------------------------------------------------------
+# ---- The Debian ----
 def make_and_enter():
-    """The exit code of the tests inside; raises Skip where there is no network."""
+    """Makes the Debian and runs the tests in it. Skips if the archive cannot be reached."""
     debian.need("mmdebstrap")
     package = debian.make()
-    copied = scratch() / "twinlock.deb"  # under the same name inside
+    copied = scratch() / "twinlock.deb"  # its path is the same inside
     copied.write_bytes(package.read_bytes())
     serve = copied.parent / "twinlock-serve.deb"
     serve.write_bytes(debian.make(name="twinlock-serve").read_bytes())
-    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", "--skip=cleanup/apt",  # that empties this machine's lists
+    # cleanup/apt would empty the lists of this machine
+    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", "--skip=cleanup/apt",
                f"--include={copied}", f"--include={serve}", "--include=curl",
                f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' '{serve}' \"$1{copied.parent}\"",
                f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
@@ -50,7 +52,7 @@ def make_and_enter():
     expect(done.returncode == 0, f"mmdebstrap ended with {done.returncode}; see above")
 
 
-# ---- Inside ----------------------------------------------------------------------------------------------------------
+# ---- Inside ----
 def inside(*args, user="root"):
     """Standard output of a command in the Debian, which must succeed."""
     return output_of("chroot", f"--userspec={user}:{user}", ROOT, *args,
@@ -62,14 +64,16 @@ def place(path):
 
 
 def of_ours():
-    """Every path with our name in it, outside of what the kernel shows."""
+    """All paths with "twinlock" in their names, except in file systems of the kernel, /tmp and
+    /run."""
     found = inside("find", "/", "-xdev", "(", "-path", "/proc", "-o", "-path", "/sys", "-o", "-path", "/tmp", "-o", "-path", "/run", "-o",
                    "-path", "/var/lib/dpkg", ")", "-prune", "-o", "-name", "*twinlock*", "-print")
     return sorted(found.splitlines())
 
 
 def need_proc():
-    """The program finds what was installed with it by /proc, which a container may not let anybody mount."""
+    """The program finds its installed files through /proc, which some containers forbid to mount.
+    """
     if not place("/proc/self/exe").exists():
         raise Skip("/proc cannot be mounted in the Debian here: that takes CAP_SYS_ADMIN")
 
@@ -79,7 +83,7 @@ def test_the_program_runs():
 
 
 def test_the_examples_are_good():
-    """As installed: their FMUs, recordings and schema are found."""
+    """The installed examples find their FMUs, recordings and schema."""
     need_proc()
     for folder in sorted(path for path in place(EXAMPLES).iterdir() if path.is_dir() and list(path.glob("*.json"))):
         if folder.name == "schema":
@@ -104,7 +108,7 @@ def test_nothing_is_enabled():
 
 
 def exposure_of(unit):
-    """After systemd has found nothing wrong with it."""
+    """Verifies a unit by systemd-analyze, and returns its exposure level."""
     inside("systemd-analyze", "verify", "--man=no", unit)
     said = inside("systemd-analyze", "security", "--offline=true", "--no-pager", unit)
     return float(re.search(r"Overall exposure level.*: ([0-9.]+)", said)[1])
@@ -124,7 +128,7 @@ def test_the_unit_with_the_drop_ins_of_the_examples():
     inside("rm", "-r", "/etc/systemd/system/twinlock@dropped.service.d")
 
 
-def test_the_units_of_those_who_change_something():
+def test_the_units_of_the_server_and_the_inbox():
     at_most(exposure_of("twinlock-serve.service"), SERVE_SCORE, "exposure")
     at_most(exposure_of("twinlock-inbox@motor.service"), SERVE_SCORE, "exposure")
     inside("systemd-analyze", "verify", "--man=no", "twinlock-inbox@motor.path")
@@ -138,20 +142,20 @@ def test_tokens_are_the_administrator_s():
     place_ = "/etc/twinlock-serve"
     expect(inside("stat", "-c", "%a %U %G", place_, f"{place_}/tokens").splitlines() ==
            ["750 root twinlock-serve", "640 root twinlock-serve"], inside("stat", place_, f"{place_}/tokens"))
-    expect(secret not in inside("cat", f"{place_}/tokens", user="root"), "the token itself is kept")
+    expect(secret not in inside("cat", f"{place_}/tokens", user="root"), "the file has the token itself")
     expect("sha256//" in inside("twinlock", "serve", "--fingerprint", "--state", "/tmp"), "no fingerprint")
     inside("rm", "/tmp/server.pem")
 
 
 def command_of_the_unit(name):
-    """What the unit starts."""
+    """The command of the unit for a configuration."""
     unit = place("/usr/lib/systemd/system/twinlock@.service").read_text(encoding="utf-8")
     command = re.search(r"^ExecStart=(.*)$", unit, re.M)[1]
     return command.replace("%i", name).replace("%S", "/var/lib")
 
 
 def test_it_runs_as_its_user():
-    """The command, the configuration and the places of the unit, and a plant beside it."""
+    """Runs the command of the unit with its configuration and folders, and a plant beside it."""
     need_proc()
     live = json.loads(place(f"{EXAMPLES}/motor/live.json").read_text(encoding="utf-8"))
     del live["duration_s"]
@@ -169,9 +173,9 @@ def test_enabled_by_the_administrator():
     expect(place("/etc/systemd/system/multi-user.target.wants/twinlock@motor.service").is_symlink(), "not enabled")
 
 
-# ---- Under systemd -----------------------------------------------------------------------------------------------------
+# ---- Under systemd ----
 def twins_of(machine, unit):
-    """The processes of a unit that hold FMUs; numbers of the machine."""
+    """Process ids, inside the machine, of a unit's processes that run FMUs."""
     group = machine.property(unit, "ControlGroup")
     pids = machine.run_well("cat", f"/sys/fs/cgroup{group}/cgroup.procs").split()
     titles = {pid: machine.run_well("sh", "-c", f"cat /proc/{pid}/cmdline || true") for pid in pids}
@@ -179,7 +183,7 @@ def twins_of(machine, unit):
 
 
 def check_confinement(machine, unit):
-    """What the kernel says of the process with the FMUs: no right of root's, and none to be had."""
+    """By the kernel, the process with the FMUs has no privileges and cannot gain any."""
     pid = twins_of(machine, unit)[0]
     status = dict(re.findall(r"^(\w+):\t(.*)$", machine.run_well("cat", f"/proc/{pid}/status"), re.M))
     sets = {name: int(value, 16) for name, value in status.items() if name.startswith("Cap")}
@@ -194,9 +198,9 @@ def check_confinement(machine, unit):
     realtime = re.search(r"Max realtime priority +(\d+)", limits)[1]
     if subprocess.run(["prlimit", "--rtprio=99", "true"], stderr=subprocess.DEVNULL, check=False).returncode == 0:
         expect(realtime == "99" and "SCHED_FIFO" in threads(machine, pid), f"{limits}{threads(machine, pid)}")
-        expect(int(status["VmLck"].split()[0]) > 0, "memory is not locked")
+        expect(int(status["VmLck"].split()[0]) > 0, f"VmLck is {status['VmLck']}")
     else:
-        print("    this machine's root may not raise limits: SCHED_FIFO and locked memory are not looked at")
+        print("    this machine's root may not raise limits: SCHED_FIFO and locked memory are not checked")
 
 
 def threads(machine, pid):
@@ -204,14 +208,14 @@ def threads(machine, pid):
 
 
 def start_motor(machine):
-    """The main process, and that of the twin."""
+    """Starts the service. Returns the ids of its main process and of the twin."""
     machine.run_well("systemctl", "start", "twinlock@motor")
     wait_until(lambda: len(twins_of(machine, "twinlock@motor")) == 1, "the twin", machine.log)
     return machine.property("twinlock@motor", "MainPID"), twins_of(machine, "twinlock@motor")[0]
 
 
 def check_a_kill(machine):
-    """The supervisor begins a new one; for systemd nothing has happened."""
+    """The supervisor starts another twin; systemd restarts nothing."""
     main_, child = start_motor(machine)
     machine.run_well("sh", "-c", f"kill -KILL {child}")
     wait_until(lambda: twins_of(machine, "twinlock@motor") not in ([], [child]), "a new twin", machine.log)
@@ -220,7 +224,8 @@ def check_a_kill(machine):
 
 
 def check_a_bite(machine):
-    """A supervisor that is stopped strokes nobody: systemd begins a new one. WatchdogSec= is made shorter."""
+    """A stopped supervisor sends no keepalive, so systemd restarts the service. The test shortens
+    WatchdogSec=."""
     folder = place("/etc/systemd/system/twinlock@motor.service.d")
     folder.mkdir()
     (folder / "short.conf").write_text("[Service]\nWatchdogSec=5\nRestartSec=0\nTimeoutAbortSec=1\n", encoding="utf-8")
@@ -228,7 +233,7 @@ def check_a_bite(machine):
     machine.run_well("systemctl", "restart", "twinlock@motor")
     main_ = machine.property("twinlock@motor", "MainPID")
     time.sleep(7)
-    expect(machine.property("twinlock@motor", "MainPID") == main_, f"bitten\n{machine.journal('twinlock@motor')}")
+    expect(machine.property("twinlock@motor", "MainPID") == main_, f"restarted without a cause\n{machine.journal('twinlock@motor')}")
     machine.run_well("sh", "-c", f"kill -STOP {main_}")
     wait_until(lambda: machine.property("twinlock@motor", "NRestarts") != "0", "a new supervisor", machine.log)
     inside("rm", "-r", "/etc/systemd/system/twinlock@motor.service.d")
@@ -236,18 +241,19 @@ def check_a_bite(machine):
 
 
 def check_what_is_wrong_for_ever(machine):
-    """Begun once, and left."""
+    """Systemd starts it once, and not again."""
     place("/etc/twinlock/bad.json").write_text("{}\n", encoding="utf-8")
     expect(machine.call("start", "twinlock@bad").returncode != 0, "a bad configuration runs")
     wait_until(lambda: machine.property("twinlock@bad", "ActiveState") == "failed", "its failure", machine.log)
     expect(machine.property("twinlock@bad", "ExecMainStatus") == "65", machine.journal("twinlock@bad"))
-    expect(machine.property("twinlock@bad", "NRestarts") == "0", "begun again")
+    expect(machine.property("twinlock@bad", "NRestarts") == "0", "restarted")
     machine.run_well("systemctl", "reset-failed", "twinlock@bad")
     inside("rm", "/etc/twinlock/bad.json")
 
 
 def check_a_change_by_a_folder(machine):
-    """As by SFTP: a member of the group puts files into the folder that the first start has made, and reads there what comes of them."""
+    """As by SFTP: a member of the group puts files into the folder that the first start made, and
+    reads the results there."""
     folder, service = "/var/lib/twinlock-inbox/motor", "twinlock-inbox@motor.service"
 
     def put(name, change):
@@ -256,20 +262,20 @@ def check_a_change_by_a_folder(machine):
         place("/tmp/new.json").write_text(json.dumps(document), encoding="utf-8")
         machine.run_well("runuser", "-u", "carl", "--", "sh", "-c", f"cp /tmp/new.json {folder}/x.part && mv {folder}/x.part {folder}/{name}")
 
-    def wait_for(name, text):
+    def wait_for(name, parts):
         command = "runuser", "-u", "carl", "--", "cat", f"{folder}/{name}.result.txt"
-        wait_until(lambda: text in machine.run(*command).stdout, text, lambda: machine.run(*command).stdout + machine.journal(service), every=0.5)
+        wait_until(lambda: has_line(machine.run(*command).stdout, parts), parts, lambda: machine.run(*command).stdout + machine.journal(service), every=0.5)
 
     inside("useradd", "--groups", "twinlock-inbox", "carl")
     machine.run_well("systemctl", "enable", "--now", "twinlock-inbox@motor.path")
     wait_until(lambda: place(folder).exists() and machine.property(service, "ActiveState") == "inactive", "its folder", machine.log)
     put("motor.json", lambda document: document["synchronise"]["match"]["motor.omega"].update(tolerance=1.5))
-    wait_for("motor.json", "probation ")
+    wait_for("motor.json", "probation")
     machine.run_well("twinlock", "reload", "motor.json", "--confirm")
-    wait_for("motor.json", "version 2 is kept")
-    expect("motor.json of carl" in machine.run_well("twinlock", "reload", "motor.json", "--versions"), "nobody knows who has sent it")
+    wait_for("motor.json", "version 2|kept")
+    expect_line(machine.run_well("twinlock", "reload", "motor.json", "--versions"), "motor.json|carl")
     put("free.json", lambda document: document["components"]["motor"].update(unconfined=True))
-    wait_for("free.json", "forbidden: ")
+    wait_for("free.json", "forbidden")
     wait_until(lambda: machine.property(service, "ActiveState") == "inactive", "its end", machine.log)
     expect(machine.property(service, "Result") == "success", machine.journal(service))
     machine.run_well("systemctl", "disable", "--now", "twinlock-inbox@motor.path")
@@ -278,11 +284,11 @@ def check_a_change_by_a_folder(machine):
 
 
 def check_packages(machine):
-    """An upgrade goes on with what ran, and starts nothing else; removal leaves nothing running."""
+    """An upgrade restarts the running service and starts no other one. Removal stops it."""
     before, _ = start_motor(machine)
     machine.run_well("dpkg", "--install", AGAIN)
     wait_until(lambda: machine.property("twinlock@motor", "ActiveState") == "active", "the twin", machine.log)
-    expect(machine.property("twinlock@motor", "MainPID") != before, "the old program runs on")
+    expect(machine.property("twinlock@motor", "MainPID") != before, "the old program still runs")
     units = machine.run_well("systemctl", "list-units", "--plain", "--no-legend", "twinlock@*").splitlines()
     expect(len(units) == 1, f"{units}")
     machine.run_well("systemctl", "stop", "twinlock@motor")
@@ -290,15 +296,16 @@ def check_packages(machine):
     expect(machine.property("twinlock@motor", "ActiveState") == "inactive", "started by an upgrade")
     start_motor(machine)
     machine.run_well("dpkg", "--remove", "twinlock")
-    machine.call("stop", "plant")  # it may have ended by itself: its recording does
+    machine.call("stop", "plant")  # it may have ended already, with its recording
     left = machine.run("sh", "-c", "grep -ls '^twinlock$' /proc/[0-9]*/comm").stdout
-    expect(left == "", f"twinlock is removed, and runs: {left}")
+    expect(left == "", f"still running after removal: {left}")
     inside("dpkg", "--install", AGAIN)
 
 
 @contextlib.contextmanager
 def services_allowed():
-    """While mmdebstrap is at work, packages may not start services; where a Debian runs, nothing forbids it."""
+    """During mmdebstrap, policy-rc.d forbids to start services. A booted Debian has no such file.
+    """
     policy, aside = place("/usr/sbin/policy-rc.d"), place("/usr/sbin/policy-rc.d-aside")
     there = policy.exists()
     if there:
@@ -311,7 +318,8 @@ def services_allowed():
 
 
 def check_a_change_by_the_network(machine):
-    """Between two users who share nothing but the folder of control sockets: curl asks the server, the server the twin."""
+    """curl sends a change to the server, and the server to the twin. Their users share only the
+    folder of control sockets."""
     machine.run_well("systemd-run", "--unit=plant", "twinlock", "plant", f"{EXAMPLES}/motor/plant.json", "--for",
                      f"{EXAMPLES}/motor/live.json")
     start_motor(machine)
@@ -325,14 +333,14 @@ def check_a_change_by_the_network(machine):
     motor = "https://127.0.0.1:8443/api/v1/plants/motor"
     said = machine.run_well(*words, "-H", "If-Match: *", "-T", "/tmp/new.json", f"{motor}/configuration?why=wider")
     expect('"kind":"in place"' in said and '"result":"done"' in said.splitlines()[-1], said)
-    expect('"who":"ben"' in machine.run_well(*words, f"{motor}/versions"), "another book")
-    wait_until(lambda: "token=ben role=retune" in machine.journal("twinlock-serve"), "its entry", machine.log)
+    expect('"who":"ben"' in machine.run_well(*words, f"{motor}/versions"), "no version by ben")
+    wait_until(lambda: "token=ben role=retune" in machine.journal("twinlock-serve"), "the audit of the change", machine.log)
     machine.run_well("systemctl", "stop", "twinlock@motor", "plant")
     inside("rm", "-r", "/var/lib/twinlock/motor/versions", "/tmp/ben", "/tmp/new.json")
 
 
 def test_the_server_under_systemd():
-    """It comes up confined by its unit and by itself, is answered for by its watchdog, and ends in good order."""
+    """It starts confined by its unit and by itself, accepts a change, and ends without an error."""
     unit = "twinlock-serve"
     with services_allowed(), Booted(ROOT) as machine:
         machine.run_well("systemctl", "start", unit)
@@ -348,21 +356,21 @@ def test_the_server_under_systemd():
     expect(inside("stat", "-c", "%a %U", "/var/lib/twinlock-serve/server.pem") == "600 twinlock-serve\n", "another owner")
 
 
-def test_the_server_goes_without_a_trace():
+def test_removal_and_purge_of_the_server():
     inside("dpkg", "--remove", "twinlock-serve")
-    expect(place("/var/lib/twinlock-serve/server.pem").exists() and place("/etc/twinlock-serve/tokens").exists(), "all is gone")
+    expect(place("/var/lib/twinlock-serve/server.pem").exists() and place("/etc/twinlock-serve/tokens").exists(), "removal deleted the key or the tokens")
     inside("dpkg", "--purge", "twinlock-serve")
     left = [path for path in of_ours() if "serve" in path]
     expect(not left, f"{left}")
 
 
 def test_under_systemd():
-    """The unit as it is, in a Debian that is booted."""
+    """The unit as installed, in a booted Debian."""
     with services_allowed(), Booted(ROOT) as machine:
         machine.run_well("systemd-run", "--unit=plant", "twinlock", "plant", f"{EXAMPLES}/motor/plant.json", "--for",
                          f"{EXAMPLES}/motor/live.json")
         start_motor(machine)
-        said = wait_until(lambda: machine.property("twinlock@motor", "StatusText"), "a word of how it is", machine.log)
+        said = wait_until(lambda: machine.property("twinlock@motor", "StatusText"), "its status text", machine.log)
         print(f"    {said}")
         check_confinement(machine, "twinlock@motor")
         check_a_change_by_a_folder(machine)
@@ -376,7 +384,7 @@ def test_under_systemd():
         check_packages(machine)
 
 
-# ---- Upgrade, removal, purge -------------------------------------------------------------------------------------------
+# ---- Upgrade, removal, purge ----
 def test_an_upgrade_keeps_everything():
     need_proc()
     before = place("/var/lib/twinlock/motor.db").read_bytes()
@@ -386,7 +394,7 @@ def test_an_upgrade_keeps_everything():
     expect(place("/etc/systemd/system/multi-user.target.wants/twinlock@motor.service").is_symlink(), "disabled")
 
 
-def test_removal_leaves_what_is_not_ours():
+def test_removal_keeps_files_of_the_user():
     need_proc()
     inside("dpkg", "--remove", "twinlock")
     found = of_ours()

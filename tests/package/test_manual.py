@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The manual page renders, and says of each verb just the options that its help has."""
+"""The manual page renders, and has the same verbs and options as the help."""
 import gzip
 import re
 
@@ -8,12 +8,12 @@ from twinlock_test import expect, main, run_well, scratch
 
 debian.need("man")
 PAGE = debian.unpacked(debian.make()) / "usr/share/man/man1/twinlock.1.gz"
-# "--db FILE", "--run N|last", "--json": what an option is followed by is in capitals, and a sentence is not.
+# "--db FILE", "--run N|last", "--json": the parameter of an option is in capitals.
 OPTION = r"--[a-z][a-z-]*(?: (?:[A-Z][A-Z0-9]*(?:\|[a-z]+)?)(?= |$))?"
 
 
 def rendered():
-    """The page as plain text of 120 columns."""
+    """The page as plain text with 120 columns."""
     options = ["-P", "cat", "--no-hyphenation", "--no-justification"]
     text = debian.output_of("man", *options, "-l", PAGE, env={"PATH": "/usr/bin:/bin", "MANWIDTH": "120",
                                                               "LC_ALL": "C.UTF-8"})

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The master stands alone: the commands of master/README.md build, install and use it with NLopt and nothing else of ours or others."""
+"""The commands of master/README.md build, install and use the master, whose only dependency is
+NLopt."""
 import os
 import re
 import subprocess
@@ -9,7 +10,8 @@ from twinlock_test import BUILD, SOURCE, at_most, expect, main, scratch
 HOME = scratch()
 README = (SOURCE / "master/README.md").read_text("utf-8")
 HEADER = (SOURCE / "master/plan/plan.h").read_text("utf-8") + (SOURCE / "master/sync/record.h").read_text("utf-8")
-OF_RUN = {"budget.started", "budget.context", "budget.repeated", "budget.without_nominal", "budget.executions"}  # not settings
+# Members that are no settings.
+OF_RUN = {"budget.started", "budget.context", "budget.repeated", "budget.without_nominal", "budget.executions"}
 
 
 def run(*command, **options):
@@ -60,7 +62,7 @@ def test_what_is_installed():
 
 
 def settings():
-    """(setting, default as in C) of the table; None: required."""
+    """(setting, default as a C expression) of the table; None if the setting is required."""
     for names, value in re.findall(r"^\| (`[a-z].*?) \| (?:`(.+?)`|required) \|", README[README.index("## Settings"):README.index("## Modules")], re.M):
         yield from ((name, value or None) for name in re.findall(r"`(.*?)`", names))
 

@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
-"""script/bootstrap on a machine that lacks something: what it would install, what it says before, how it waits for another apt, and what
-somebody without root is told. It runs in a copy, with the real apt-get, whose packages, lists and locks are in a folder of the test; and
-with a dpkg that installs nothing."""
+"""script/bootstrap on a machine without some packages: what it installs and prints, how it waits
+for another apt, and its advice to a user without root.
+
+It runs in a copy with the real apt-get, whose packages, lists and locks are in a folder of the
+test. dpkg is replaced by a program that installs nothing.
+"""
 import fcntl
 import http.server
 import os
@@ -19,14 +22,14 @@ DEPS = SOURCE / ".deps"
 ONLY_TESTS = {"git", "shellcheck", "locales", "python3-venv", "libpython3.11"}
 ONLY_ALL = {"clang", "clang-format", "clang-tidy", "chromium", "cppcheck", "mmdebstrap", "man-db"}  # script/test --all
 PROGRAMS = {
-    # Says that everything is installed but what TL_MISSING names.
+    # Reports that all packages are installed, except those that TL_MISSING names.
     "dpkg-query": """#!/bin/sh
 shift 3
 for name in "$@"; do
     case " $TL_MISSING " in *" $name "* | " all ") ;; *) echo "$name installed" ;; esac
 done
 """,
-    "sudo": '#!/bin/sh\n[ "$1" != -n ] || shift\nexec "$@"\n',  # where the tests are not root's
+    "sudo": '#!/bin/sh\n[ "$1" != -n ] || shift\nexec "$@"\n',  # if the tests do not run as root
     "dpkg": f'#!/bin/sh\n[ "$1" != --print-architecture ] || exec {shutil.which("dpkg")} "$@"\n',  # installs nothing
 }
 NO_ROOT = {
@@ -36,7 +39,7 @@ NO_ROOT = {
 
 
 class Machine:
-    """A copy of what script/bootstrap needs, and a Debian of which it knows."""
+    """A copy of script/bootstrap and its files, with an apt whose state the test controls."""
 
     def __init__(self, missing="git", parts=("fmi2", "unity", "venv"), programs=None):
         self.root = scratch()
@@ -62,7 +65,7 @@ class Machine:
         return folder
 
     def apt_config(self):
-        """One archive, with one package."""
+        """Writes an apt configuration with one archive, which has one package."""
         (self.state / "status").touch()
         (self.state / "sources.list").write_text(f"deb [trusted=yes] copy:{archive()} ./\n", encoding="utf-8")
         path = self.state / "apt.conf"
@@ -83,7 +86,7 @@ class Machine:
 
 
 def archive():
-    """A folder with a package git of 300 kB, of which 200 kB are noise, and a list of it."""
+    """An archive in a folder: a package git of 200 kB of random bytes, and its list."""
     folder, content = scratch(), scratch()
     (content / "DEBIAN").mkdir()
     (content / "DEBIAN/control").write_text("Package: git\nVersion: 1\nArchitecture: all\nMaintainer: none <none@invalid>\n"
@@ -108,9 +111,9 @@ def asked_for(text, program):
     return set(lines[0].split())
 
 
-# ---- what it says before ----
+# ---- output before the installation ----
 
-def test_how_much_is_fetched():
+def test_download_size():
     machine = Machine()
     code, out, err = machine.run()
     expect(code == 0 and not err, f"{code}: {err}")
@@ -119,7 +122,7 @@ def test_how_much_is_fetched():
     expect("0 upgraded, 1 newly installed" in log, f"apt was not asked:\n{log}")
 
 
-def test_a_package_that_there_is_not():
+def test_an_unknown_package():
     expect_failure(Machine("git shellcheck").run(), "Unable to locate package shellcheck", "apt-get install failed", "apt's words above")
 
 
@@ -127,14 +130,14 @@ def test_a_package_that_there_is_not():
 
 @contextmanager
 def held(path):
-    """The lock of a file, as apt and dpkg take it, is ours."""
+    """Holds the lock of a file, like apt and dpkg."""
     with open(path, "w", encoding="utf-8") as file:
         fcntl.lockf(file, fcntl.LOCK_EX)
         yield
 
 
 def expect_patience(name):
-    """It says who has the lock, and goes on when that one ends."""
+    """It prints the process that holds the lock, and continues when the lock is free."""
     machine = Machine()
     path = machine.state / name
     with held(path):
@@ -164,10 +167,10 @@ def test_patience_ends():
     machine = Machine()
     with held(machine.state / "lock-frontend"):
         expect_failure(machine.run("--wait", "0"), f"process {os.getpid()} ", "lock-frontend", "let it end, then run script/bootstrap")
-    expect(machine.run("--wait", "x")[0] == 2 and machine.run("--wait")[0] == 2, "such a time is taken")
+    expect(machine.run("--wait", "x")[0] == 2 and machine.run("--wait")[0] == 2, "an invalid time is accepted")
 
 
-# ---- what is installed ----
+# ---- packages ----
 
 def test_what_building_needs():
     machine = Machine("all", programs=NO_ROOT)
@@ -193,7 +196,7 @@ def test_without_root():
 
 
 def test_what_dbc2json_needs():
-    """Three packages and cantools; and nothing if the environment of the tests is there."""
+    """dbc2json needs three packages and cantools, and uses an environment of its own."""
     packages = asked_for(Machine("all", parts=(), programs=NO_ROOT).run("--dbc")[2], "apt-get update && apt-get install")
     expect(packages == {"python3", "python3-venv", "ca-certificates"}, f"{sorted(packages)}")
     machine, text = Machine("", parts=()), 'VERSION ""\nBS_:\nBU_:\nBO_ 5 Engine: 8 Vector__XXX\n SG_ Speed : 0|16@1+ (1,0) [0|9] "" Vector__XXX\n'
@@ -229,7 +232,8 @@ def test_no_headers():
 
 @contextmanager
 def untrusted_server():
-    """The address of an HTTPS server whose certificate nobody knows, as that of a proxy that signs TLS itself."""
+    """Address of an HTTPS server with a self-signed certificate, like that of a proxy that inspects
+    TLS."""
     folder = scratch()
     subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", folder / "key", "-out", folder / "crt",
                     "-subj", "/CN=127.0.0.1"], check=True, stderr=subprocess.DEVNULL)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A clone that is another user's, which git does not trust: tests and checks find its files all the same, and nobody's settings change."""
+"""Tests and checks find the files of another user's clone, which git does not trust, without a
+change of settings."""
 import os
 import subprocess
 import sys
@@ -7,11 +8,11 @@ import sys
 import debian
 from twinlock_test import SOURCE, expect, main, scratch
 
-FOREIGN = {**os.environ, "GIT_TEST_ASSUME_DIFFERENT_OWNER": "1"}  # git's own way to play that
+FOREIGN = {**os.environ, "GIT_TEST_ASSUME_DIFFERENT_OWNER": "1"}  # git's own test of that case
 
 
 def clone():
-    """Two files of ours, and one that is ignored."""
+    """A repository with two files and an ignored one."""
     root = scratch()
     for name, text in ((".gitignore", "*.db\n"), ("mine.txt", "mine\n"), ("left.db", "left\n")):
         (root / name).write_text(text, encoding="utf-8")

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""script/compare: this build is the same as itself in all cases and commits what digests.txt holds; and whatever another build
-does otherwise is found and told as what it is.
+"""script/compare: this build equals itself in all cases and commits the values of digests.txt; a
+difference of another build is reported with its kind.
 
-digests.txt was made by the build of commit 8c25954 with NLopt 2.7.1 and the C library 2.36, from all cases and the recordings of
-TL_SHARED. If values are changed on purpose, script/compare BUILD BUILD --quick --digests tests/script/digests.txt renews it, with
-these recordings. script/compare switches FMA off in the C library, so that every x86-64 processor computes the same bits. Another
-version of the library may not: it computes the tanh of all cases named cylinder, the noise of plants, and roots and powers in NLopt.
+digests.txt was made by the build of commit 8c25954 with NLopt 2.7.1 and the C library 2.36, from
+all cases and the recordings of TL_SHARED. If values change on purpose, renew it with these
+recordings: script/compare BUILD BUILD --quick --digests tests/script/digests.txt
+
+script/compare disables FMA in the C library, so that every x86-64 processor computes the same bits.
+Another version of the library may not: it computes the tanh of all cases named cylinder, the noise
+of plants, and roots and powers in NLopt.
 """
 import os
 import platform
@@ -20,8 +23,8 @@ DIGESTS = SOURCE / "tests" / "script" / "digests.txt"
 
 
 def build(after="true", said="cat"):
-    """A build folder whose program is ours, with a line of shell after each of its calls, which may set the exit code, and a
-    filter of its standard output."""
+    """A build folder whose program calls this build's. `after`: a line of shell after each call,
+    which may set `code`. `said`: a filter of its standard output."""
     folder = scratch()
     (folder / "fmus").symlink_to(FMUS)
     (folder / "bin").mkdir()
@@ -33,13 +36,13 @@ def build(after="true", said="cat"):
 
 
 def of_database(statement):
-    """A line of shell that runs an SQL statement on a call's database."""
+    """A line of shell that runs an SQL statement on the database of a call."""
     text = f"import sqlite3; c = sqlite3.connect('run.db'); c.execute('{statement}'); c.commit(); c.close()"
     return f'"{sys.executable}" -c "{text}"'
 
 
 def compare(*args, shared=None):
-    """(exit code, stdout, stderr) of script/compare without what bash does for it."""
+    """(exit code, stdout, stderr) of script/compare.py."""
     command = [sys.executable, SOURCE / "script" / "compare.py", "--jobs", "2", *args]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=1500 * PATIENCE, check=False,
                           env={**os.environ, "TL_SHARED": str(scratch()) if shared is None else shared})
@@ -52,13 +55,14 @@ def digests_of(text):
 
 
 def expect_found(after, kind, *words, options=QUICK):
-    """The difference is an error; the line about it and the last line tell its kind."""
+    """Checks that a difference gives exit code 1, and that its line and the last line have its
+    kind."""
     code, out, err = compare(build(), build(after), *options)
     lines = out.splitlines()
     expect(code == 1 and not err and lines[-1].startswith("compare: DIFFERENT: "), f"{after}: {code}\n{out}{err}")
     expect(f" {kind}" in lines[-1], f"{after}: not of the kind {kind}\n{out}")
     for word in words:
-        expect(any(word in line and f": {kind}: " in line for line in lines[:-1]), f"{after}: nothing tells {word!r}\n{out}")
+        expect(any(word in line and f": {kind}: " in line for line in lines[:-1]), f"{after}: no {word!r}\n{out}")
 
 
 def test_every_case():
@@ -87,7 +91,8 @@ def test_a_digest_is_of_every_bit():
 
 
 def test_a_renamed_column_is_the_same():
-    """By its canonical name, and so is its digest; one without such a name is not."""
+    """A renamed column has a canonical name in NAMES, so that comparison and digest stay the same.
+    Others are an error."""
     files = [scratch() / "digests.txt" for _ in range(2)]
     renamed = build(of_database("ALTER TABLE adjustments RENAME COLUMN nominal TO u_hat"), "sed s/correction_mean/delta_mean/")
     for before, after, file in ((build(), renamed, files[0]), (renamed, build(), files[1])):
@@ -100,12 +105,12 @@ def test_a_renamed_column_is_the_same():
 
 
 def test_a_value_of_a_table():
-    """One digit, the last of the last row."""
+    """One changed digit, the last of the last row."""
     expect_found("sed -i '$s/.$/7/' steps.csv", "values", "steps.csv: line 260, ")
 
 
 def test_a_value_of_a_database():
-    """One bit of it, where no table tells."""
+    """One changed bit, which no CSV table shows."""
     update = of_database("UPDATE outputs SET simulated = simulated * (1 + 2.3e-16) WHERE step = 100")
     expect_found(update, "values", "database, outputs: line 102, simulated: ")
 
@@ -115,7 +120,7 @@ def test_an_exit_code_and_a_file():
     expect_found("touch left.tmp", "codes", "files: ")
 
 
-def test_words_are_told_apart():
+def test_differences_of_words():
     other = build("echo more")
     code, out, _ = compare(build(), other, "--only", "^help$")
     expect(code == 1 and " words, in 1 cases" in out and "values" not in out, f"{code}\n{out}")

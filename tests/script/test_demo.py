@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The table of script/demo says what the runs said: by replays of the motor bench in place of its live run."""
+"""The table of script/demo has the figures of its runs. Replays of the motor bench replace its live
+run."""
 import json
 import shutil
 import subprocess
@@ -11,7 +12,7 @@ NAMES = {"free": "free.json", "own": "b.json"}
 
 
 def summaries():
-    """{name: summary} as the demo makes them."""
+    """{name: --json report} of the runs of the demo."""
     made = {name: replay_json(CONFIG / file) for name, file in NAMES.items()}
     config = json.loads((CONFIG / "b.json").read_text(encoding="utf-8"))
     config["synchronise"]["algorithm"] = "nelder-mead"
@@ -40,7 +41,8 @@ def test_table():
 
 
 def test_the_other_solver_is_the_only_change():
-    """The demo changes one word of its configuration, and asks for no real-time scheduling if that is not permitted."""
+    """The demo edits the solver in its configuration, and the scheduling if SCHED_FIFO is not
+    permitted."""
     text = (CONFIG / "live.json").read_text(encoding="utf-8")
     expect(text.count('"algorithm": "secant"') == 1, "config/motor/live.json has another solver now; script/demo must know")
     expect(text.count('"priority": 50, "lock_memory": true') == 1, "config/motor/live.json has another realtime; script/demo must know")

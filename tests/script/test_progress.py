@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""script/shared/with_progress: what a command says and ends with is kept, and nobody waits long for a sign of life."""
+"""script/shared/with_progress keeps the output and the exit code of a command, and prints progress
+every few seconds."""
 import os
 import pty
 import subprocess
@@ -8,7 +9,7 @@ import time
 from twinlock_test import SOURCE, at_most, expect, main, scratch
 
 WITH_PROGRESS = SOURCE / "script" / "shared" / "with_progress"
-PATIENCE_S = 5.5  # one second more than is promised, for a machine that is loaded
+PATIENCE_S = 5.5  # one second above the limit, for a loaded machine
 
 
 def start(log, command, stdout=subprocess.PIPE):
@@ -25,7 +26,8 @@ def test_output_and_exit_code():
 
 
 def test_many_short_commands():
-    """No silence between their lines, although none is long; and the last line of the log, a readable part of it."""
+    """Progress appears although each command is short. It shows the printable part of the last line
+    of the log."""
     log = scratch() / "log"
     log.write_text("first\n\033[1m[3/5] über " + 100 * "x" + "\r\n\n", encoding="utf-8")
     command = f"for i in 1 2 3 4 5 6; do '{WITH_PROGRESS}' name '{log}' sleep 1.4; done"
@@ -54,7 +56,7 @@ def test_a_terminal_has_one_line_and_it_goes():
 
 
 def test_nothing_is_left_behind():
-    """Whoever reads what a killed one has shown does not wait for more."""
+    """If with_progress is killed, no child process keeps its output open."""
     process = start(scratch() / "log", "exec sleep 3")
     time.sleep(0.3)
     process.kill()

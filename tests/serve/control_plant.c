@@ -1,8 +1,10 @@
-/* A plant that can be asked, without a twin: `control_plant SOCKET CONFIGURATION`, until SIGTERM.
+/* A plant without a twin, for tests of clients. It runs until SIGTERM:
+ * control_plant SOCKET CONFIGURATION
  *
- * It has the real server's end of a control socket, keeps versions, and does with a candidate what a word in its text says: "invalid", "commission",
- * "restart", "busy", "fails", "returns", "silent" (after the first step), "dies" (there), "waits" (for 2 s in its probation). Each request is
- * printed as a line. */
+ * It uses the product's server side of a control socket and keeps versions. A word in the text of a
+ * candidate selects its result: "invalid", "commission", "restart", "busy", "fails", "returns",
+ * "silent" (no reply after the first step), "dies" (closes the socket there), "waits" (2 s of
+ * probation). It prints each request as a line. */
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,7 +25,7 @@ typedef struct version {
 typedef struct client {
     tl_control_peer peer;
     bool is_there;
-    bool waits; /* for the end of the probation */
+    bool waits; /* until the probation ends */
     bool returns;
 } client;
 
@@ -35,7 +37,7 @@ static tl_time probation_ends;
 static client clients[TL_CONTROL_CLIENTS];
 static char room[TL_CONTROL_MOST + 1];
 
-/* ---- what is said ---- */
+/* ---- replies ---- */
 
 static tl_control_reply reply_of(tl_control_kind kind) {
     tl_control_reply reply;
@@ -99,7 +101,7 @@ static void keep(const char *text, size_t size, const tl_control_request *reques
     count++;
 }
 
-/* `count` if there is none. */
+/* Returns the index of a version, or `count` if it does not exist. */
 static size_t find(uint64_t number) {
     size_t place = 0;
     while (place < count && versions[place].about.version != number) {
@@ -108,7 +110,7 @@ static size_t find(uint64_t number) {
     return place;
 }
 
-/* ---- what is asked ---- */
+/* ---- requests ---- */
 
 static void show(tl_control_peer *peer) {
     tl_control_reply reply = reply_of(TL_CONTROL_STATE);
@@ -130,7 +132,7 @@ static void read_one(tl_control_peer *peer, const tl_control_request *request) {
     size_t place = request->version == 0 ? active : find(request->version);
     tl_control_reply reply = reply_of(TL_CONTROL_CONFIGURATION);
     if (place == count) {
-        finish(peer, TL_CONTROL_ABSENT, "there is no such version");
+        finish(peer, TL_CONTROL_ABSENT, "version not found");
         return;
     }
     reply.as.version = versions[place].about;
@@ -152,24 +154,24 @@ static void list(tl_control_peer *peer) {
 
 static void bring_back(tl_control_peer *peer, const tl_control_request *request) {
     if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && !is_on_probation) {
-        finish(peer, TL_CONTROL_ABSENT, "nothing is under way");
+        finish(peer, TL_CONTROL_ABSENT, "no change");
         return;
     }
     size_t place = request->version != 0 ? find(request->version) : active > 0 ? active - 1 : count;
     if (place == count) {
-        finish(peer, TL_CONTROL_ABSENT, "there is no such version");
+        finish(peer, TL_CONTROL_ABSENT, "version not found");
         return;
     }
     say_step(peer, TL_CONTROL_ACTIVATE, "the version before");
     active = place;
     is_on_probation = is_on_probation && (request->flags & TL_CONTROL_ONLY_PENDING) == 0;
-    finish(peer, TL_CONTROL_DONE, "it is active");
+    finish(peer, TL_CONTROL_DONE, "active");
 }
 
 static void confirm(tl_control_peer *peer) {
     bool was = is_on_probation;
     is_on_probation = false;
-    finish(peer, was ? TL_CONTROL_DONE : TL_CONTROL_ABSENT, was ? "it is kept" : "nothing is on probation");
+    finish(peer, was ? TL_CONTROL_DONE : TL_CONTROL_ABSENT, was ? "kept" : "no probation");
 }
 
 /* ---- candidates ---- */
@@ -178,23 +180,23 @@ static bool says(const char *word) {
     return strstr(room, word) != NULL;
 }
 
-/* True: it was refused, and said. */
+/* True if the candidate needs no further reply. */
 static bool refuse(tl_control_peer *peer, const tl_control_request *request) {
     if (request->if_match[0] != '\0' && strcmp(request->if_match, versions[active].about.hash) != 0) {
-        finish(peer, TL_CONTROL_CHANGED, "another configuration is active than the one you have changed");
+        finish(peer, TL_CONTROL_CHANGED, "If-Match does not match");
     } else if (says("busy")) {
-        finish(peer, TL_CONTROL_BUSY, "another change is under way");
+        finish(peer, TL_CONTROL_BUSY, "busy");
     } else if (says("commission") && request->right < TL_RIGHT_COMMISSION) {
-        finish(peer, TL_CONTROL_FORBIDDEN, "sources.plc.host names another host: that takes the right commission");
+        finish(peer, TL_CONTROL_FORBIDDEN, "sources.plc.host: commission");
     } else if (says("invalid")) {
-        say_problem(peer, 7, "synchronise.margin", "found -1, expected a number above 0, for example 1.5");
-        say_problem(peer, 9, "synchronise.match[0].tolerance", "found \"\x1b[2J\", expected a number");
+        say_problem(peer, 7, "synchronise.margin", "-1 is not above 0");
+        say_problem(peer, 9, "synchronise.match[0].tolerance", "\"\x1b[2J\" is text");
         finish(peer, TL_CONTROL_INVALID, "two problems");
     } else if (says("restart") && (request->flags & TL_CONTROL_MAY_RESTART) == 0) {
         say_change(peer);
-        finish(peer, TL_CONTROL_RESTART, "step_s cannot change while it runs");
+        finish(peer, TL_CONTROL_RESTART, "step_s");
     } else if (strcmp(request->hash, versions[active].about.hash) == 0) {
-        finish(peer, TL_CONTROL_SAME, "that is active already");
+        finish(peer, TL_CONTROL_SAME, "no change");
     } else if (says("dies")) {
         tl_control_close(peer);
     } else {
@@ -213,8 +215,7 @@ static void take(client *asks, const tl_control_request *request, size_t size) {
     say_change(peer);
     say_step(peer, TL_CONTROL_TRY, "motor, load");
     if (says("fails") || (request->flags & TL_CONTROL_ONLY_CHECK) != 0) {
-        finish(peer, says("fails") ? TL_CONTROL_FAILED : TL_CONTROL_DONE,
-               says("fails") ? "an FMU failed" : "it is good");
+        finish(peer, says("fails") ? TL_CONTROL_FAILED : TL_CONTROL_DONE, says("fails") ? "an FMU failed" : "valid");
         return;
     }
     say_step(peer, TL_CONTROL_ACTIVATE, "in place");
@@ -226,7 +227,7 @@ static void take(client *asks, const tl_control_request *request, size_t size) {
     if (asks->waits) {
         say_step(peer, TL_CONTROL_PROBATION, "");
     } else {
-        finish(peer, TL_CONTROL_DONE, "it is active");
+        finish(peer, TL_CONTROL_DONE, "active");
     }
 }
 
@@ -240,7 +241,7 @@ static void end_probation(client *asks) {
     asks->waits = false;
     is_on_probation = false;
     finish(&asks->peer, asks->returns ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
-           asks->returns ? "in lock for 71 % of the steps, wanted 95 %" : "it is kept");
+           asks->returns ? "lock 71 %, required 95 %" : "kept");
 }
 
 /* ---- the loop ---- */

@@ -1,6 +1,4 @@
-"""A box whose power is cut while the configuration of its run is changed, in place and by another twin in turns: what its disk must have then, and that a run
-goes on with it.
-"""
+"""Power cuts of a box during changes of its configuration, in place and by another twin: checks its disk, and that a run starts with it."""
 import hashlib
 import json
 import random
@@ -18,14 +16,14 @@ from twinlock_test import PLAIN_LIVE, SOURCE, expect, merge, read_config, scratc
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 PORT = 15029  # the same on the box and here, since it is in the configuration
 
-# What an activation by another twin goes through, and how long after the box has told of it the power is cut at most: on an emulated one each of them
-# takes longer than that.
+# Phases of an activation by another twin, and the longest time between the report of a phase and the cut. On an emulated box
+# each phase takes longer.
 PHASES = {"validate": 1.0, "try": 3.0, "shadow": 6.0, "activate": 0.5, "probation": 1.5}
-CANDIDATES = 2, 2, 4  # one of them is what is in a phase then: the first of another twin, or one after it was changed in place
+CANDIDATES = 2, 2, 4  # number of the candidate that is in the phase
 
 
 def configuration(number, port=PORT):
-    """Candidate N: of two that follow one another one differs by its tolerance, the other by its horizon, too."""
+    """Candidate N. Each one differs from the one before by its tolerance, each second one also by its horizon."""
     edits = {"duration_s": None, "recording": None, "record": {"commit_s": 0.1}, "realtime": {"hang_s": 20},
              "sources": {"inverter": {"modbus_tcp": {"port": port, "timeout_s": 1}}},
              "synchronise": {"match": {"motor.omega": {"tolerance": 1.0 + number / 1000}}, "horizon": {"prediction": 1 + number // 2 % 2}}}
@@ -38,16 +36,16 @@ def hash_of(number):
 
 @dataclass
 class Cut:
-    phase: str  # what the box has told last, of those above; "active": the next one was not sent yet
-    after_s: float  # after the phase that was waited for
+    phase: str  # last reported phase; "active": the next candidate was not sent yet
+    after_s: float  # after the report of the phase
     sent: int  # candidates
-    active: int  # the one that the disk says
+    active: int  # active candidate on disk
     runs: int
     on_probation: bool
 
 
 def check_versions(folder, sent):
-    """(which candidate is active, whether on probation): one that was sent, and whole."""
+    """Returns (active candidate, is on probation). The active version must be complete and one that was sent."""
     active = json.loads((folder / "active.json").read_text(encoding="utf-8"))
     record = json.loads((folder / f"{active['active']}.record.json").read_text(encoding="utf-8"))
     text = (folder / f"{record['hash']}.json").read_bytes()
@@ -58,7 +56,7 @@ def check_versions(folder, sent):
 
 
 def check_database(path):
-    """It is intact, and of what it has no tick is there twice or left out. The number of runs."""
+    """Returns the number of runs. The database must be intact, and have each tick exactly once."""
     expect(query(path, "PRAGMA integrity_check") == [("ok",)], "the database is not intact")
     found = read(path)
     expect(not found.doubled, f"{found.doubled[:10]}")
@@ -68,7 +66,7 @@ def check_database(path):
 
 
 def check_start(files, which):
-    """A run begins with what the disk says."""
+    """A run starts with the active version on disk."""
     with Device(OMEGA, port=PORT) as device, Retuned(device.port, config=files / "config.json", state=files / "state") as live:
         wait_until(lambda: live.reload(None, "--state")[0] == 0, "its state", live.log, every=0.2)
         number = next(number for number, (active, _) in live.versions().items() if active)
@@ -93,7 +91,7 @@ def one_cut(guest_module, phase, candidate, after_s, patience_s):
 
 
 def phases(count, chance):
-    """So many, each as often as any other, in random order."""
+    """Returns `count` phases in random order, each equally often."""
     found = []
     while len(found) < count:
         found += chance.sample(list(PHASES), len(PHASES))
@@ -101,7 +99,7 @@ def phases(count, chance):
 
 
 def cuts(count, seed, each=lambda number, cut: None, late=lambda number, why: None):
-    """So many, without those whose box was late. That more than half of them are late is a failure."""
+    """Makes `count` cuts, without those of a box that was too slow. Fails if more than half of the boxes are too slow."""
     sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
     import guest  # pylint: disable=import-outside-toplevel
     chance, table = random.Random(seed), []

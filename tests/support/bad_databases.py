@@ -1,4 +1,4 @@
-"""What can be wrong with a database, for tests that do it to a run, and what is beside one then."""
+"""Faults of a database that tests cause during a run, and the files beside it."""
 import os
 import shutil
 import sqlite3
@@ -10,7 +10,7 @@ from twinlock_test import scratch
 FOREIGN = b"time,omega\n0,1\n"
 
 
-# ---- what is beside it ----
+# ---- files beside it ----
 
 def beside(path):
     return path.with_name(path.name + ".beside")
@@ -25,14 +25,14 @@ def log_of(path):
 
 
 def names(path):
-    """What there is of a database's; not SQLite's."""
+    """Returns the names of the database and the files beside it, without those of SQLite."""
     return sorted(entry.name for entry in path.parent.iterdir() if entry.name.startswith(path.name) and not entry.name.endswith(("-shm", "-wal")))
 
 
-# ---- what is done to it ----
+# ---- faults ----
 
 def spoil(path, at, end=None):
-    """Bytes that no page has, up to the end."""
+    """Overwrites the bytes from `at` to `end`; None: end of the file."""
     with open(path, "r+b") as file:
         size = file.seek(0, os.SEEK_END) if end is None else end
         file.seek(at)
@@ -50,7 +50,7 @@ def execute(path, *statements):
 
 
 def hold(path):
-    """Another program has it for itself."""
+    """Locks the database as another program would."""
     connection = sqlite3.connect(path, timeout=10, isolation_level=None)
     connection.execute("BEGIN EXCLUSIVE")
     return connection
@@ -62,7 +62,7 @@ def let_go(connection):
 
 
 def replace(path, content):
-    """Under its name there is another file of the same owner."""
+    """Replaces the file by another one of the same owner."""
     owner, other = path.stat(), path.with_suffix(".other")
     other.write_bytes(content)
     os.chown(other, owner.st_uid, owner.st_gid)
@@ -74,10 +74,10 @@ def remove_all(path):
         name.unlink()
 
 
-# ---- what is in it ----
+# ---- content ----
 
 def steps_in(database):
-    """At their own tick; it may be no database yet."""
+    """Returns the number of computed steps; 0 if the file is not a database."""
     try:
         return query(database, "SELECT count(*) FROM steps WHERE outcome <> ?", MADE_UP)[0][0]
     except sqlite3.Error:
@@ -85,8 +85,7 @@ def steps_in(database):
 
 
 def copied(folder, name, into=None):
-    """A copy of a database that SQLite had better not read in its place: in a file system that other processes have for themselves it would take its
-    path for another one."""
+    """Copies a database and returns the path of the copy. SQLite cannot open a path inside another process's mount namespace."""
     copy = (into or scratch()) / name
     for end in "", "-wal":
         try:

@@ -1,5 +1,8 @@
-"""A Debian in a folder, booted: its systemd is the first process of namespaces of its own, network too. It takes some
-two seconds. Needs root, as a user namespace around it would be in the way of the ones that services ask for."""
+"""Boots a Debian in a folder: its systemd is process 1 of new namespaces, including the network.
+Takes two seconds.
+
+Requires root: inside a user namespace, services could not make user namespaces.
+"""
 import os
 import shutil
 import subprocess
@@ -9,7 +12,7 @@ from pathlib import Path
 from live_test import wait_until
 from twinlock_test import Failure, Skip, scratch
 
-# In a root that is a mount of its own and no chroot: in one, nobody may make user namespaces.
+# Uses pivot_root and no chroot, because a process in a chroot cannot make user namespaces.
 BOOT = """
 set -e
 cd "$1"
@@ -43,7 +46,7 @@ ENTER = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "--cgroup", "-
 
 
 class Booted:
-    """Booted within `with`; all of its processes end with it."""
+    """Boots at the start of `with`; its end kills all processes."""
 
     def __init__(self, root):
         self.root = root
@@ -83,7 +86,7 @@ class Booted:
         self.process.kill()
         self.process.wait()
         until = time.monotonic() + 10
-        while self.group.exists() and time.monotonic() < until:  # until the kernel has ended all of them
+        while self.group.exists() and time.monotonic() < until:  # until the kernel has removed all processes
             for folder, _, _ in os.walk(self.group, topdown=False):
                 try:
                     os.rmdir(folder)
@@ -93,7 +96,7 @@ class Booted:
         shutil.rmtree(self.root / "old-root", ignore_errors=True)
 
     def _find_first(self):
-        """The number, here, of systemd, once it is that."""
+        """Process id, outside, of systemd; 0 if it has not started yet."""
         if self.process.poll() is not None:
             raise Failure(f"not booted\n{self.log()}")
         for pid in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
@@ -105,7 +108,7 @@ class Booted:
         return self.console.read_text(encoding="utf-8", errors="replace")[-4000:]
 
     def run(self, *args):
-        """A command in it."""
+        """Runs a command inside. Returns the finished process."""
         enter = ["nsenter", "--target", str(self.first), "--mount", "--pid", "--cgroup", "--uts", "--ipc", "--net", "--root",
                  "--wdns=/"]
         environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8", "DEBIAN_FRONTEND": "noninteractive",
@@ -114,7 +117,7 @@ class Booted:
                               stderr=subprocess.STDOUT, encoding="utf-8", errors="replace", timeout=60, check=False)
 
     def run_well(self, *args):
-        """Its output; it must succeed."""
+        """Output of a command inside, which must succeed."""
         done = self.run(*args)
         if done.returncode != 0:
             raise Failure(f"{' '.join(map(str, args))} ended with {done.returncode}\n{done.stdout}")

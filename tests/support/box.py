@@ -1,13 +1,15 @@
-"""The box that tests/hil/rig.json describes: what is wired to it, how its signals are changed, and how to run a
-command on it. Today it is the rig, a virtual machine; another description, named by TL_RIG, can be a real one.
+"""The box that tests/hil/rig.json describes: its wiring, and commands that change its signals or
+run programs on it. The default is the rig, a virtual machine. TL_RIG names another description, for
+example of a real box.
 
-Two sides use it. A test on the host runs commands on the box with run(). A test in tests/hil/box runs on the
-box itself, and finds interfaces, lines and devices by the other functions. The file has these parts:
-  reach     command: what to put before a command so that it runs on the box, with {source} and {build}; lost: its exit
-            code where the box did not answer to the end, as after a reset
-  can       interface, and the commands up and down of its link; nothing else is on the bus
+A test on the host runs commands on the box with run(). A test in tests/hil/box runs on the box
+itself, and gets interfaces, lines and devices from the other functions. The description has these
+parts:
+  reach     command: prefix that runs a command on the box, with {source} and {build};
+            lost: its exit code if the connection ended early, as after a reset
+  can       interface, and the commands up and down of its link; no other device is on the bus
   can_bus   interface and far_interface, two controllers on one bus; up and down with {interface}
-  gpio      the chip's label, the names of its lines by their offset, and the commands high and low with {offset}
+  gpio      the chip's label, the names of its lines by offset; high and low with {offset}
   serial    device and far_device, the ends of one line
   watchdog  device, and the identity that its driver gives
 """
@@ -32,20 +34,21 @@ def filled(command, **values):
 
 
 def run(command, timeout):
-    """The finished process of a command on the box, its output as text; at the longest `timeout` seconds."""
+    """Runs a command on the box for at most `timeout` seconds. Returns the finished process, with
+    its output as text."""
     whole = [*filled(description()["reach"]["command"], source=SOURCE, build=BUILD), *map(str, command)]
     return subprocess.run(whole, capture_output=True, encoding="utf-8", errors="backslashreplace", timeout=timeout,
                           check=False)
 
 
 def change(command, **values):
-    """Runs one of the description's commands, on the box."""
+    """Runs a command of the description, on the box."""
     done = subprocess.run(filled(command, **values), capture_output=True, encoding="utf-8", timeout=10, check=False)
     expect(done.returncode == 0, f"{' '.join(done.args)} ended with {done.returncode}: {done.stderr}")
 
 
 def set_line(name, is_high):
-    """Pulls a line of the GPIO chip up or down from outside."""
+    """Pulls a line of the GPIO chip up or down, outside of the box."""
     gpio = description()["gpio"]
     change(gpio["high" if is_high else "low"], offset=gpio["lines"].index(name))
 
@@ -57,7 +60,7 @@ def set_link(is_up):
 
 
 def gpio_chip():
-    """The device file of the GPIO chip, found by its label as libgpiod does."""
+    """Finds the device file of the GPIO chip by its label, like libgpiod."""
     wanted = description()["gpio"]["chip"]
     for path in sorted(Path("/dev").glob("gpiochip*")):
         if chip_label(path) == wanted:

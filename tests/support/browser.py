@@ -1,8 +1,8 @@
 """A headless Chromium for the tests of pages: open, ask, move the mouse, take pictures, print.
 
-It is spoken to by the Chrome DevTools Protocol over two pipes (--remote-debugging-pipe: one JSON object per message, a
-zero byte behind each), so that no port and no library is needed. It runs without its sandbox, which root cannot have:
-for pages of our own only.
+Browser uses the Chrome DevTools Protocol over two pipes (--remote-debugging-pipe: one JSON object
+per message, with a zero byte behind each), so it needs no port and no library. The browser has no
+sandbox, because root cannot use it. So open only pages of the tests.
 """
 import base64
 import json
@@ -18,11 +18,11 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars", "--no-first-run",
          "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
          "--force-color-profile=srgb", "--remote-debugging-pipe")
-PATIENCE = 60  # s for one answer: a machine may be busy
+PATIENCE = 60  # s for one answer, on a busy machine
 
 
 def find_browser():
-    """The program; a test is skipped where there is none, and fails where CI=true."""
+    """Path of a browser. Without one the test is skipped, or fails if CI=true."""
     for name in NAMES:
         if shutil.which(name):
             return shutil.which(name)
@@ -32,7 +32,7 @@ def find_browser():
 
 
 class Browser:
-    """One browser with one page. Use it in a `with` statement."""
+    """One browser with one page, for a `with` statement."""
 
     def __init__(self):
         program = find_browser()
@@ -81,7 +81,7 @@ class Browser:
         return json.loads(message)
 
     def call(self, method, **parameters):
-        """The result of one command; what happens meanwhile goes to `events`."""
+        """Runs one command and returns its result. Other messages go to `events`."""
         self.number += 1
         message = {"id": self.number, "method": method, "params": parameters}
         if self.session:
@@ -102,7 +102,7 @@ class Browser:
         return result["result"].get("value")
 
     def open(self, path, width=1280, height=900, dark=False):
-        """Opens a file, and forgets what happened before."""
+        """Opens a file and clears `events`."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.call("Emulation.setEmulatedMedia",
                   features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
@@ -135,12 +135,12 @@ class Browser:
             self.move(x, y, kind="mouseReleased", clicks=clicks)
 
     def picture(self, path, whole=True):
-        """A PNG of the whole page, or of the window."""
+        """Writes a PNG of the whole page, or of the window."""
         shot = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def print(self, path):
-        """A PDF on A4, as the page's own style wants it."""
+        """Writes a PDF on A4, with the page's print style."""
         printed = self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=False, paperWidth=8.27,
                             paperHeight=11.69)
         path.write_bytes(base64.b64decode(printed["data"]))

@@ -1,4 +1,4 @@
-"""A CAN bus for tests on the box: the kernel's own virtual one (vcan0), with Python's raw sockets at it."""
+"""A CAN bus for tests on the box: the kernel's virtual one (vcan0), used by raw sockets."""
 import socket
 import struct
 import subprocess
@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from live_test import GOOD, SAMPLES, events, query, wait_for_steps, wait_until
-from twinlock_test import PLAIN_CAN, edited_config, expect
+from twinlock_test import PLAIN_CAN, edited_config, expect, has_line
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 INTERFACE = "vcan0"
@@ -16,7 +16,7 @@ CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
 
 def ip(*words):
-    """`ip link …`; iproute2 is where the machine has it, else busybox's."""
+    """Runs `ip link …`, of iproute2 or busybox."""
     subprocess.run(["ip", "link", *words], check=True)
 
 
@@ -39,7 +39,7 @@ def make_interface(mtu=72):
 
 
 def transmitted(name=INTERFACE):
-    """Frames that anybody has sent at the interface, as the kernel counts them."""
+    """The kernel's count of frames that all processes sent at the interface."""
     return int(Path("/sys/class/net", name, "statistics", "tx_packets").read_text())
 
 
@@ -50,7 +50,7 @@ def pack(identifier, data, fd=False):
 
 
 class Bus:
-    """A socket at the bus that sends; it hears nothing."""
+    """A socket that sends on the bus and receives nothing."""
 
     def __init__(self, name=INTERFACE):
         self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -73,12 +73,12 @@ class Bus:
                 self.sent += 1
                 return
             except OSError as reason:
-                expect(reason.errno == 105, f"the bus does not take a frame: {reason}")  # ENOBUFS: later
+                expect(reason.errno == 105, f"sending failed: {reason}")  # ENOBUFS: retry
                 time.sleep(0.001)
 
 
 class Background:
-    """What runs beside a test: _run() in a thread of its own, which ends where self.done is set."""
+    """Runs _run() in a thread beside the test. It must return when self.done is set."""
 
     def __init__(self):
         self.done = threading.Event()
@@ -95,7 +95,8 @@ class Background:
 
 
 class Motor(Background, Bus):
-    """Sends what the motor bench by CAN reads, every 5 ms from a thread of its own, until it is left."""
+    """Sends the frames that the motor bench reads by CAN, every 5 ms from a thread, until the end
+    of `with`."""
 
     def __init__(self, omega, torque=0.0, name=INTERFACE):
         Bus.__init__(self, name)
@@ -112,11 +113,11 @@ class Motor(Background, Bus):
                 try:
                     self.tell()
                 except (OSError, AssertionError):
-                    pass  # the interface is down, or away: a sender cannot help that
+                    pass  # the interface is down or removed
 
 
 class Wire(Background):
-    """Hears every frame on the bus, whoever sent it."""
+    """Receives all frames on the bus, of all senders."""
 
     def __init__(self, name=INTERFACE):
         self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -138,14 +139,15 @@ class Wire(Background):
 # ---- runs ----
 
 def live_config(**changes):
-    """The motor bench by CAN, without an end, committed ten times a second; and the database's path."""
+    """The motor bench by CAN, without a duration, with ten commits a second; and the path of its
+    database."""
     config = edited_config(PLAIN_CAN, {"duration_s": None, "record": {"commit_s": 0.1}, **changes})
     return config, config.parent / "twin.db"
 
 
 def newest(database, name):
     """(quality, value) of the newest sample."""
-    return query(database, SAMPLES + " ORDER BY tick DESC LIMIT 1", {"run": 1, "name": "plant." + name})[0][1:]
+    return query(database, SAMPLES + " ORDER BY samples.tick DESC LIMIT 1", {"run": 1, "name": "plant." + name})[0][1:]
 
 
 def wait_for_value(live, database, name, value):
@@ -154,6 +156,6 @@ def wait_for_value(live, database, name, value):
                lambda: f"{newest(database, name)}\n{live.log()}")
 
 
-def events_with(database, words):
-    """How many events say that."""
-    return sum(words in text for _, text in events(database))
+def events_with(database, parts):
+    """The number of events that have all parts (see has_line())."""
+    return sum(has_line(text, parts) for _, text in events(database))

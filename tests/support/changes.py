@@ -1,8 +1,9 @@
-"""A run whose configuration is changed many times, half of them in place and half by another twin; what that costs it (tests/hil/test_changes.py)."""
+"""Run with many changes of its configuration, in place and by another twin, and their cost (tests/hil/test_changes.py)."""
 import contextlib
 import json
 import math
 import random
+import re
 import threading
 import time
 from dataclasses import dataclass
@@ -14,12 +15,12 @@ from supervised import end_orderly, wait_for_run
 from tree import OMEGA, read
 from twinlock_test import expect
 
-SETTLED = 3  # changes of each kind after which every process and every page that a change needs has been there
+SETTLED = 3  # changes of each kind, after which all memory that changes need is in use
 
 
 @contextlib.contextmanager
 def moving(device):
-    """A plant that does something: what is corrected changes all the time."""
+    """Moves the plant, so that the correction changes all the time."""
     stop = threading.Event()
 
     def move():
@@ -36,7 +37,7 @@ def moving(device):
 
 
 def in_place(document, order):
-    """A wider tolerance would be judged by the one before, too, and undone."""
+    """Does not widen the tolerance: the tolerance before would judge it, too, and undo the change."""
     synchronise = document["synchronise"]
     match(document)["tolerance"] = round(order.uniform(0.98, 1.0) * match(document)["tolerance"], 6)
     synchronise["adjust"]["motor.d"]["nominal"] = round(order.uniform(0.002, 0.004), 9)
@@ -53,12 +54,12 @@ def another_twin(document, order):
 
 @dataclass
 class Cost:
-    """Of all changes together."""
+    """Cost of all changes together."""
     changes: int = 0
-    busy: int = 0  # candidates that were refused since the machine did not carry two twins just then, and sent again
+    busy: int = 0  # candidates that a busy machine refused, and that were sent again
     runs: int = 0
     ticks: int = 0
-    skipped: int = 0  # made up
+    skipped: int = 0  # ticks
     misses: int = 0  # deadlines
     out_of_lock: int = 0  # steps that were not within tolerance
     grown_kib: int = 0
@@ -66,16 +67,16 @@ class Cost:
 
 
 def private_kib(live):
-    """Of all processes of the run, once no activator is left."""
+    """Private memory of all processes of the run, after the activation process has ended."""
     wait_until(lambda: len(children(live.pid)) == 3, "three processes", live.log)
     found = [footprint(pid) for pid in (live.pid, *children(live.pid))]
     return sum(print_.private for print_ in found if print_ is not None)
 
 
 def misses(live):
-    """Deadlines of the run that is there now: the state says so."""
+    """Returns the missed deadlines of the current run, from its state."""
     _, out, _ = live.reload(None, "--state")
-    return int(next(line for line in out.splitlines() if "deadlines missed" in line).split(" deadlines missed")[0].split()[-1])
+    return int(re.search(r"(\d+) deadlines", out)[1])
 
 
 def send(live, kind):
@@ -94,7 +95,7 @@ def change(live, kind, order, cost):
 
 
 def undisturbed(seconds, processor=None):
-    """(ticks, made up, deadlines missed) of a run that nobody changes: what the machine itself costs."""
+    """Returns (ticks, skipped, missed deadlines) of a run without changes: the cost of the machine itself."""
     with Device(OMEGA) as device, Retuned(device.port, processor=processor) as live, moving(device):
         wait_for_run(live, live.database, 1)
         time.sleep(seconds)
@@ -105,7 +106,7 @@ def undisturbed(seconds, processor=None):
 
 
 def many_changes(count, seed, each=lambda number, kind: None, processor=None):
-    """What so many cost. `processor`: all processes of the run are there, and nowhere else."""
+    """Returns the cost of `count` changes. `processor`: the only one that the run may use."""
     order, cost = random.Random(seed), Cost()
     kinds = [in_place, another_twin] * ((count + 1) // 2)
     with Device(OMEGA) as device, Retuned(device.port, processor=processor) as live, moving(device):

@@ -1,4 +1,4 @@
-"""What the tests of the Debian package share: making it, and looking into it."""
+"""Helpers for tests of the Debian packages: make and inspect them."""
 import os
 import platform
 import re
@@ -9,7 +9,7 @@ from twinlock_test import BUILD, SOURCE, Failure, Skip, expect, scratch
 
 
 def need(*programs):
-    """Skips the test where a program is missing that script/bootstrap installs only on request."""
+    """Skips the test if a program is missing. script/bootstrap installs these only on request."""
     for name in programs:
         if not any(os.access(os.path.join(folder, name), os.X_OK) for folder in os.environ["PATH"].split(":")):
             raise Skip(f"{name} is missing")
@@ -25,7 +25,8 @@ def output_of(*args, **options):
 
 
 def sources(*below, root=SOURCE):
-    """Paths of what git tracks or would add. It does not trust a clone that is another user's, unless told for this one command."""
+    """Paths of files that git tracks or would add. safe.directory permits a clone of another user,
+    for this command only."""
     return [name for name in output_of("git", "-c", f"safe.directory={root.resolve()}", "-C", root, "ls-files", "-z", "--cached",
                                        "--others", "--exclude-standard", *below).split("\0") if name]
 
@@ -36,7 +37,8 @@ def release():
 
 
 def archive(name):
-    """Lines of sources.list for Debian's release `name`, from the mirror that this machine's apt uses."""
+    """Lines of sources.list for the Debian release `name`, with the mirror of this machine's apt.
+    """
     line = "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $(REPO_URI) $(CODENAME) $(COMPONENT)"
     found = output_of("apt-get", "indextargets", "--format", line, "Created-By: Packages", "Origin: Debian", "Label: Debian")
     if not found:
@@ -45,7 +47,8 @@ def archive(name):
 
 
 def make(build=BUILD, umask=0o022, name="twinlock", **environment):
-    """The path of a package that is made now, of what is built in `build`, with a given umask and environment."""
+    """Packs the build folder `build`, with a given umask and environment. Returns the path of the
+    package."""
     folder = scratch()
     output_of("cpack", "--config", build / "CPackConfig.cmake", "-B", folder, umask=umask,
               env={**os.environ, **environment})
@@ -67,19 +70,19 @@ def contents(package):
 
 
 def unpacked(package):
-    """A folder with what the package installs, and with its control files in DEBIAN."""
+    """Unpacks a package into a new folder, with its control files in DEBIAN."""
     folder = scratch()
     output_of("dpkg-deb", "--raw-extract", package, folder / "root")
     return folder / "root"
 
 
 def needed(program):
-    """Names of the libraries that a program is linked to; whatever machine it is for."""
+    """Names of the libraries that a program is linked to, also of another architecture."""
     return re.findall(r"\(NEEDED\).*\[(.+)\]$", output_of("readelf", "--dynamic", "--wide", program), re.M)
 
 
 def package_of(library):
-    """The Debian package, of this machine's kind, that has a library."""
+    """The Debian package of this architecture that contains a library."""
     paths = re.findall(rf"^\t?\s*{re.escape(library)} .* => (\S+)$", output_of("/sbin/ldconfig", "-p"), re.M)
     expect(paths, f"ldconfig does not know {library}")
     names = {name for path in paths for name in {path, os.path.realpath(path), str(Path("/usr") / path[1:])}}

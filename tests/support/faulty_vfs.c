@@ -1,8 +1,8 @@
-/* The shim. Only what changes a file is looked at; everything else goes to the VFS below.
+/* Shim VFS: it handles calls that change a file, and passes all others to the VFS below.
  *
- * For a power cut, each change since the last sync is kept with what was there before, in a list per file name. After
- * the cut all of them are undone, the last first; then those that had reached the disk by chance are done again, in
- * their order. */
+ * For a power cut, a list per file name has each change since the last sync with the bytes before
+ * it. After the cut all changes are undone, the last one first. Then a random part of them is redone
+ * in their order: these had reached the disk. */
 #include "tests/support/faulty_vfs.h"
 
 #include <assert.h>
@@ -17,19 +17,19 @@
 /* One write (after != NULL) or truncation since the last sync. */
 typedef struct change {
     struct change *earlier;
-    int64_t offset; /* of the write; the new size of the truncation */
-    int64_t size;   /* of the file, before */
+    int64_t offset; /* of the write; a truncation's new size */
+    int64_t size;   /* of the file before it */
     size_t before_count;
     size_t after_count;
     unsigned char *before;
     unsigned char *after;
 } change;
 
-/* Stays when the file is closed: what was not synced is not safe then either. */
+/* Exists also after the file is closed, because closing does not sync. */
 typedef struct named_file {
     struct named_file *next;
     char *name;
-    change *changes; /* the last first */
+    change *changes; /* the last one first */
 } named_file;
 
 typedef struct shim_file {
@@ -42,7 +42,7 @@ static sqlite3_vfs *below;
 static sqlite3_vfs shim;
 static sqlite3_io_methods methods;
 
-static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* over everything that follows */
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* protects the following variables */
 static named_file *named_files;
 static bool armed;
 static bool without_power;
@@ -55,9 +55,9 @@ static uint64_t writes;
 static uint64_t locked;
 static int64_t delay;
 
-/* ---- Faults ------------------------------------------------------------------------------------------------------ */
+/* ---- Faults ---- */
 
-/* The code with which an operation fails now; `counts`: it is a write. */
+/* Returns the code with which an operation fails, or SQLITE_OK. `counts`: it is a write. */
 static int fault(bool counts) {
     (void)pthread_mutex_lock(&lock);
     int code = SQLITE_OK;
@@ -139,7 +139,7 @@ void tl_faulty_vfs_slow(int64_t nanoseconds) {
     (void)pthread_mutex_unlock(&lock);
 }
 
-/* ---- Changes since the last sync --------------------------------------------------------------------------------- */
+/* ---- Changes since the last sync ---- */
 
 static void *get_memory(size_t size) {
     void *memory = calloc(1, size == 0 ? 1 : size);
@@ -159,7 +159,7 @@ static void forget_changes(named_file *file) {
     }
 }
 
-/* The record of a file, made where there is none yet. */
+/* Returns the entry of a file, and creates it if it does not exist. */
 static named_file *find_file(const char *name) {
     (void)pthread_mutex_lock(&lock);
     named_file *file = named_files;
@@ -176,7 +176,7 @@ static named_file *find_file(const char *name) {
     return file;
 }
 
-/* Keeps what is from `offset` on, at most `count` bytes, before it is changed. */
+/* Saves at most `count` bytes at `offset` before they are changed. */
 static void remember(shim_file *file, int64_t offset, size_t count, const void *after, size_t after_count) {
     sqlite3_int64 size = 0;
     if (file->named == NULL || file->real->pMethods->xFileSize(file->real, &size) != SQLITE_OK) {
@@ -282,7 +282,7 @@ void tl_faulty_vfs_restore_power(uint64_t seed) {
     without_power = false;
 }
 
-/* ---- Files ------------------------------------------------------------------------------------------------------- */
+/* ---- Files ---- */
 
 static shim_file *shim_of(sqlite3_file *file) {
     return (shim_file *)file;
@@ -364,7 +364,7 @@ static int shim_sector_size(sqlite3_file *file) {
     return real->pMethods->xSectorSize(real);
 }
 
-/* Of what the disk below promises only that a write leaves the bytes beside it alone; a write itself may be torn. */
+/* A write does not change other bytes of its sector, but it may be torn. */
 static int shim_characteristics(sqlite3_file *file) {
     sqlite3_file *real = shim_of(file)->real;
     return real->pMethods->xDeviceCharacteristics(real) & SQLITE_IOCAP_POWERSAFE_OVERWRITE;
@@ -394,7 +394,7 @@ static int shim_shm_unmap(sqlite3_file *file, int remove) {
     return real->pMethods->xShmUnmap(real, remove);
 }
 
-/* ---- The VFS ----------------------------------------------------------------------------------------------------- */
+/* ---- The VFS ---- */
 
 static int shim_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *file, int flags, int *flags_out) {
     shim_file *opened = shim_of(file);

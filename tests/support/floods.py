@@ -1,4 +1,5 @@
-"""Attacks on twinlock-serve by who has no token, or one: as contexts, while which an honest client at another address asks."""
+"""Attacks on twinlock-serve, with or without a token. Each is a context; meanwhile an honest client
+at another address sends requests."""
 import contextlib
 import socket
 import ssl
@@ -28,7 +29,7 @@ def _context():
 
 
 def _hello():
-    """The first bytes of a handshake."""
+    """The first message of a TLS handshake."""
     outgoing = ssl.MemoryBIO()
     client = _context().wrap_bio(ssl.MemoryBIO(), outgoing)
     try:
@@ -40,7 +41,7 @@ def _hello():
 
 @contextlib.contextmanager
 def lines(box, count, begin=lambda line: line, addresses=("127.0.0.1",)):
-    """So many connections, each as `begin` leaves it; those that the server does not want are opened again and again."""
+    """Opens `count` connections and runs `begin` on each. Skips those that the server refuses."""
     held, stop = [], threading.Event()
 
     def open_all():
@@ -68,7 +69,7 @@ def silent(box):
 
 
 def from_everywhere(box):
-    """More addresses than there are places."""
+    """More addresses than the server accepts connections."""
     return lines(box, MANY, addresses=[f"127.0.1.{i}" for i in range(1, 201)])
 
 
@@ -82,7 +83,7 @@ def half_handshakes(box):
 
 
 def whole_hellos(box):
-    """The server computes an answer for each, and nobody goes on."""
+    """The server computes an answer for each; no client continues the handshake."""
     hello = _hello()
 
     def begin(line):
@@ -101,7 +102,7 @@ def half_requests(box):
 
 @contextlib.contextmanager
 def drips(box, head=b"", count=20, addresses=("127.0.0.1",)):
-    """A byte every now and then: never silent, never done."""
+    """Each connection sends a byte every 0.2 s, and never completes its request."""
     stop = threading.Event()
 
     def begin(line):
@@ -124,7 +125,7 @@ def drips(box, head=b"", count=20, addresses=("127.0.0.1",)):
 
 
 def dripping_bodies(box):
-    """Of refused requests, from as many addresses as fill all places."""
+    """Bodies of refused requests, from enough addresses to use all connections."""
     return drips(box, _put(1000000), 64, [f"127.0.1.{i}" for i in range(1, 9)])
 
 
@@ -138,7 +139,7 @@ def _ask(box, target, token):
 
 @contextlib.contextmanager
 def slow_readers(box, count=20):
-    """With a token, and a large answer that is taken a byte a second."""
+    """With a token: each reads its large answer at a byte per second."""
     stop = threading.Event()
 
     def begin(line):
@@ -162,7 +163,7 @@ def slow_readers(box, count=20):
 
 @contextlib.contextmanager
 def wrong_tokens(box, count=10000, clients=4):
-    """As fast as they can, each by a connection that stays."""
+    """Requests at full speed, each client on one connection."""
     stop = threading.Event()
     told = []
 
@@ -195,7 +196,7 @@ def wrong_tokens(box, count=10000, clients=4):
 
 @contextlib.contextmanager
 def _endless(box, clients, head, more):
-    """Each says `head`, and then `more` for as long as anybody takes it."""
+    """Each client sends `head`, and then `more` until the server closes the connection."""
     stop = threading.Event()
 
     def send():
@@ -218,12 +219,12 @@ def _endless(box, clients, head, more):
 
 
 def large_bodies(box, clients=4):
-    """Without a token, and as much as anybody takes."""
+    """Without a token: as many bytes as the server reads."""
     return _endless(box, clients, _put(100000000), 65536 * b"x")
 
 
 def long_heads(box, clients=4):
-    """Headers without an end."""
+    """Headers without end."""
     return _endless(box, clients, b"GET / HTTP/1.1\r\n", b"X-Long: " + 1000 * b"x" + b"\r\n")
 
 
@@ -232,7 +233,8 @@ ATTACKS = (silent, from_everywhere, half_handshakes, whole_hellos, half_requests
 
 
 def longest_wait(box, attack, seconds=2.0):
-    """For how long an honest client waited at most, of those that asked while the attack went on; it may have to come again if it is sent away."""
+    """The longest time in s until an honest client got its answer during the attack. It retries if
+    the server refuses its connection."""
     waits = []
     with attack(box):
         end = time.monotonic() + seconds
@@ -243,8 +245,8 @@ def longest_wait(box, attack, seconds=2.0):
                     answer = box.ask("GET", MOTOR, "read", address=HONEST)
                     break
                 except OSError:
-                    expect(time.monotonic() - begun < 30, f"{attack.__name__}: nobody answers the honest one")
-            expect(answer.status == 200, f"{attack.__name__}: the honest one gets {answer.status}")
+                    expect(time.monotonic() - begun < 30, f"{attack.__name__}: the honest client gets no answer")
+            expect(answer.status == 200, f"{attack.__name__}: the honest client gets {answer.status}")
             waits.append(time.monotonic() - begun)
             time.sleep(0.1)
     return max(waits)

@@ -1,4 +1,4 @@
-/* Values from a hash of where they belong, with the awkward ones strewn in. */
+/* Values are a hash of their tick and signal. Every 16th one is an extreme number. */
 #include "tests/support/made_run.h"
 
 #include <float.h>

@@ -1,4 +1,4 @@
-/* A run that is played to an activation: see played_run.h. */
+/* See played_run.h. */
 #include "tests/support/played_run.h"
 
 #include <signal.h>
@@ -11,11 +11,12 @@
 
 #include "firmware/base/os.h"
 #include "firmware/retune/worker.h"
+#include "tests/support/message.h"
 
 static tl_played the_run;
 static tl_played *const run = &the_run;
 
-/* ---- the run that is played ---- */
+/* ---- host of the activation ---- */
 
 static void look(void *context, tl_activation_view *seen) {
     (void)context;
@@ -73,7 +74,7 @@ void tl_played_add(tl_run_status *sum, const tl_run_status *more) {
     sum->lock.steps[TL_LOCK_LOST] += more->lock.steps[TL_LOCK_LOST];
 }
 
-/* One output that both match. */
+/* Adds ten pairs of the output that both configurations match. */
 static void add_output(tl_run_status *work, double difference, double tolerance) {
     tl_run_output *output = &work->output[0];
     work->outputs = 1;
@@ -168,7 +169,7 @@ static void hear(void *listener, const tl_control_reply *reply) {
 
 /* ---- a trial ---- */
 
-/* What is to come of a trial is in the environment. */
+/* Returns a number from the environment. */
 static int64_t number_of(const char *name, int64_t otherwise) {
     const char *value = getenv(name);
     return value == NULL ? otherwise : strtoll(value, NULL, 10);
@@ -191,12 +192,12 @@ static int answer_trial(void) {
 static int be_trial(void) {
     const char *wanted = getenv("TRIAL");
     if (wanted != NULL && strcmp(wanted, "crash") == 0) {
-        (void)raise(SIGKILL); /* which no sanitizer catches */
+        (void)raise(SIGKILL); /* no sanitizer can catch it */
     }
     if (wanted != NULL && strcmp(wanted, "hang") == 0) {
         (void)sleep(3600);
     }
-    if (wanted != NULL && strncmp(wanted, "problem", 7) == 0) { /* as the twin's own words come through its log */
+    if (wanted != NULL && strncmp(wanted, "problem", 7) == 0) { /* as lines of the twin's log */
         (void)fprintf(stderr, "<3>%s: line 7: a.b: found 1, expected 2: no more\n<3>%s: x y: z\n%s",
                       getenv("TRIAL_PATH"), getenv("TRIAL_PATH"), wanted[7] == 's' ? "" : "<3>another\n");
         return 65;
@@ -251,7 +252,7 @@ size_t tl_played_write(char text[TL_PLAYED_TEXT], const char *tolerance, int pre
     return (size_t)length;
 }
 
-/* The file, as the start takes it. */
+/* Makes the file version 1, as a start of the run does. */
 static void take_first(void) {
     char text[TL_PLAYED_TEXT];
     uint64_t number = 0;
@@ -283,10 +284,10 @@ void tl_played_begin_anew(void) {
 void tl_played_look_until(bool (*is_done)(void)) {
     tl_time until = tl_clock_now(NULL) + 60 * TL_SECOND;
     while (!is_done()) {
-        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "waited in vain");
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "timed out after 60 s");
         run->activation.looked -= run->activation.step != TL_CONTROL_SHADOW ? 0
                                   : tl_played_is_live()                     ? TL_SECOND / 10
-                                                                            : 5 * TL_SECOND; /* passes faster */
+                                                                            : 5 * TL_SECOND; /* fast-forward */
         tl_activation_look(&run->activation);
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 500);
     }
@@ -326,11 +327,10 @@ tl_control_result tl_played_take(const char *tolerance, int prediction, unsigned
     return (tl_control_result)run->said[run->count - 1].as.end.result;
 }
 
-/* Whether this was said at this step. */
-bool tl_played_was_said(tl_control_step step, const char *text) {
+bool tl_played_was_said(tl_control_step step, const char *parts) {
     for (size_t i = 0; i < run->count; i++) {
         if (run->said[i].kind == TL_CONTROL_STEP && run->said[i].as.progress.step == (uint32_t)step &&
-            strstr(run->said[i].as.progress.text, text) != NULL) {
+            tl_test_has_parts(run->said[i].as.progress.text, parts)) {
             return true;
         }
     }
@@ -348,10 +348,9 @@ void tl_played_fail(void) {
     tl_played_look_until(tl_played_is_quiet);
 }
 
-/* Nothing of it is left, and the run goes on as it was. */
-void tl_played_expect_refused(tl_control_result result, const char *why) {
+void tl_played_expect_refused(tl_control_result result, const char *parts) {
     TEST_ASSERT_EQUAL_UINT(result, run->said[run->count - 1].as.end.result);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(tl_played_last_word(), why), tl_played_last_word());
+    TL_EXPECT_PARTS(parts, tl_played_last_word());
     TEST_ASSERT_EQUAL_INT(0, run->handovers);
     TEST_ASSERT_EQUAL_STRING("", run->other);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);

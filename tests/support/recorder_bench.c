@@ -1,4 +1,4 @@
-/* A recorder under test: see recorder_bench.h. */
+/* See recorder_bench.h. */
 #include "tests/support/recorder_bench.h"
 
 #include <stdio.h>

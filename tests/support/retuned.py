@@ -1,29 +1,28 @@
-"""A supervised run whose configuration is changed while it runs, by `twinlock reload`: what the tests of that share."""
+"""Supervised run whose configuration is changed by `twinlock reload` during the run; shared by several tests."""
 import json
 import os
 import re
 
 from live_test import query, wait_until
 from tree import Tree, configuration
-from twinlock_test import BAD_DATA, expect, run, scratch, write_config
+from twinlock_test import BAD_DATA, PLANT_DOWN, expect, has_line, run, scratch, write_config
 
-NO_ROOM = "this box does not carry two twins"
-TRIES = 10  # a shadow has no priority: who shares the machine with others may have to ask again
+NO_ROOM = "two twins"  # refusal: the machine is too busy for a shadow
+TRIES = 10  # of a reload; a shadow has no priority, so that a busy machine may refuse it
 
 
 class Retuned(Tree):
-    """A run of the motor bench (PLAIN_LIVE) with a control socket; `edited` changes its file as an engineer would.
-    `processor`: the only one that it has."""
+    """Run of the motor bench (PLAIN_LIVE) with a control socket. `processor`: the only processor that it may use."""
 
     def __init__(self, port, *args, state=None, config=None, processor=None, **changes):
         self.file, self.database = (config, config.parent / "twin.db") if config else configuration(port, **changes)
         self.socket = scratch() / "control"
         pinned = {} if processor is None else {"preexec_fn": lambda: os.sched_setaffinity(0, {processor})}
-        self.refused = 0  # candidates, since the machine did not carry two twins just then; sent again
+        self.refused = 0  # candidates that a busy machine refused, and that were sent again
         super().__init__(self.file, "--control", self.socket, *args, state=state, **pinned)
 
     def edited(self, change):
-        """Another file: the configuration with that change, which is a function of it, a JSON document, or bytes."""
+        """Writes another file with the change: a function that edits the configuration, a JSON document, or bytes. Returns its path."""
         document = change
         if callable(change):
             document = json.loads(self.file.read_text(encoding="utf-8"))
@@ -31,16 +30,16 @@ class Retuned(Tree):
         return write_config(document)
 
     def reload(self, config=None, *options, timeout=60, tries=TRIES):
-        """(exit code, standard output, standard error). A machine that has no time for a second twin just then is asked again, so often at most."""
+        """Returns (exit code, standard output, standard error). Tries again if the machine is too busy, `tries` times at most."""
         for left in reversed(range(tries)):
             answer = run(["reload", config or self.file, "--control", self.socket, *options], timeout=timeout)
-            if left == 0 or answer[0] != BAD_DATA or NO_ROOM not in answer[2]:
+            if left == 0 or answer[0] != BAD_DATA or not has_line(answer[2], NO_ROOM):
                 return answer
             self.refused += 1
-            print(f"    asked again: {answer[2].splitlines()[-1]}", flush=True)
+            print(f"    sent again: {answer[2].splitlines()[-1]}", flush=True)
 
     def versions(self):
-        """number → (is active, what came of it). A run that restarts at this moment closes its socket for some time, and is asked again."""
+        """Returns number → (is active, result). Tries again while a restart of the run has closed its socket."""
         code, out, err = wait_until(self._ask_for_versions, "an answer", self.log)
         expect(code == 0, err)
         return {int(number): (star == "*", result) for star, number, result in
@@ -48,7 +47,7 @@ class Retuned(Tree):
 
     def _ask_for_versions(self):
         code, out, err = self.reload(None, "--versions")
-        return None if code != 0 and ("has hung up" in err or "it restarts just now" in err) else (code, out, err)
+        return None if code == PLANT_DOWN else (code, out, err)
 
     def version_on_disk(self, number):
         return json.loads((self.state / "versions" / f"{number}.record.json").read_text(encoding="utf-8"))
@@ -66,4 +65,5 @@ def tolerance(value):
 
 
 def events(database, text):
+    """Returns the number of events of a change whose text contains `text`, a pattern of SQL's LIKE."""
     return query(database, "SELECT count(*) FROM events WHERE source = 'retune' AND text LIKE ?", f"%{text}%")[0][0]

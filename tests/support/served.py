@@ -1,4 +1,5 @@
-"""A box with plants that can be asked, twinlock-serve before them, and clients of it; for the tests of the network."""
+"""For tests of the network: twinlock-serve with plants that have a control socket but no twin, and
+HTTPS clients."""
 import contextlib
 import hashlib
 import http.client
@@ -24,7 +25,7 @@ def need_serve():
 
 
 def wait_for(condition, what, seconds=10):
-    """The first value of `condition` that is true."""
+    """Waits until `condition` is true, and returns its value."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         value = condition()
@@ -35,7 +36,8 @@ def wait_for(condition, what, seconds=10):
 
 
 def end(process):
-    """Its exit code after SIGTERM; a crash or a sanitizer's report is a failure."""
+    """Stops a process by SIGTERM and returns its output. Any exit code but 0, and a sanitizer
+    report, is a failure."""
     if process.poll() is None:
         process.send_signal(signal.SIGTERM)
     try:
@@ -51,7 +53,7 @@ def end(process):
 
 
 def begin(args, **options):
-    """A process whose output goes to a file, `log`."""
+    """Starts a process; its output goes to the file `log`."""
     log = open(scratch() / "log", "w+", encoding="utf-8", errors="backslashreplace")  # pylint: disable=consider-using-with
     process = subprocess.Popen([str(arg) for arg in args], stdin=subprocess.DEVNULL, stdout=log, stderr=log, **options)
     process.log = log
@@ -63,7 +65,7 @@ def said_by(process):
 
 
 class Answer:
-    """What came back: status, headers, and lines or a text."""
+    """An HTTP response: status, headers, body, and its JSON lines."""
 
     def __init__(self, response):
         self.status, self.headers = response.status, response.headers
@@ -79,7 +81,7 @@ class Answer:
 
 
 class Box:
-    """Plants, tokens, a server; `with Box() as box`."""
+    """Plants, tokens and a server, for `with Box() as box`. `options`: of twinlock-serve."""
 
     def __init__(self, *options, plants=("motor",), **popen):
         need_serve()
@@ -118,7 +120,7 @@ class Box:
         command = [SERVE, "--listen", "127.0.0.1:0", "--state", self.folder / "state", "--tokens", self.folder / "tokens",
                    "--plants", self.folder / "plants", *self.options]
         self.process = begin(command, **self.popen)
-        said = wait_for(lambda: self.process.poll() is not None or re.search(r"on port (\d+) as (\S+)", said_by(self.process)),
+        said = wait_for(lambda: self.process.poll() is not None or re.search(r"port (\d+).*(sha256//\S+)", said_by(self.process)),
                         "the server")
         expect(said is not True, f"the server ended\n{said_by(self.process)}")
         self.port, self.pin = int(said[1]), said[2]
@@ -133,7 +135,7 @@ class Box:
         return said_by(self.process)
 
     def memory(self):
-        """The most it ever had, bytes."""
+        """Peak resident memory of the server, in bytes."""
         return 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path(f"/proc/{self.process.pid}/status").read_text("ascii"))[1])
 
     def connect(self, address="127.0.0.1", timeout=20):
@@ -142,7 +144,8 @@ class Box:
         return http.client.HTTPSConnection("127.0.0.1", self.port, timeout=timeout, context=context, source_address=(address, 0))
 
     def ask(self, method, target, role="commission", body=None, address="127.0.0.1", connection=None, **headers):
-        """An Answer. Headers are named as If_Match; of one that is None nothing is sent."""
+        """Sends a request and returns an Answer. Headers are keywords such as If_Match; a header
+        that is None is omitted."""
         own = connection or self.connect(address)
         words = {"Authorization": f"Bearer {self.tokens[role]}" if role else None, **headers}
         words = {name.replace("_", "-"): word for name, word in words.items() if word is not None}
@@ -156,7 +159,7 @@ class Box:
         return self.ask("PUT", f"/api/v1/plants/motor/configuration{query}", role, body, If_Match=match, **options)
 
     def requests(self, name="motor"):
-        """What the plant was asked, a dict each."""
+        """The requests that the plant received, a dict each."""
         lines = said_by(self.plants[name]).splitlines()
         return [dict(re.findall(r"(\w+)=(.*?)(?= \w+=|$)", line)) for line in lines if line.startswith("verb=")]
 

@@ -1,10 +1,12 @@
-/* One connection per question. */
+/* See sql.h. */
 #include "tests/support/sql.h"
 
 #include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "tests/support/message.h"
 
 static char answer[4096];
 
@@ -23,7 +25,7 @@ static void give_up(sqlite3 *database, const char *sql) {
     abort();
 }
 
-/* The row must be finalized, and then its connection closed. */
+/* The caller releases the statement with end(). */
 static sqlite3_stmt *first_row(const char *path, const char *sql, int *has_row) {
     sqlite3 *database = connect_to(path);
     sqlite3_stmt *statement = NULL;
@@ -67,6 +69,26 @@ const char *tl_sql_text(const char *path, const char *sql) {
     (void)snprintf(answer, sizeof answer, "%s", text == NULL ? "" : (const char *)text);
     end(row);
     return answer;
+}
+
+int64_t tl_sql_count_events(const char *path, const char *source, const char *parts) {
+    static const char sql[] = "SELECT text FROM events WHERE source = ?1";
+    sqlite3 *database = connect_to(path);
+    sqlite3_stmt *statement = NULL;
+    int64_t count = 0;
+    int code = sqlite3_prepare_v2(database, sql, -1, &statement, NULL);
+    code = code == SQLITE_OK ? sqlite3_bind_text(statement, 1, source, -1, SQLITE_STATIC) : code;
+    if (code != SQLITE_OK) {
+        give_up(database, sql);
+    }
+    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
+        count += tl_test_has_parts((const char *)sqlite3_column_text(statement, 0), parts) ? 1 : 0;
+    }
+    if (code != SQLITE_DONE) {
+        give_up(database, sql);
+    }
+    end(statement);
+    return count;
 }
 
 void tl_sql_execute(const char *path, const char *sql) {

@@ -1,4 +1,4 @@
-/* The supervisor's members, played: see stage.h. */
+/* See stage.h. */
 #include "tests/support/stage.h"
 
 #include <signal.h>
@@ -14,7 +14,10 @@
 #include <unity.h>
 
 #include "firmware/process/fmu_call.h"
+#include "tests/support/message.h"
 #include "tests/support/stderr_capture.h"
+
+enum { LINE = 2048 };
 
 static tl_stage *stage;
 
@@ -51,7 +54,7 @@ static void be_well(tl_thread_heartbeat *heartbeat) {
     }
 }
 
-/* Whenever it was told to end: at its start, too. */
+/* Ignores SIGTERM. */
 static void be_well_and_deaf(tl_thread_heartbeat *heartbeat) {
     for (int i = 0; i < 3000; i++) {
         beat(heartbeat);
@@ -65,7 +68,7 @@ static void hang(void) {
 }
 
 static void crash(void) {
-    (void)signal(SIGSEGV, SIG_DFL); /* a sanitizer's is another end */
+    (void)signal(SIGSEGV, SIG_DFL); /* without a sanitizer's handler */
     (void)kill(getpid(), SIGSEGV);
 }
 
@@ -73,7 +76,7 @@ static void spoil_name(tl_heartbeats *beats) {
     memset(beats->calls.names, '\n', sizeof beats->calls.names);
 }
 
-/* What an FMU does. */
+/* Misbehaviour of an FMU. */
 static void misbehave(char what, tl_thread_heartbeat *heartbeat, tl_heartbeats *beats) {
     tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
     switch (what) {
@@ -104,7 +107,7 @@ static void call_fmus(void) {
     }
 }
 
-/* What goes wrong in the process itself. */
+/* Misbehaviour of the process itself. */
 static void suffer(char what) {
     switch (what) {
     case 'h':
@@ -194,7 +197,7 @@ unsigned tl_stage_processes_of(pid_t parent) {
 static int play_twin(tl_stage_part *played, const tl_start *start, char what) {
     int which = stage->starts++;
     if (what == '\0') {
-        return 99; /* more starts than planned */
+        return 99; /* unplanned start */
     }
     stage->last = getpid();
     stage->hold[which] = start->hold;
@@ -236,7 +239,7 @@ static void be_child(tl_member which, const tl_start *start, pid_t parent) {
     _exit(99);
 }
 
-/* ---- for the supervisor ---- */
+/* ---- callbacks of the supervisor ---- */
 
 static pid_t begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
     (void)context;
@@ -286,7 +289,7 @@ static void look(void *context, bool ends, tl_orders *orders) {
     stage->swapped = stage->swapped != orders->swap;
 }
 
-/* ---- a test ---- */
+/* ---- tests ---- */
 
 tl_stage *tl_stage_open(const char *parent, const char *name) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
@@ -337,16 +340,27 @@ void tl_stage_expect_code(const char *plan, int code) {
     TEST_ASSERT_EQUAL_INT((int)strlen(plan), stage->starts);
 }
 
-void tl_stage_expect_said(const char *words) {
+static bool has_line(const char *log, const char *parts) {
+    char line[LINE];
+    for (const char *at = log; *at != '\0'; at += strcspn(at, "\n"), at += *at == '\n' ? 1 : 0) {
+        (void)snprintf(line, sizeof line, "%.*s", (int)strcspn(at, "\n"), at);
+        if (tl_test_has_parts(line, parts)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+void tl_stage_expect_said(const char *parts) {
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(log, words), log);
+    TEST_ASSERT_TRUE_MESSAGE(has_line(log, parts), log);
     free(log);
 }
 
-void tl_stage_expect_told(const char *words) {
-    tl_stage_expect_said(words);
-    TEST_ASSERT_EQUAL_STRING(words, stage->event);
+void tl_stage_expect_told(const char *parts) {
+    tl_stage_expect_said(parts);
+    TL_EXPECT_PARTS(parts, stage->event);
 }
 
 void tl_stage_expect_silence(void) {

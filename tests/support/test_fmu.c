@@ -1,4 +1,4 @@
-/* FMUs of the test process itself: see test_fmu.h. */
+/* FMUs inside the test process: see test_fmu.h. */
 #include "tests/support/test_fmu.h"
 
 #include <assert.h>
@@ -20,13 +20,13 @@ enum { BOOLEAN_FLAG, BOOLEAN_FLAG_OUT, BOOLEANS };
 enum { STRING_LABEL, STRING_LABEL_OUT, STRINGS };
 enum { LABEL_SIZE = 32 };
 
-/* How much an FMU that is `telling` adds at most to its first channel. */
+/* Largest value that an FMU with `telling` adds to its first channel. */
 static const double TELLING = 1e-4;
 
-/* The y[0] at which one that `ends` has arrived. */
+/* An FMU with `ends` sets `flag_out` if y[0] is at least this. */
 #define END_POSITION 0.5
 
-/* How much higher its drives are while `flag` is true. */
+/* Added to its drives while `flag` is true. */
 static const double RAISED = 0.25;
 
 static tl_variable *add(tl_test_fmu *fmu, const char *name, tl_type type, uint32_t reference, tl_causality causality) {
@@ -85,7 +85,7 @@ static void add_discretes(tl_test_fmu *fmu) {
 
 /* ---- instances ---- */
 
-/* States of the calling sequence; bits, so that a call can name several. */
+/* States of the calling sequence, as bits, because a call may be legal in several. */
 enum {
     INSTANTIATED = 1,
     INITIALIZING = 2,
@@ -95,14 +95,14 @@ enum {
     TERMINATED = 32
 };
 
-/* What fmi2GetFMUstate keeps. */
+/* State that fmi2GetFMUstate saves. */
 typedef struct values {
     double reals[REALS];
     fmi2Integer integers[INTEGERS];
     fmi2Boolean booleans[BOOLEANS];
     char label[LABEL_SIZE];
     double time;      /* s, where the last step ended */
-    uint64_t lineage; /* of all inputs of all steps that have led here */
+    uint64_t lineage; /* hash of all inputs of all steps since the start */
 } values;
 
 /* A state handle. */
@@ -124,9 +124,9 @@ typedef struct tl_test_instance {
     values now;
     bool is_set_up;     /* fmi2SetupExperiment was called */
     bool set_unstepped; /* something was set since the last step */
-    double final_time;  /* no state before this may come back */
-    /* Inputs and tunables that were set while initialising or stepping, and those not set again since a restore; one bit
-     * per value reference. */
+    double final_time;  /* s, no state before this may be restored */
+    /* One bit per value reference: inputs and tunables that were set, and those not set again since
+     * a restore. */
     unsigned used_reals, used_integers, used_booleans;
     unsigned stale_reals, stale_integers, stale_booleans;
 } instance;
@@ -152,7 +152,7 @@ static void record(const instance *self, tl_test_call call, const tl_test_entry 
     log->count++;
 }
 
-/* Whether a step with these values fails by the size of a drive. */
+/* True if a step with these values fails because a drive is above the limit. */
 static bool is_above(const instance *self) {
     for (size_t c = 0; c < self->fmu->width; c++) {
         const double *reals = self->now.reals;
@@ -163,7 +163,7 @@ static bool is_above(const instance *self) {
     return false;
 }
 
-/* Whether the call that has just been counted is one of those that fail. */
+/* True if the call that was counted last must fail. */
 static bool is_faulty(const instance *self, tl_test_call call) {
     const tl_test_fault *fault = &self->fmu->control.fault;
     uint64_t number = self->fmu->calls[call];
@@ -171,7 +171,7 @@ static bool is_faulty(const instance *self, tl_test_call call) {
            ((number >= fault->first && number <= fault->last) || (call == TL_TEST_DO_STEP && is_above(self)));
 }
 
-/* The status that this call is told to answer. */
+/* The status that this call must return. */
 static fmi2Status injected(instance *self, tl_test_call call) {
     tl_test_fmu *fmu = self->fmu;
     const tl_test_fault *fault = &fmu->control.fault;
@@ -190,7 +190,7 @@ static fmi2Status injected(instance *self, tl_test_call call) {
     return fmi2Discard;
 }
 
-/* Begins a call: judges it, counts it, and says whether it may go on (fmi2OK). */
+/* Starts a call: checks and counts it. Returns fmi2OK if it may continue. */
 static fmi2Status begin(instance *self, tl_test_call call, unsigned modes) {
     self->fmu->calls[call]++;
     if (self->fmu->dead) {
@@ -204,7 +204,7 @@ static fmi2Status begin(instance *self, tl_test_call call, unsigned modes) {
     return injected(self, call);
 }
 
-/* A call without arguments worth keeping: begun, recorded. */
+/* Checks, counts and records a call without arguments. */
 static fmi2Status plain(instance *self, tl_test_call call, unsigned modes) {
     const tl_test_entry none = {0};
     fmi2Status status = begin(self, call, modes);
@@ -261,7 +261,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     return self;
 }
 
-/* Takes an instance out of its FMU's list. */
+/* Removes an instance from the list of its FMU. */
 static void unlink_instance(instance *self) {
     instance **link = &self->fmu->alive;
     while (*link != self) {
@@ -347,7 +347,7 @@ static fmi2Status terminate(fmi2Component component) {
     return status;
 }
 
-/* As it was instantiated; its states stay. */
+/* Resets an instance to its state after instantiation. Its state handles stay valid. */
 static fmi2Status reset(fmi2Component component) {
     instance *self = component;
     fmi2Status status =
@@ -376,7 +376,7 @@ static const tl_variable *variable_of(const instance *self, tl_type type, uint32
     return NULL;
 }
 
-/* Whether FMI lets a variable be set in the present state. */
+/* True if FMI permits to set the variable in the current state. */
 static bool is_settable(const instance *self, const tl_variable *variable) {
     if (variable->causality == TL_INPUT) {
         return true;
@@ -387,7 +387,7 @@ static bool is_settable(const instance *self, const tl_variable *variable) {
     return variable->initial == TL_INITIAL_EXACT && variable->variability != TL_CONSTANT;
 }
 
-/* Begins and records fmi2Set…; marks what is set. */
+/* Checks and records fmi2Set…, and marks the variables as set. */
 static fmi2Status begin_set(instance *self, tl_test_call call, tl_type type, const fmi2ValueReference references[],
                             size_t count, unsigned *used, unsigned *stale) {
     unsigned mode = self->mode;
@@ -407,7 +407,7 @@ static fmi2Status begin_set(instance *self, tl_test_call call, tl_type type, con
     return status;
 }
 
-/* Begins and records fmi2Get…. */
+/* Checks and records fmi2Get…. */
 static fmi2Status begin_get(instance *self, tl_test_call call, tl_type type, const fmi2ValueReference references[],
                             size_t count) {
     fmi2Status status = plain(self, call, GETTABLE);
@@ -520,7 +520,7 @@ static fmi2Status get_string(fmi2Component component, const fmi2ValueReference r
 
 /* ---- steps ---- */
 
-/* Judges the arguments of fmi2DoStep. */
+/* Checks the arguments of fmi2DoStep. */
 static void judge_step(instance *self, double time, double step) {
     if (fabs(time - self->now.time) > 1e-9 * (1.0 + fabs(time))) {
         violate(self, TL_TEST_DO_STEP, "does not continue where the last step ended");
@@ -533,7 +533,7 @@ static void judge_step(instance *self, double time, double step) {
     }
 }
 
-/* Everything that a step depends on beside what earlier steps have left, added to `sum`. */
+/* Adds all inputs of a step to the hash `sum`. */
 static uint64_t add_inputs(const instance *self, uint64_t sum) {
     const values *now = &self->now;
     sum = tl_test_mix(sum + (uint64_t)(uint32_t)now->integers[INTEGER_COUNT]);
@@ -547,7 +547,7 @@ static uint64_t add_inputs(const instance *self, uint64_t sum) {
     return sum;
 }
 
-/* A number in [0, 1) of all bits of a sum. */
+/* A number in [0, 1) that depends on all bits of a hash. */
 static double fraction(uint64_t sum) {
     return (double)(sum >> 11) / 9007199254740992.0;
 }
@@ -635,7 +635,7 @@ static fmi2Status get_state(fmi2Component component, fmi2FMUstate *state) {
     fmi2Status status = begin(self, TL_TEST_GET_STATE, ~0U);
     if (status == fmi2OK) {
         if (handle != NULL && handle->owner != self) {
-            violate(self, TL_TEST_GET_STATE, "the handle is another instance's");
+            violate(self, TL_TEST_GET_STATE, "foreign handle");
         }
         handle = handle != NULL ? handle : new_state(self);
         handle->values = self->now;
@@ -657,7 +657,7 @@ static fmi2Status set_state(fmi2Component component, fmi2FMUstate state) {
         return status;
     }
     if (handle == NULL || handle->owner != self) {
-        violate(self, TL_TEST_SET_STATE, "the handle is not of this instance");
+        violate(self, TL_TEST_SET_STATE, "foreign handle");
         return fmi2Error;
     }
     if (handle->life != self->life) {
@@ -689,7 +689,7 @@ static fmi2Status free_state(fmi2Component component, fmi2FMUstate *state) {
         return status;
     }
     if (handle->owner != self) {
-        violate(self, TL_TEST_FREE_STATE, "the handle is not of this instance");
+        violate(self, TL_TEST_FREE_STATE, "foreign handle");
         return fmi2Error;
     }
     saved **link = &self->states;
@@ -707,7 +707,7 @@ static fmi2Status serialized_size(fmi2Component component, fmi2FMUstate state, s
     const saved *handle = state;
     const instance *self = component;
     if (handle == NULL || handle->owner != self) {
-        violate(self, TL_TEST_SERIALIZED_SIZE, "the handle is not of this instance");
+        violate(self, TL_TEST_SERIALIZED_SIZE, "foreign handle");
     }
     *size = sizeof handle->values;
     return plain(component, TL_TEST_SERIALIZED_SIZE, ~0U);

@@ -1,7 +1,8 @@
-"""A supervised run as a tree of processes, each of which is killed again and again while the plant goes on: what is recorded then.
+"""Kills the processes of a supervised run while the plant goes on, and checks what is recorded.
 
-A sample's stamp says when it was read, so a sample that was looked up later is held against that: it must have been read just before its own
-instant. At most four twins are killed in a run, since the fifth failure is a restart loop; io and recorder may die as often as they like.
+A sample's stamp is the time of its reading. A fresh sample was read just before the instant of its
+tick. Of each run at most four twins are killed, because the fifth failure is a restart loop. The
+number of kills of io and recorder is not limited.
 """
 import os
 import random
@@ -18,14 +19,15 @@ OMEGA = 62.981  # rad/s: where config/motor's twin starts
 FOLLOWED = 9  # master/sync/record.h
 MOST_TWINS = 4
 STEP_NS = 10_000_000
-OLD_NS = 3 * STEP_NS  # of a sample that is polled twice a step, on a busy machine
-BACK_NS = 1_000_000_000  # io
-LOCK_STEPS = 10
+OLD_NS = 3 * STEP_NS  # age limit of a sample that is polled twice a step, on a busy machine
+BACK_NS = 1_000_000_000  # time until a restarted io reads again
+LOCK_STEPS = 10  # until lock
 ROLES = "twin", "io", "recorder"
 
 
 def configuration(port, **changes):
-    """The motor bench, live, without an end, committed ten times a second."""
+    """The motor bench, live, without a duration, with ten commits a second; and the path of its
+    database."""
     config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": {"port": port}}}, **changes})
     return config, config.parent / "twin.db"
@@ -35,7 +37,7 @@ def configuration(port, **changes):
 
 @dataclass(frozen=True)
 class Newest:
-    """How far somebody has read in a database that is still written."""
+    """The end of what was read so far of a database that is still written."""
     run: int = 0
     tick: int = -1
     step: int = -1
@@ -46,23 +48,28 @@ BEGINNING = Newest()
 
 @dataclass
 class Recorded:
-    """All runs with a twin of a database as one: ticks count on from run to run."""
-    ticks: dict  # tick → the oldest stamp of its signals, relative to the run's start (None: never), and whether all are good
-    steps: dict  # step → outcome, of the run that computed it
-    firsts: list  # the first tick of its own of each run but the first
-    doubled: list  # what is there twice, and in which run
+    """All runs with a twin as one run: ticks continue from run to run."""
+    ticks: dict  # tick → (oldest stamp of its signals since the run's start, -1: never read; whether all are good)
+    steps: dict  # step → outcome in the run that computed it
+    firsts: list  # first own tick of each run but the first
+    doubled: list  # duplicate ticks and steps, each with its run
     newest: Newest
 
 
-RUN = """SELECT b.run, coalesce(resumed_tick, 0), r.lead, coalesce(before.lead, r.lead) FROM beginnings b JOIN runs r USING (run)
-         LEFT JOIN runs before ON before.run = resumed_run WHERE r.verb = 'run' AND b.run >= ? ORDER BY b.run"""
-SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE run = ? AND tick > ? GROUP BY tick ORDER BY tick"
-STEP = "SELECT step, outcome FROM steps WHERE run = ? AND step > ? ORDER BY step"
+RUN = """SELECT b.run, coalesce(resumed_tick, 0), own.lead, coalesce(before.lead, own.lead) FROM beginnings b JOIN runs own USING (run)
+         LEFT JOIN runs before ON before.run = resumed_run WHERE own.verb = 'run' AND b.run >= ? ORDER BY b.run"""
+SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE samples.run = ? AND tick > ? GROUP BY tick ORDER BY tick"
+STEP = "SELECT step, outcome FROM steps WHERE steps.run = ? AND step > ? ORDER BY step"
 
 
 def read(database, after=BEGINNING):
-    """Ticks that a run follows are the run's before, and so are steps, but for one that was not complete yet (mode ahead); and so is what a twin has computed as a
-    shadow, before it took over: up to the last step of the run before. Each of its own is there once. Only what is newer than `after`: a newer run whose ticks were there before has them twice."""
+    """Reads ticks and steps that are newer than `after`. Each belongs to one run, and must be there
+    once.
+
+    Ticks and steps that a run follows belong to the run before, except a step that was not complete
+    yet (mode ahead). Steps that a twin computed as a shadow, before the last step of the run
+    before, belong to the run before.
+    """
     found = Recorded({}, {}, [], [], after)
     for run, first, lead, lead_before in query(database, RUN, after.run):
         known = after if run == after.run else BEGINNING
@@ -82,16 +89,17 @@ def read(database, after=BEGINNING):
 
 
 def expect_whole(found, after=BEGINNING):
-    """No tick and no step is missing or there twice."""
+    """Checks that no tick and no step is missing or duplicate."""
     expect(found.ticks and found.steps, "nothing is recorded")
     for what, numbers, last in (("samples", found.ticks, after.tick), ("steps", found.steps, after.step)):
         missing = sorted(set(range(last + 1, max(numbers, default=last) + 1)) - set(numbers))
         expect(not missing, f"{len(missing)} {what} are missing: {missing[:10]}")
-    expect(not found.doubled, f"{len(found.doubled)} are there twice: {found.doubled[:10]}")
+    expect(not found.doubled, f"{len(found.doubled)} duplicates: {found.doubled[:10]}")
 
 
 def outages(found):
-    """How long nothing good and fresh was sampled, each time, in ns. The first ticks may come before the first reading."""
+    """Lengths in ns of the times without a good and fresh sample. The first 20 ticks may precede
+    the first reading."""
     lengths, since = [], None
     for tick in sorted(found.ticks):
         stamp, good = found.ticks[tick]
@@ -103,7 +111,7 @@ def outages(found):
 
 
 def steps_to_lock(found, first):
-    """Of those computed at their own tick, after the run began."""
+    """The number of steps before lock, of those that the run computed at their own tick."""
     own = [found.steps[step] for step in sorted(found.steps) if step >= first and found.steps[step] != MADE_UP]
     return next((i for i, outcome in enumerate(own) if outcome in (FIRST_GUESS, OPTIMISED)), len(own))
 
@@ -112,13 +120,13 @@ def steps_to_lock(found, first):
 
 class Tree(Supervised):
     def kill_one(self, role, number=signal.SIGKILL):
-        """Its successor is there."""
+        """Kills the process of a role, and waits for the next one. Returns its process id."""
         before = self.child(role=role)
         os.kill(before, number)
         return wait_until(lambda: [pid for pid in [self.child(before, role)] if pid != before], f"another {role}", self.log)[0]
 
     def wait_for_tick(self, database, count=20):
-        """So many more steps at their own tick."""
+        """Waits for so many more steps at their own tick."""
         sql = "SELECT count(*) FROM steps WHERE outcome NOT IN (?, ?)"
         before = query(database, sql, MADE_UP, FOLLOWED)[0][0] if database.exists() else 0
         wait_until(lambda: database.exists() and query(database, sql, MADE_UP, FOLLOWED)[0][0] >= before + count, f"{count} steps", self.log)
@@ -126,13 +134,13 @@ class Tree(Supervised):
 
 @dataclass
 class Campaign:
-    """What many kills have cost."""
+    """Losses and delays of many kills."""
     kills: int = 0
     lost: int = 0
     longest_outage_s: float = 0.0
     longest_lock: int = 0
-    longest_back_s: float = 0.0  # of the twin: from the kill to the first tick of its own
-    missed: int = 0  # ticks made up
+    longest_back_s: float = 0.0  # from the kill of a twin to the first own tick of the next one
+    missed: int = 0  # ticks that were caught up
 
     def add(self, database, log):
         found = read(database)
@@ -146,7 +154,7 @@ class Campaign:
 
 
 def one_run(device, roles, order, campaign, **changes):
-    """Kills those in that order, at random instants."""
+    """Kills processes of these roles in this order, at random instants of one run."""
     config, database = configuration(device.port, **changes)
     with Tree(config) as live:
         live.wait_for_tick(database)
@@ -163,7 +171,7 @@ def one_run(device, roles, order, campaign, **changes):
 
 
 def kill_at_random(device, count, seed):
-    """So many at random; in each run at most as many twins as may die."""
+    """Kills `count` random processes, at most MOST_TWINS twins in each run."""
     order, campaign = random.Random(seed), Campaign()
     while campaign.kills < count:
         roles, twins = [], 0
@@ -176,10 +184,10 @@ def kill_at_random(device, count, seed):
     return campaign
 
 
-# ---- what is left ----
+# ---- leaks ----
 
 def shared_memory(pid):
-    """Of a process: what it has mapped of ours."""
+    """Shared memory of twinlock that a process has mapped."""
     try:
         return {line.split(maxsplit=5)[5] for line in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8").splitlines()
                 if "memfd:twinlock" in line}
@@ -188,7 +196,7 @@ def shared_memory(pid):
 
 
 def descriptors(pid):
-    """What each leads to."""
+    """The targets of a process's descriptors."""
     found = []
     for link in Path(f"/proc/{pid}/fd").iterdir():
         try:

@@ -1,4 +1,4 @@
-/* A writer under test: see writer_bench.h. */
+/* See writer_bench.h. */
 #include "tests/support/writer_bench.h"
 
 #include <signal.h>
@@ -123,7 +123,7 @@ void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written) {
     TEST_ASSERT_EQUAL_UINT64(written, tl_recorder_state_get(bench->state).written);
 }
 
-static void write_for_ever(tl_writer_bench *bench, void (*write)(void)) {
+static void write_forever(tl_writer_bench *bench, void (*write)(void)) {
     tl_log_set_level(TL_LOG_ERROR);
     if (tl_writer_bench_try_open(bench) == TL_OK) {
         for (;;) {
@@ -137,7 +137,7 @@ void tl_writer_bench_live(tl_writer_bench *bench, tl_time until, void (*write)(v
     int how = 0;
     bench->child = fork();
     if (bench->child == 0) {
-        write_for_ever(bench, write);
+        write_forever(bench, write);
     }
     TEST_ASSERT_GREATER_THAN(0, bench->child);
     while (tl_clock_now(NULL) < until) {
@@ -147,11 +147,11 @@ void tl_writer_bench_live(tl_writer_bench *bench, tl_time until, void (*write)(v
     TEST_ASSERT_EQUAL_INT(0, kill(bench->child, SIGKILL));
     TEST_ASSERT_EQUAL_INT(bench->child, waitpid(bench->child, &how, 0));
     bench->child = 0;
-    TEST_ASSERT_TRUE(WIFSIGNALED(how)); /* it did not end by itself */
+    TEST_ASSERT_TRUE(WIFSIGNALED(how)); /* was killed, did not exit */
 }
 
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {
-    static tl_record_queue_start made; /* too large for a stack */
+    static tl_record_queue_start made; /* too large for the stack */
     tl_made_beginning(start, &made);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&bench->twin, &made));
 }
@@ -183,9 +183,6 @@ void tl_writer_bench_expect_whole(const char *path) {
     }
 }
 
-int64_t tl_writer_bench_count_own(const char *path, const char *pattern) {
-    char sql[256];
-    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'recorder' AND text LIKE '%s'",
-                   pattern);
-    return tl_sql_integer(path, sql);
+int64_t tl_writer_bench_count_own(const char *path, const char *parts) {
+    return tl_sql_count_events(path, "recorder", parts);
 }

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""On the box, for tests/hil/power_cuts --in-a-row: runs the twin on the disk that the power cuts before have left, until the power is cut again.
-Tells on standard output, a line each time:
-  started N      the supervisor is begun, on a disk with N runs
-  served N       as record.py
-  committed N    as record.py
-  begun N        as record.py
-  locked N       N steps of this boot's runs were within tolerance, as a reader of the database sees
-  back N         20 of them N ms after the supervisor was begun
+"""On the box, for tests/hil/power_cuts --in-a-row: runs the twin on the disk of the power cuts
+before, until the next cut. Prints these lines:
+  started N      the supervisor starts, on a disk with N runs
+  served N       see record.py
+  committed N    see record.py
+  begun N        see record.py
+  locked N       the database has N steps of this boot's runs within tolerance
+  back N         the first 20 of them were there N ms after the start of the supervisor
 """
 import os
 import time
@@ -17,7 +17,7 @@ from live_test import FIRST_GUESS, OPTIMISED, number
 from record import DISK, CountingDevice, begun, committed, say
 from supervised import Supervised
 
-PORT = 1502  # the same at each boot, so that the configuration stays the same
+PORT = 1502  # constant, so that all boots have the same configuration
 
 
 def count(database, question, *values):
@@ -25,7 +25,7 @@ def count(database, question, *values):
 
 
 def main():
-    live_test.PATIENCE = 3600  # until the power is cut
+    live_test.PATIENCE = 3600  # s; the power cut ends the run
     config, database = DISK / "config.json", DISK / "twin.db"
     if not config.exists():
         config.write_text(power_cuts.configuration(PORT, 1), encoding="utf-8")
@@ -43,7 +43,7 @@ def main():
                     say("begun", start)
                 if (tick := committed(database)) is not None:
                     say("committed", tick)
-                locked = count(database, "SELECT count(*) FROM steps WHERE run > ? AND outcome IN (?, ?)", before, FIRST_GUESS, OPTIMISED)
+                locked = count(database, "SELECT count(*) FROM steps WHERE steps.run > ? AND outcome IN (?, ?)", before, FIRST_GUESS, OPTIMISED)
                 say("locked", locked)
                 if locked >= 20 and not is_back:
                     is_back = True

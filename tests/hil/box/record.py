@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""On the box, for tests/hil/power_cuts.py: records onto /disk until the power is cut, and tells on standard output what
-the cut must not undo, a line each time:
-  served N       the plant, a Modbus device, has answered N requests; each answer has its number in it
+"""On the box, for tests/hil/test_power_cuts.py: records onto /disk until the power is cut. Prints a
+line for each fact that the cut must not undo:
+  served N       the plant, a Modbus device, has answered N requests; each answer has its number
   committed N    a reader of the database has seen tick N
-  replacing N    an administrator begins to replace the configuration by version N: new file, fsync, rename
-  begun N        the supervisor has begun its twin for the Nth time
-  starts N       an account of restarts was kept N times, by the supervisor's own code (tests/hil/restarts_probe.c)
+  replacing N    an administrator replaces the configuration by version N: new file, fsync, rename
+  begun N        the supervisor has reported its Nth start of the twin
+  starts N       the supervisor's code, in tests/hil/restarts_probe.c, has saved its account N times
 """
 import os
 import re
@@ -26,7 +26,7 @@ DISK = Path("/disk")
 
 
 class CountingDevice(Device):
-    """Input registers 3 and 4 count the answers."""
+    """A device whose input registers 3 and 4 count its answers."""
 
     served = 0
 
@@ -38,12 +38,12 @@ class CountingDevice(Device):
 
 
 def say(*words):
-    sys.stdout.write(" ".join(map(str, words)) + "\n")  # one write each: there are several threads
+    sys.stdout.write(" ".join(map(str, words)) + "\n")  # one write per line, because several threads print
     sys.stdout.flush()
 
 
 def replace_for_ever(port):
-    """As a careful tool does: whole under another name, on the disk, then renamed."""
+    """As a careful tool does: writes a new file, syncs it, and renames it."""
     version = 1
     while True:
         time.sleep(0.2)
@@ -57,8 +57,9 @@ def replace_for_ever(port):
 
 
 def begun(live):
-    """After it was kept: the twin says so itself."""
-    return max(map(int, re.findall(r"supervisor: start (\d+), ", live.log())), default=None)
+    """Number of the latest start in the log, or None. The twin logs it after the supervisor saved
+    its account."""
+    return max((int(number or 1) for number in re.findall(r"supervisor: (?:\w+ )?start\b ?(\d+)?", live.log())), default=None)
 
 
 def committed(database):
@@ -66,7 +67,7 @@ def committed(database):
 
 
 def main():
-    live_test.PATIENCE = 3600  # whoever cuts the power knows how long he waits
+    live_test.PATIENCE = 3600  # s; the power cut ends the run
     with CountingDevice(power_cuts.OMEGA) as device:
         (DISK / "config.json").write_text(power_cuts.configuration(device.port, 1), encoding="utf-8")
         os.sync()

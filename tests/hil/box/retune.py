@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""On the box, for tests/hil/power_cuts.py: a run whose configuration is changed again and again, in place and by another twin in turns, until the power is
-cut. Tells on standard output:
+"""On the box, for tests/hil/test_power_cuts.py: changes the configuration of a run, alternately in
+place and by another twin, until the power is cut. Prints these lines:
   committed N    a reader of the database has seen tick N
-  sent N         candidate N is about to be sent
-  validate N     … and so on for each of activation_cuts.PHASES: the activation of candidate N has come so far
-  active N       candidate N is active: its probation begins; or it was refused: `twinlock reload` has ended
+  sent N         the next command sends candidate N
+  validate N     the activation of candidate N reached this phase of activation_cuts.PHASES
+  active N       candidate N is active and its probation starts, or `twinlock reload` has ended
 """
 import os
 import subprocess
@@ -23,7 +23,7 @@ DISK = Path("/disk")
 
 
 def follow(process, number):
-    """Tells what `twinlock reload` tells."""
+    """Prints the phases that `twinlock reload` prints."""
     for line in process.stdout:
         step = line.split(" ")[0]
         if step == "probation":
@@ -46,7 +46,7 @@ def change_for_ever():
 
 
 def main():
-    live_test.PATIENCE = 3600  # whoever cuts the power knows how long he waits
+    live_test.PATIENCE = 3600  # s; the power cut ends the run
     with Device(activation_cuts.OMEGA, port=activation_cuts.PORT):
         (DISK / "config.json").write_text(activation_cuts.configuration(1), encoding="utf-8")
         os.sync()

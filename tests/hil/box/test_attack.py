@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""On the box: what an FMU can reach of a real bus, a serial line and a GPIO chip, and that on this older kernel the other attacks of
-tests/support/attacks.py fare alike."""
+"""On the box: attacks by an FMU on a bus, a serial line and a GPIO chip, and the attacks of
+tests/support/attacks.py on this older kernel."""
 import os
 import socket
 import tty
@@ -8,14 +8,15 @@ import tty
 import box
 from twinlock_test import HUNG_S, BUILD, expect, main
 
-os.environ.setdefault("TL_ATTACKER", str(BUILD / "rig" / "attack.fmu"))  # made by test_rig.py: a compiler takes an emulated processor minutes
+# test_rig.py makes it, because compiling takes minutes on the box
+os.environ.setdefault("TL_ATTACKER", str(BUILD / "rig" / "attack.fmu"))
 
-import attacks  # noqa: E402, it reads the environment
+import attacks  # noqa: E402, because it reads the environment
 from attacks import ATTACKS, Attack, Ground, users  # noqa: E402
 
 
 def bus(ground):
-    """Another socket on the same interface receives what is sent there."""
+    """Evidence: another socket on the same interface receives the frame."""
     interface = box.description()["can"]["interface"]
     listener = ground.keep(socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW))
     listener.bind((interface,))
@@ -23,7 +24,7 @@ def bus(ground):
 
 
 def line(ground):
-    """What is written to one end of a serial line comes out at the other."""
+    """Evidence: the text arrives at the other end of the serial line."""
     serial = box.description()["serial"]
     far = os.open(serial["far_device"], os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
     tty.setraw(far)

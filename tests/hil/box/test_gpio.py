@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""On the box: the GPIO chip has the described lines, and an edge that is made outside is seen, with its time, through
-the character device (linux/gpio.h, version 2 of its interface, without any library)."""
+"""On the box: the GPIO chip has the described lines, and the character device delivers an external
+edge with its time (linux/gpio.h, version 2 of the interface, without a library)."""
 import fcntl
 import os
 import select
@@ -13,9 +13,11 @@ import box
 import twinlock_test
 from twinlock_test import expect
 
-# linux/gpio.h. struct gpio_v2_line_info: name, consumer, offset, num_attrs, flags, attrs, padding. struct
-# gpio_v2_line_request: offsets[64], consumer, config (flags, num_attrs, padding, attrs), num_lines, event_buffer_size,
-# padding, fd. struct gpio_v2_line_event: timestamp_ns, id, offset, seqno, line_seqno, padding.
+# linux/gpio.h
+# gpio_v2_line_info: name, consumer, offset, num_attrs, flags, attrs, padding
+# gpio_v2_line_request: offsets[64], consumer, config (flags, num_attrs, padding, attrs), num_lines,
+# event_buffer_size, padding, fd
+# gpio_v2_line_event: timestamp_ns, id, offset, seqno, line_seqno, padding
 LINE_INFO = struct.Struct("=32s32sIIQ160s16x")
 LINE_REQUEST = struct.Struct("=64I32sQI20x240sII20xi")
 LINE_EVENT = struct.Struct("=QIIII24x")
@@ -64,14 +66,14 @@ def test_edges_are_seen():
         box.set_line(name, is_high)
         edge, stamp = next_edge(line)
         expect(edge == wanted, f"found edge {edge}, wanted {wanted}")
-        expect(before <= stamp <= time.monotonic_ns(), f"the edge's time {stamp} is not that of the pull")
+        expect(before <= stamp <= time.monotonic_ns(), f"stamp {stamp} of the edge, pulled after {before}")
     expect(not select.select([line], [], [], 0)[0], "more edges than pulls")
     os.close(line)
 
 
 def test_a_chip_goes_while_its_line_is_held():
-    """What a USB adapter does that is pulled out. Only where chips can be made: on the rig. The kernel warns that an
-    interrupt was still in use (its /proc entry leaks); it must not come to harm."""
+    """As if a USB adapter is pulled out. Needs gpio-sim, which the rig has. The kernel warns that
+    an interrupt was still in use, because its /proc entry leaks. It must not crash."""
     made = Path("/sys/kernel/config/gpio-sim/second")
     if not made.parent.is_dir():
         raise twinlock_test.Skip("this box has no gpio-sim")

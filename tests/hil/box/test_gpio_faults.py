@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""On the box: the GPIO chip of a supervised run is pulled out, as an adapter at USB may be, and put back. The start bit is held
-meanwhile, the twin stays in lock by the signals that are left, and nothing is started anew."""
+"""On the box: the GPIO chip of a supervised run is removed, like a USB adapter, and plugged in
+again. Meanwhile the twin holds the start bit and stays in lock by the other signals, and no process
+restarts."""
 from can_bus import OMEGA, Motor, wait_for_value
 from live_test import (GOOD, NO_LINK, Device, check_database, check_replay, check_rows, expect_events, expect_in_order, last_step,
                        qualities, query, wait_for_lock, wait_for_quality, wait_for_steps)
@@ -8,7 +9,8 @@ from supervised import Supervised, end_orderly, wait_for_run
 from test_live_gpio import Chip
 from twinlock_test import PLAIN_BOX, edited_config, expect, main
 
-# What the drive asks for, A, while the start bit has no link. It would fall below 0 within 0.1 s if the bit fell.
+# Nominal current of the drive, A, while the start bit has no link. If the bit fell, it would be
+# below 0 within 0.1 s.
 ASKED = """SELECT count(*), min(nominal) FROM adjustments a JOIN samples s ON s.run = a.run AND s.tick = a.step
            JOIN signals ON signals.run = s.run AND signals.signal = s.signal
            WHERE signals.kind = 'plant' AND name = 'plant.enabled' AND quality = ?"""
@@ -41,10 +43,10 @@ def test_a_chip_is_pulled_out_and_put_back():
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"restarted: {live.account()}\n{live.log()}")
     expect_in_order(qualities(database, "enabled"), [GOOD, NO_LINK, GOOD, NO_LINK, GOOD], "quality of the start bit")
-    expect_events(database, *2 * (("warning", "plant.enabled: no link"), ("info", "plant.enabled: good again")))
-    expect_events(database, *2 * (("warning", "GPIO line START: its chip is gone"), ("info", "GPIO line START: connected")))
+    expect_events(database, *2 * (("warning", "plant.enabled|no link"), ("info", "plant.enabled|good")))
+    expect_events(database, *2 * (("warning", "START|chip"), ("info", "START|connected")))
     steps, least = query(database, ASKED, NO_LINK)[0]
-    expect(steps > 40 and least > 0, f"the start bit was not held: the drive asked for {least} A in {steps} steps")
+    expect(steps > 40 and least > 0, f"the start bit was not held: at least {least} A in {steps} steps")
     check_database(database)
     check_replay(config, database, check_rows(database))
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""On the box, which has one processor, and a kernel that does not keep real-time tasks from taking all of it: a supervised twin is
-killed, and its FMU hangs. Nobody spins for ever, and every dead process is reaped. Times are told, and mean nothing here."""
+"""On the box, with one processor and without real-time throttling: a supervised twin is killed, and
+its FMU hangs. No process spins for ever, and every dead process is reaped. The printed times have
+no meaning here."""
 from pathlib import Path
 
 from kills import Pace, campaign, describe
@@ -18,7 +19,7 @@ def unthrottled(kind, count):
     finally:
         THROTTLE.write_text(before, encoding="ascii")
     print(f"    {describe(costs)}")
-    expect(sum(cost.left for cost in costs) == 0, f"the dead are still there: {costs}")
+    expect(sum(cost.left for cost in costs) == 0, f"zombies are left: {costs}")
 
 
 def test_kills():

@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
-"""On the box: a live plant on a CAN bus: in lock and replayed, every kind of frame, real controllers. And that a run sends
-nothing.
-"""
+"""On the box: a live plant on a CAN bus: lock, replay, every kind of frame, and emulated
+controllers. A run sends nothing."""
 import re
 import signal
 import struct
@@ -12,7 +11,9 @@ from can_bus import (ERROR, EXTENDED, OMEGA, REMOTE, Bus, Motor, Wire, events_wi
                      ip, live_config, make_interface, remove_interface, transmitted, wait_for_value)
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, Program, check_database, check_replay, check_summary, end_well, events,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
-from twinlock_test import PLAIN_CAN, edited_config, expect, main, run
+from twinlock_test import PLAIN_CAN, edited_config, expect, expect_line, main, run
+
+UP = "notice|vcan0|up"
 
 
 # ---- in lock ----
@@ -22,20 +23,20 @@ def test_lock_and_replay():
     database = config.parent / "run.db"
     before = transmitted()
     with Wire() as wire, Program("run", config, "--json", "--db", database) as live:
-        live.wait_for("is up")
+        live.wait_for(UP)
         with Program("plant", config) as plant:
-            plant.wait_for("by CAN at vcan0")
+            plant.wait_for("CAN|vcan0")
             told, _ = end_well(live)
             code, _, log = plant.end(signal.SIGTERM)
     expect(code == 0, f"the plant ended with {code}\n{log}")
-    sent, dropped = map(int, re.search(r"(\d+) frames sent, (\d+) that the interface did not take", log).groups())
+    sent, dropped = map(int, re.search(r"(\d+) frames\D+(\d+)", log).groups())
     expect(dropped == 0, log)
     expect(transmitted() - before == sent == len(wire.frames),
            f"the plant sent {sent} frames, the bus saw {transmitted() - before}, the wire {len(wire.frames)}")
     rows = check_summary(told, database)
     check_database(database)
     in_lock = told["outcomes"]["first guess"] + told["outcomes"]["optimised"]
-    expect(in_lock > told["steps"] / 2, f"hardly ever in lock: {told['outcomes']}")
+    expect(in_lock > told["steps"] / 2, f"most steps not in lock: {told['outcomes']}")
     print(f"    {told['steps']} steps, {told['skipped']} skipped, {in_lock} in lock, {sent} frames, "
           f"MSE {told['match']['motor.omega']['mse']:.4g} (rad/s)\u00b2")
     again = check_replay(config, database, rows)
@@ -44,24 +45,25 @@ def test_lock_and_replay():
 
 
 def test_run_sends_nothing():
-    """All there is on the wire is what we sent, although the run lives through every trouble."""
+    """All frames on the wire are the test's, also while the run handles remote requests and errors.
+    """
     config, database = live_config()
     before = transmitted()
     with Wire() as wire, Bus() as bus, Program("run", config, "--json") as live:
         for i in range(300):
             bus.send(0x18FEF100 | EXTENDED, struct.pack("<f4x", OMEGA + i / 100))
             bus.send(0x182, struct.pack(">h6x", i))
-            bus.send(0x182 | REMOTE, b"")  # asks for an answer
+            bus.send(0x182 | REMOTE, b"")  # requests an answer
             bus.send(ERROR | 0x4, bytes((0, 0x10, 0, 0, 0, 0, 0, 0)))
             time.sleep(0.005)
         wait_for_steps(live, database, 100)
         end_well(live, signal.SIGTERM)
         sent = bus.sent
-        wait_until(lambda: len(wire.frames) >= sent - 300, "the frames on the wire")  # error frames are not asked for there
+        wait_until(lambda: len(wire.frames) >= sent - 300, "the frames on the wire")  # without error frames
     expect(transmitted() - before == sent, f"{transmitted() - before} frames at the interface, {sent} are ours")
     foreign = [frame for frame in wire.frames
                if struct.unpack_from("=I", frame)[0] not in (0x18FEF100 | EXTENDED, 0x182, 0x182 | REMOTE)]
-    expect(not foreign, f"{len(foreign)} frames that nobody sent: {foreign[:3]}")
+    expect(not foreign, f"{len(foreign)} foreign frames: {foreign[:3]}")
 
 
 # ---- frames of every kind ----
@@ -82,7 +84,7 @@ KINDS = {
 def test_kinds_of_frames():
     config, database = live_config(plant={name: {"can": {"source": "bus", **can}} for name, can in KINDS.items()})
     with Motor(OMEGA) as motor, Program("run", config, "--json") as live:
-        live.wait_for("is up")
+        live.wait_for(UP)
         motor.send(0x123, struct.pack("<H6x", 0xF111))
         motor.send(0x123 | EXTENDED, struct.pack("<H6x", 0x222))
         motor.send(0x123 | REMOTE, bytes(8))
@@ -99,18 +101,18 @@ def test_kinds_of_frames():
         for _ in range(3):
             motor.send(0x400, bytes(7))
         wait_for_quality(live, database, "long", NOT_A_NUMBER)
-        live.wait_for("frames of id 0x400 have 7 bytes, and not all bits of its signals are in them")
+        live.wait_for("vcan0|0x400|7 bytes")
         motor.send(0x400, bytes((0, 0, 0, 0, 0, 0, 0, 45)))
         wait_for_value(live, database, "long", 45)
-        live.wait_for("frames of id 0x400 have 8 bytes, and all their signals again")
+        live.wait_for("vcan0|0x400|8 bytes")
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
-    expect(events_with(database, "have 7 bytes") == 1, f"told more than once: {events(database)}")
+    expect(events_with(database, "0x400|7 bytes") == 1, f"reported more than once: {events(database)}")
     check_replay(config, database, rows)
 
 
 def test_plant_sends_every_kind():
-    """The emulated plant's frames, through the kernel, are what the driver reads."""
+    """The driver reads the frames that the emulated plant sends through the kernel."""
     names = [name for name in KINDS if name != "small_fd"]
     config, database = live_config(plant={name: {"can": {"source": "bus", **KINDS[name]}} for name in names})
     values = {"standard": 4095, "extended": 1, "wide": -0.1, "page_1": 200, "page_2": 201, "deep": 202, "long": 203}
@@ -120,7 +122,7 @@ def test_plant_sends_every_kind():
         for i in range(3000):
             file.write(f"{i / 100},0,{OMEGA}," + ",".join(str(values[name]) for name in names) + "\n")
     with Program("run", config, "--json") as live:
-        live.wait_for("is up")
+        live.wait_for(UP)
         with Program("plant", config, "--recording", recording) as plant:
             for name in names:
                 wait_for_value(live, database, name, values[name])
@@ -129,17 +131,18 @@ def test_plant_sends_every_kind():
 
 
 def test_interface_without_fd():
-    """Classic frames come; that the others cannot is said, by both sides."""
+    """Classic frames arrive. The run and the plant report that the interface has no CAN FD."""
     remove_interface()
     make_interface(mtu=16)
     try:
         config, database = live_config(plant={"wide": {"can": {"source": "bus", **KINDS["wide"]}}})
         with Motor(OMEGA), Program("run", config, "--json") as live:
-            live.wait_for("is up, but not for CAN FD")
+            live.wait_for("vcan0|up|CAN FD")
             wait_for_quality(live, database, "omega", GOOD)
             end_well(live, signal.SIGTERM)
         code, _, log = run(["plant", config, "--recording", write_recording(config)])
-        expect(code == 75 and "does not take frames of CAN FD" in log, f"the plant ended with {code}\n{log}")
+        expect(code == 75, f"the plant ended with {code}\n{log}")
+        expect_line(log, "error|vcan0|CAN FD|mtu 72")
     finally:
         remove_interface()
         make_interface()
@@ -154,7 +157,7 @@ def write_recording(config):
 # ---- real controllers ----
 
 def test_controllers():
-    """Two SJA1000 on one bus, as QEMU emulates them: the plant at one, the run at the other."""
+    """Two SJA1000 on one bus, emulated by QEMU: the plant at one, the run at the other."""
     if not all(Path("/sys/class/net", name).exists() for name in ("can0", "can1")):
         print("    no can0 and can1 here")
         return
@@ -163,10 +166,11 @@ def test_controllers():
     config, database = live_config(sources={"bus": {"can": {"interface": "can0"}}})
     sending = edited_config(PLAIN_CAN, {"sources": {"bus": {"can": {"interface": "can1"}}}})
     code, _, log = run(["plant", sending])
-    expect(code == 2 and "is hardware" in log, f"the plant ended with {code}\n{log}")
+    expect(code == 2, f"the plant ended with {code}\n{log}")
+    expect_line(log, "error|can1|hardware|--real-bus")
     before = transmitted("can0")
     with Program("run", config, "--json") as live:
-        live.wait_for("CAN interface can0: is up")
+        live.wait_for("notice|can0|up")
         with Program("plant", sending, "--real-bus") as plant:
             wait_for_lock(live, database)
             interface_down("can0")

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""On the box: GPIO lines as a plant, on chips that this test makes (gpio-sim) and takes away again: the driver by itself,
-and a live run whose start bit is a GPIO line, beside a serial line and a TCP server, replayed to the bit."""
+"""On the box: GPIO lines as a plant, on chips that this test makes and removes (gpio-sim): the
+driver alone, and a live run with a GPIO line, a serial line and a TCP server, which a replay
+repeats to the bit."""
 import fcntl
 import os
 import struct
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import twinlock_test
 from live_test import (Device, Program, RESULTS, check_database, end_well, expect_repeated, number, query, wait_until)
-from twinlock_test import BUILD, Skip, edited_config, expect, replay_json, scratch
+from twinlock_test import BUILD, Skip, edited_config, expect, expect_line, has_line, replay_json, scratch
 
 SIM = Path("/sys/kernel/config/gpio-sim")
 PROBE = BUILD / "tests" / "gpio_probe"
@@ -22,7 +23,8 @@ LINE_REQUEST = struct.Struct("=64I32sQI20x240sII20xi")
 
 
 class Chip:
-    """A chip of gpio-sim: named lines, pulled from outside; a hog is a user of a line within the kernel."""
+    """A chip of gpio-sim, whose named lines the test pulls. A hog is a user of a line inside the
+    kernel."""
 
     def __init__(self, label, names, hogs=()):
         if not SIM.is_dir():
@@ -53,7 +55,7 @@ class Chip:
         (self.folder / "live").write_text("0")
 
     def set(self, name, is_high):
-        """When that was, at the earliest and at the latest."""
+        """Pulls a line. Returns the times before and after, in ns."""
         before = time.monotonic_ns()
         pull = self.device / f"sim_gpio{self.names.index(name)}" / "pull"
         pull.write_text("pull-up" if is_high else "pull-down")
@@ -73,7 +75,7 @@ class Chip:
 
 
 class Probe:
-    """The driver, running; what it says."""
+    """Runs the driver (gpio_probe) and reads its output."""
 
     def __init__(self, seconds, chip, *lines, period=0.02):
         self.path = scratch() / "probe"
@@ -91,12 +93,12 @@ class Probe:
         return self.path.read_text().splitlines()
 
     def posts(self, channel):
-        """(value, quality, stamp) of each change"""
+        """[(value, quality, stamp)] of the changes."""
         found = [line.split()[1:] for line in self.said() if line.startswith("post ")]
         return [(float(value), int(quality), int(stamp)) for name, value, quality, stamp in found if int(name) == channel]
 
-    def wait_for_text(self, text, times=1):
-        wait_until(lambda: sum(text in line for line in self.said()) >= times, f'"{text}"', lambda: "\n".join(self.said()))
+    def wait_for_line(self, parts):
+        wait_until(lambda: has_line("\n".join(self.said()), parts), parts, lambda: "\n".join(self.said()))
 
     def wait_for(self, channel, value, quality=GOOD):
         wait_until(lambda: [post[:2] for post in self.posts(channel)][-1:] == [(value, quality)],
@@ -108,7 +110,7 @@ class Probe:
 
 
 def expect_stamp(probe, channel, value, span):
-    """The newest change is to that value, and was made then."""
+    """The newest change is to that value, with a stamp within `span`."""
     probe.wait_for(channel, value)
     stamp = probe.posts(channel)[-1][2]
     expect(span[0] <= stamp <= span[1], f"the edge was between {span[0]} and {span[1]} ns, its stamp is {stamp}")
@@ -120,7 +122,7 @@ def test_names_offsets_levels_and_stamps():
         with Probe(60, "bench", "START", "#1", "DOOR:low:none") as probe:
             for channel, value in ((0, 0), (1, 1), (2, 1)):
                 probe.wait_for(channel, value)
-            probe.wait_for_text(f"GPIO line 1 of bench: connected: line 1 of {chip.chip} (bench)")
+            probe.wait_for_line(f"up|line 1 of bench|connected|{chip.chip} (bench)")
             for value in (1, 0, 1):
                 expect_stamp(probe, 0, value, chip.set("START", value == 1))
                 expect_stamp(probe, 1, 1 - value, chip.set("STOP", value == 0))
@@ -132,7 +134,7 @@ def test_names_offsets_levels_and_stamps():
 
 
 def test_a_bias():
-    """gpio-sim does as it is told: its line follows the pull that is asked for."""
+    """A line of gpio-sim follows the bias that the driver requests."""
     with Chip("bench", ["START", "STOP"]) as chip:
         chip.set("STOP", True)
         with Probe(60, "bench", "START:up", "STOP:down") as probe:
@@ -167,44 +169,40 @@ def test_a_burst():
         time.sleep(0.3)
         probe.wait_for(0, 1)
         told = [line for line in probe.said() if "missed" in line]
-        print(f"    of 4001 edges {len(probe.posts(0)) - 1} were posted; told: {told}")
-        expect(told or len(probe.posts(0)) == 4002, "edges were missed, and nobody tells")
-        expect(not any("goes back" in line for line in probe.said()), "\n".join(probe.said()[-5:]))
+        print(f"    of 4001 edges {len(probe.posts(0)) - 1} were posted; reports: {told}")
+        expect(told or len(probe.posts(0)) == 4002, "edges were missed without a report")
+        expect(not any(has_line(line, "down|stamp|channel") for line in probe.said()), "\n".join(probe.said()[-5:]))
 
 
-def test_a_name_that_is_there_twice():
+def test_a_duplicate_name():
     with Chip("bench", ["A", "START"]) as chip, Chip("spare", ["START"]) as spare:
         with Probe(60, "-", "START") as probe:
             probe.wait_for(0, 0, NO_LINK)
-            probe.wait_for_text("down GPIO line START: it is there twice: ")
-            text = probe.said()[0]
-            for part in f"{chip.chip} (bench) line 1", f"{spare.chip} (spare) line 0", "say which by \"chip\"":
-                expect(part in text, f"{part} is not in: {text}")
+            probe.wait_for_line("down|START")
+            expect_line(probe.said()[0], f'down|START|{chip.chip} (bench)|line 1|{spare.chip} (spare)|line 0|"chip"')
             spare.pull_out()
             probe.wait_for(0, 0)
-            spare.plug_in()  # the line that we have stays the one that we have
+            spare.plug_in()  # the driver keeps its line
             expect_stamp(probe, 0, 1, chip.set("START", True))
     with Chip("bench", ["START", "START"]) as chip, Probe(60, "bench", "START") as probe:
-        probe.wait_for_text(f"it is there twice: {chip.chip} (bench) line 0, and {chip.chip} (bench) line 1")
+        probe.wait_for_line(f"down|START|{chip.chip} (bench)|line 0|line 1")
 
 
-def test_lines_that_cannot_be_had():
+def test_unavailable_lines():
     with Chip("bench", ["START", "DOOR", "LAMP"], hogs=["DOOR"]) as chip:
         with open(f"/dev/{chip.chip}", "rb") as device:
             request = bytearray(LINE_REQUEST.pack(*([2] + 63 * [0]), b"test", OUTPUT, 0, b"", 1, 0, 0))
             fcntl.ioctl(device, GET_LINE, request)
-        os.close(LINE_REQUEST.unpack(request)[-1])  # released, but an output still
+        os.close(LINE_REQUEST.unpack(request)[-1])  # released, but still an output
         with Probe(60, "bench", "DOOR", "LAMP", "WINDOW", "#3", "START") as probe:
             probe.wait_for(4, 0)
             with Probe(60, "bench", "START") as late:
-                late.wait_for_text(f'GPIO line START: line 0 of {chip.chip} (bench) is in use by "twinlock"')
+                late.wait_for_line(f'down|START|line 0|{chip.chip} (bench)|"twinlock"')
                 time.sleep(1)
-                for text in (f'GPIO line DOOR: line 1 of {chip.chip} (bench) is in use by "door"',
-                             f"GPIO line LAMP: line 2 of {chip.chip} (bench) is an output; twinlock reads inputs only",
-                             f"GPIO line WINDOW: no line has that name on {chip.chip} (bench)",
-                             f"GPIO line 3 of bench: {chip.chip} (bench) has the lines 0 to 2 only"):
-                    probe.wait_for_text(text)
-                expect(len(probe.said()) == 10, "\n".join(probe.said()))  # each once, though they were tried again
+                for parts in (f'down|DOOR|line 1|{chip.chip} (bench)|"door"', f"down|LAMP|line 2|{chip.chip} (bench)|output",
+                              f"down|WINDOW|{chip.chip} (bench)|name", f"down|line 3|{chip.chip} (bench)|0|2"):
+                    probe.wait_for_line(parts)
+                expect(len(probe.said()) == 10, "\n".join(probe.said()))  # each once, although the driver retried
                 probe.process.kill()
                 late.wait_for(0, 0)
 
@@ -221,7 +219,7 @@ def check_sum(data):
 
 
 class Unit:
-    """A Modbus unit on the far end of the serial line: one coil at address 5."""
+    """A Modbus unit with one coil, at address 5, on the other end of the serial line."""
 
     def __init__(self, device):
         self.port = os.open(device, os.O_RDWR | os.O_NOCTTY)
@@ -301,7 +299,7 @@ def test_a_live_run_with_three_kinds_of_sources():
 
 
 def test_a_chip_that_is_pulled_out():
-    """The driver by itself; a run whose chip goes is in test_gpio_faults.py."""
+    """The driver alone. test_gpio_faults.py does the same with a run."""
     with Chip("bench", ["START"]) as chip, Probe(60, "bench", "START") as probe:
         for _ in range(2):
             chip.set("START", False)
@@ -315,7 +313,8 @@ def test_a_chip_that_is_pulled_out():
             probe.wait_for(0, 0)
             expect_stamp(probe, 0, 1, chip.set("START", True))
         text = "\n".join(probe.said())
-        expect("down GPIO line START: its chip is gone" in text and "there is no chip bench" in text, text)
+        expect_line(text, "down|START|chip|gone")
+        expect_line(text, "down|START|chip|bench")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""On the box: the serial line carries every byte value both ways."""
+"""On the box: the serial line carries every byte value in both directions."""
 import os
 import select
 import termios
@@ -13,7 +13,7 @@ EVERY_BYTE = bytes(range(256))
 
 
 def opened(path):
-    """Raw, 8E1, 19200 baud, as Modbus RTU has it."""
+    """Opens a line as Modbus RTU does: raw, 8E1, 19200 baud."""
     line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     control = termios.CS8 | termios.PARENB | termios.CREAD | termios.CLOCAL
     settings = [0, 0, control, 0, termios.B19200, termios.B19200, termios.tcgetattr(line)[6]]

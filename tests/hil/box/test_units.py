@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""On the box: unit tests of the build that lean on the kernel (clocks, threads, sockets, FIFOs, files, shared objects).
-All of them would take minutes on an emulated processor."""
+"""On the box: unit tests that depend on the kernel (clocks, threads, sockets, FIFOs, files, shared
+objects). All unit tests would take minutes on an emulated processor."""
 import subprocess
 import time
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""On the box: the watchdog is fed, and closed by the magic character. tests/hil/test_rig.py has the case where it
-bites. With the word `bite` as argument it does."""
+"""On the box: keepalives prevent a reset, and the magic character disarms the watchdog. With the
+argument `bite` the watchdog resets the box, for tests/hil/test_rig.py."""
 import fcntl
 import os
 import struct
@@ -17,7 +17,8 @@ TIMEOUT_S = 2
 
 
 def opened():
-    """The watchdog, running, with a short time to live. Opened without O_CREAT: no plain file where it is missing."""
+    """Arms the watchdog with a short timeout. Without O_CREAT, so that a missing device makes no
+    plain file."""
     watchdog = os.open(box.description()["watchdog"]["device"], os.O_WRONLY)
     fcntl.ioctl(watchdog, SET_TIMEOUT, struct.pack("=i", TIMEOUT_S))
     return watchdog
@@ -40,14 +41,14 @@ def test_fed_and_closed():
         time.sleep(0.25)
     os.write(watchdog, b"V")
     os.close(watchdog)
-    time.sleep(TIMEOUT_S + 1)  # it would bite now
+    time.sleep(TIMEOUT_S + 1)  # an armed watchdog would reset the box now
 
 
 def bite():
     opened()
     print("watchdog opened", flush=True)
     time.sleep(10 * TIMEOUT_S)
-    sys.exit("the watchdog has not bitten")
+    sys.exit("no reset by the watchdog")
 
 
 if sys.argv[1:] == ["bite"]:

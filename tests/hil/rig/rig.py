@@ -13,21 +13,21 @@ usage: script/rig [--kernel KERNEL] [--source DIR] [--build DIR] [--timeout SECO
                   [--disk FILE] [--reboots] -- COMMAND...
 
 Runs COMMAND as root in a virtual box: QEMU without hardware virtualisation, with a Debian 12 kernel and
-  CAN       vcan0 (up); can0 and can1, two SJA1000 on one bus (down: ip link set can0 up type can bitrate 125000)
+  CAN       vcan0 (up); can0 and can1, two SJA1000 on one bus (down; rig.json has the commands)
   GPIO      /dev/gpiochip0 (gpio-sim), with the lines that tests/hil/rig.json names
-  serial    /dev/ttyS1 and /dev/ttyS2, joined to each other
+  serial    /dev/ttyS1 and /dev/ttyS2, connected to each other
   watchdog  /dev/watchdog (softdog) and /dev/watchdog1 (i6300esb)
-It sees the files of this machine under their own paths, starts in the source folder, and has the environment of
-a CTest test. What it writes is forgotten, but for the folder rig in the build folder. It has no network but loopback,
-and no standard input. The first time, the box is made: some 225 MB are fetched for it; then it boots in seconds.
+COMMAND sees the files of this machine under their own paths, starts in the source folder, and has the environment of
+a CTest test. Files that it writes are lost, except those in the folder rig of the build folder. It has no network but
+loopback, and no standard input. The first call downloads 225 MB and makes the box; then it boots in seconds.
   --kernel KERNEL    amd64 (default)
   --source DIR       where the command starts (default: this checkout)
   --build DIR        the build folder (default: build/host in the source folder)
   --timeout SECONDS  for boot and command (default: 120)
-  --disk FILE        an image of an ext4 file system, which is mounted at /disk and keeps what is written to it
-  --reboots          a reset, as by a watchdog, boots it again and runs COMMAND again; else it is the end (125)
-Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog)
-or cannot be made; 128 + N when ended by signal N.
+  --disk FILE        an image of an ext4 file system, mounted at /disk; its files are kept
+  --reboots          after a reset, as by a watchdog, boot again and run COMMAND again; default: exit code 125
+Exit code: the command's; 124 after a timeout; 125 if the box ended early (panic, watchdog) or cannot be made;
+128 + N after signal N.
 """
 
 

@@ -1,4 +1,4 @@
-/* The envelope of long curves: no extreme is lost, order is kept, gaps stay gaps, memory does not grow. */
+/* Envelope of long curves: it keeps extremes, order and gaps, with constant memory. */
 #include <math.h>
 
 #include <unity.h>
@@ -56,7 +56,7 @@ static void test_one_step_more_doubles_the_width(void) {
     expect_pair(0, ROOM / 2, ROOM, ROOM);
 }
 
-/* What the envelope must say of the steps from `first` on: found by looking at all of them. */
+/* The pair of a bucket equals the extremes of all its steps. */
 static void expect_envelope(const double *values, size_t bucket, size_t width) {
     size_t least = bucket * width;
     size_t largest = bucket * width;
@@ -89,7 +89,7 @@ static void test_a_gap_stays_a_gap(void) {
     tl_envelope_put(&envelope, 0, 0, 1.0);
     tl_envelope_put(&envelope, 0, 5, (double)NAN);
     tl_envelope_put(&envelope, 0, 6, (double)INFINITY);
-    tl_envelope_put(&envelope, 0, 100, 2.0); /* a width of 8 */
+    tl_envelope_put(&envelope, 0, 100, 2.0); /* width 8 */
     TEST_ASSERT_EQUAL_INT64(8, envelope.width);
     expect_pair(0, 0, 1.0, 1.0);
     for (size_t i = 1; i < 12; i++) {
@@ -106,7 +106,7 @@ static void test_half_of_a_gap_does_not_hide_the_other(void) {
     expect_pair(0, 1, 4.0, 4.0);
 }
 
-/* As when a database is read table by table. */
+/* As if a database is read table by table. */
 static void test_a_channel_that_comes_later(void) {
     for (int64_t i = 0; i < 4 * ROOM; i++) {
         tl_envelope_put(&envelope, 0, i, 1.0);

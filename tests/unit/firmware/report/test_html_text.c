@@ -1,4 +1,4 @@
-/* Text on an HTML page: nothing that comes from outside can be anything but text. */
+/* Text on an HTML page: foreign text is escaped. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -53,7 +53,7 @@ static void test_every_byte_of_a_string(void) {
     tl_html_put_string(file, text);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
     TEST_ASSERT_NULL(strpbrk(written, "<>&'\n\r\t"));
-    TEST_ASSERT_EQUAL_PTR(written + size - 1, strchr(written + 1, '"')); /* the last one, and none before */
+    TEST_ASSERT_EQUAL_PTR(written + size - 1, strchr(written + 1, '"')); /* no other quote */
 }
 
 static void test_numbers(void) {
@@ -79,7 +79,7 @@ static void test_counts(void) {
            "615 ");
 }
 
-/* As `openssl dgst -sha256 -binary | base64` has them. */
+/* Expected values: `openssl dgst -sha256 -binary | base64`. */
 static void test_digests(void) {
     char text[TL_HTML_DIGEST];
     (void)fclose(file);

@@ -1,4 +1,4 @@
-/* The key figures of a run: what is added up, and what is not known. */
+/* Key figures of a run: sums, and unknown values. */
 #include <unity.h>
 
 #include "firmware/report/run_figures.h"
@@ -30,8 +30,8 @@ static void test_steps(void) {
     TEST_ASSERT_EQUAL_UINT64(1, figures.outcomes[TL_OPTIMISED]);
 }
 
-/* A database of a newer program. */
-static void test_an_outcome_that_is_not_known_is_a_step_and_no_more(void) {
+/* A newer release may record unknown outcomes. */
+static void test_an_unknown_outcome_counts_as_a_step(void) {
     add(TL_OUTCOMES, 1, 0);
     add(INT64_MAX, 1, 0);
     add(-1, 1, 0);
@@ -57,7 +57,7 @@ static void test_an_adjusted_variable(void) {
     TEST_ASSERT_DOUBLE_IS_NAN(tl_run_figures_correction_mean(&figures, 0));
 }
 
-/* No data must not look like a perfect fit. */
+/* Missing data must not look like a perfect fit. */
 static void test_too_few_pairs(void) {
     TEST_ASSERT_DOUBLE_IS_NAN(tl_run_figures_maximum(&figures, 0));
     tl_metrics_add(&figures.match[0], 1.0, 3.0, TL_GOOD);
@@ -82,7 +82,7 @@ static void test_the_ledger(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_steps);
-    RUN_TEST(test_an_outcome_that_is_not_known_is_a_step_and_no_more);
+    RUN_TEST(test_an_unknown_outcome_counts_as_a_step);
     RUN_TEST(test_searches_that_time_ended);
     RUN_TEST(test_an_adjusted_variable);
     RUN_TEST(test_too_few_pairs);

@@ -1,4 +1,4 @@
-/* A control socket: what is asked at one end arrives at the other, whole or not at all, whoever asks. */
+/* Control socket: requests and replies arrive complete or not at all, also from a faulty peer. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -19,7 +19,7 @@
 static const char text[] = "{\"name\": \"motor\"}";
 static const tl_time SOON = TL_SECOND;
 
-static tl_scratch scratch; /* in /tmp: a socket has no long name */
+static tl_scratch scratch; /* in /tmp, because a socket's path is short */
 static char plant[96];
 static char path[128];
 static int listener;
@@ -85,7 +85,7 @@ static tl_control_news receive(tl_control_request *request) {
     return tl_control_receive(&peer, request, taken, &size);
 }
 
-/* What the client hears of it. */
+/* The request is refused, and the client receives the refusal. */
 static void assert_refused(void) {
     tl_control_request request;
     tl_control_reply reply;
@@ -99,7 +99,7 @@ static void assert_refused(void) {
     client = -1;
 }
 
-/* ---- what is well ---- */
+/* ---- valid requests ---- */
 
 static void test_a_candidate_arrives(void) {
     tl_control_request sent = good_request(TL_CONTROL_TAKE);
@@ -149,7 +149,7 @@ static void test_replies_arrive_in_order(void) {
     TEST_ASSERT_EQUAL_INT(TL_PLANT_DOWN, tl_control_next(client, SOON, &reply, taken, &error));
 }
 
-/* ---- what is no request ---- */
+/* ---- invalid requests ---- */
 
 static void assert_garbage(const void *bytes, size_t length, const char *with, size_t with_length) {
     meet();
@@ -218,9 +218,9 @@ static void test_one_request_for_each_connection(void) {
     assert_refused();
 }
 
-/* ---- descriptors of strangers ---- */
+/* ---- foreign descriptors ---- */
 
-/* A request with these descriptors. */
+/* Sends a request with these descriptors. */
 static void send_with(const int *descriptors, size_t count) {
     tl_control_request request = good_request(TL_CONTROL_TAKE);
     union {
@@ -249,7 +249,7 @@ static void assert_descriptors_are_refused(const int *descriptors, size_t count)
     TEST_ASSERT_EQUAL_size_t(before - 2, open_descriptors()); /* the two ends */
 }
 
-/* They could be slow to read, change meanwhile, or end who reads them. */
+/* Such a file could be slow, change during the read, or end the reader by a signal. */
 static void test_only_plain_memory_is_read(void) {
     int pipe_[2];
     int empty = memfd_create("empty", MFD_CLOEXEC);
@@ -277,7 +277,7 @@ static void test_many_descriptors_are_closed(void) {
     assert_descriptors_are_refused(many, 16);
 }
 
-/* ---- clients that do not listen ---- */
+/* ---- clients that do not receive ---- */
 
 static void test_a_client_that_takes_nothing_is_given_up(void) {
     tl_control_reply reply;
@@ -301,7 +301,7 @@ static void test_a_client_that_is_gone(void) {
     TEST_ASSERT_EQUAL_INT(-1, peer.socket);
 }
 
-/* ---- replies of a stranger ---- */
+/* ---- invalid replies ---- */
 
 static void test_replies_that_are_none(void) {
     tl_control_reply reply;

@@ -1,4 +1,4 @@
-/* Candidates of which nothing came: what is kept of them, how many, and what a disk or a stranger does to that. */
+/* Refused candidates: their records, the limit of their number, damaged files and disk errors. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,7 +39,7 @@ static void test_there_is_none(void) {
 
 static void test_one(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("ann\033", "2 problems"), error.text);
-    for (int i = 0; i < 2; i++) { /* as it was told, and read again */
+    for (int i = 0; i < 2; i++) { /* in memory, then read from disk */
         TEST_ASSERT_EQUAL_size_t(1, refusals.count);
         TEST_ASSERT_EQUAL_UINT64(1, refusals.list[0].version);
         TEST_ASSERT_EQUAL_size_t(TL_SHA256_TEXT - 1, strlen(refusals.list[0].hash));
@@ -75,7 +75,7 @@ static void write_file(const char *name, const char *text) {
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
-/* What a power cut, or somebody, has left is passed over; the next one goes on behind what is there. */
+/* Damaged files are skipped. The next record gets the number after the existing ones. */
 static void test_what_is_damaged(void) {
     for (int i = 0; i < 4; i++) {
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("ann", "2 problems"), error.text);
@@ -84,7 +84,7 @@ static void test_what_is_damaged(void) {
     write_file("refused-2.json", "{\"number\": 99}");
     write_file("refused-19.json",
                "{\"number\": 5, \"hash\": \"\", \"origin\": \"\", \"result\": \"\", \"who\": \"\", \"why\": \"\","
-               " \"reason\": \"\", \"at\": \"\"}"); /* of another one */
+               " \"reason\": \"\", \"at\": \"\"}"); /* number and name differ */
     tl_refusals_open(&refusals, &versions);
     TEST_ASSERT_EQUAL_size_t(2, refusals.count);
     TEST_ASSERT_EQUAL_UINT64(3, refusals.list[0].version);
@@ -96,7 +96,7 @@ static void test_what_is_damaged(void) {
 static void test_a_disk_that_refuses(void) {
     (void)snprintf(refusals.folder, sizeof refusals.folder, "%.*s/nowhere", PATH_MAX - 16, scratch.folder);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, add("ann", "2 problems"));
-    TEST_ASSERT_EQUAL_size_t(1, refusals.count); /* known for as long as this process lives */
+    TEST_ASSERT_EQUAL_size_t(1, refusals.count); /* in memory only */
 }
 
 int main(void) {

@@ -1,4 +1,5 @@
-/* Which file is written: a folder that is opened while names in it are tried, and a reader who is root. */
+/* Choice of the file to write: the folder gets its permissions during the attempts, and root reads
+ * the file at the same time. */
 #include "firmware/store/database_file.h"
 
 #include <pthread.h>
@@ -35,7 +36,7 @@ static void end_use(void *context) {
 
 static const tl_database_user user = {begin_use, end_use, NULL};
 
-/* Who may do everything is kept out of no folder. */
+/* The test runs as another user, because root ignores permissions. */
 void setUp(void) {
     tl_scratch_make(&scratch, "/tmp", "database_instead");
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
@@ -69,8 +70,8 @@ static void make_one(void) {
 
 typedef struct opening {
     tl_time delay;
-    bool is_there; /* atomic, as the next */
-    bool goes;
+    bool is_there; /* atomic */
+    bool goes;     /* atomic */
     int result;
 } opening;
 
@@ -86,7 +87,7 @@ static void *open_folder(void *context) {
     return NULL;
 }
 
-/* It is written, or waited for. */
+/* The writer opens the file, or waits for it. */
 static void open_while_the_folder_opens(tl_time delay) {
     opening later = {.delay = delay};
     tl_database_file file = TL_DATABASE_FILE_NONE;
@@ -107,7 +108,7 @@ static void open_while_the_folder_opens(tl_time delay) {
     TEST_ASSERT_TRUE(status == TL_OK || waits);
 }
 
-/* At whatever instant: the file that was asked for is written, then or later. */
+/* At any instant: the configured file is written, at once or later. */
 static void a_folder_that_is_opened_meanwhile(void) {
     make_one();
     for (int i = 0; i < trials; i++) {
@@ -116,7 +117,7 @@ static void a_folder_that_is_opened_meanwhile(void) {
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
 }
 
-/* One that may be looked into is no better. */
+/* A readable folder without write permission: the writer waits, too. */
 static void a_folder_that_may_not_be_written(void) {
     tl_database_file file = TL_DATABASE_FILE_NONE;
     bool waits = false;
@@ -130,7 +131,8 @@ static void a_folder_that_may_not_be_written(void) {
     tl_database_file_close(&file);
 }
 
-/* Reads again and again, as the first and the last one who has it open: makes log and index, and removes them. `name` is shared, and changes. */
+/* Opens and closes the file repeatedly. As the only process that has it open, SQLite creates and
+ * removes log and index. `name` is shared memory and changes. */
 static void read_as_root(pid_t parent, const char *name) {
     int result = seteuid(0);
     while (result == 0 && getppid() == parent) {
@@ -159,7 +161,7 @@ static void end_reading(pid_t reader) {
     TEST_ASSERT_EQUAL_INT(reader, waitpid(reader, NULL, 0));
 }
 
-/* Whether another file is written than that one, or that one is and cannot be. */
+/* Returns true if another file is opened, or the file cannot be written. */
 static bool is_written_wrongly(const char *wanted) {
     tl_database_file file = TL_DATABASE_FILE_NONE;
     bool waits = false;
@@ -172,7 +174,7 @@ static bool is_written_wrongly(const char *wanted) {
     return !is_wanted || !is_written;
 }
 
-/* What it makes is root's for an instant. That keeps nobody from writing. */
+/* Log and index belong to root for an instant. The writer must still be able to write. */
 static void a_reader_who_is_root(void) {
     if (getuid() != 0) {
         TEST_IGNORE_MESSAGE("needs root");
@@ -194,7 +196,7 @@ static void write_foreign(void) {
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
-/* Nor from beginning a file beside one that is not ours, nor from finding it again. */
+/* The same for a file beside a foreign one: the writer creates it and finds it again. */
 static void a_reader_who_is_root_of_a_file_beside(void) {
     char name[32];
     if (getuid() != 0) {
@@ -212,7 +214,7 @@ static void a_reader_who_is_root_of_a_file_beside(void) {
         write_foreign();
         (void)snprintf(name, sizeof name, "%d.db.beside", i);
         (void)snprintf(beside, PATH_MAX, "%s", tl_scratch_path(&scratch, name));
-        wrong += is_written_wrongly(beside) ? 1 : 0; /* begun, */
+        wrong += is_written_wrongly(beside) ? 1 : 0; /* created */
         wrong += is_written_wrongly(beside) ? 1 : 0; /* found again */
     }
     end_reading(reader);

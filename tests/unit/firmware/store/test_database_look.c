@@ -1,4 +1,4 @@
-/* What has become of a file that is open: one that is emptied at whatever instant was cut, and not overwritten by somebody. */
+/* State of an open file: a file that is emptied at any instant is truncated, not overwritten. */
 #include <fcntl.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -66,8 +66,8 @@ void tearDown(void) {
 
 typedef struct emptying {
     tl_time delay;
-    bool is_there; /* atomic, as the next */
-    bool goes;
+    bool is_there; /* atomic */
+    bool goes;     /* atomic */
     int result;
 } emptying;
 

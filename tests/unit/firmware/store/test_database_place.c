@@ -1,4 +1,4 @@
-/* Where a database is: the same name before it is there and after, by whatever name it was given. */
+/* Resolved path of a database: the same before and after its creation. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -31,8 +31,8 @@ static void expect_same(const char *given) {
     TEST_ASSERT_EQUAL_INT(0, unlink(given));
 }
 
-/* A successor looks for the file that its predecessor has made. */
-static void test_a_new_file_has_the_name_that_it_will_have(void) {
+/* A successor must find the file that its predecessor has created. */
+static void test_same_path_before_and_after_creation(void) {
     TEST_ASSERT_EQUAL_INT(0, symlink(".", "link"));
     expect_same("run.db");
     expect_same("./run.db");
@@ -41,7 +41,7 @@ static void test_a_new_file_has_the_name_that_it_will_have(void) {
     TEST_ASSERT_EQUAL_INT(0, unlink("link"));
 }
 
-static void test_a_folder_that_is_not_there(void) {
+static void test_a_missing_folder(void) {
     char path[PATH_MAX];
     tl_error error;
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_database_place("nowhere/run.db", path, &error));
@@ -51,7 +51,7 @@ static void test_a_folder_that_is_not_there(void) {
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "database_place");
     UNITY_BEGIN();
-    RUN_TEST(test_a_new_file_has_the_name_that_it_will_have);
-    RUN_TEST(test_a_folder_that_is_not_there);
+    RUN_TEST(test_same_path_before_and_after_creation);
+    RUN_TEST(test_a_missing_folder);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

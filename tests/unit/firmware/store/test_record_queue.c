@@ -1,4 +1,5 @@
-/* The outbox: what is put comes out as it was, what finds no room is counted, and a successor goes on from what is left. */
+/* Record queue: entries are read as they were put, lost ones are counted, and a successor
+ * continues. */
 #include <pthread.h>
 #include <sched.h>
 #include <stdlib.h>
@@ -49,7 +50,7 @@ void tearDown(void) {
     free(memory);
 }
 
-/* ---- what is put, and what comes out ---- */
+/* ---- entries ---- */
 
 static bool put_sample(int64_t tick) {
     tl_sample sample;
@@ -69,7 +70,7 @@ static bool put_both(int64_t tick) {
     return put_sample(tick) && put_step(tick);
 }
 
-/* The next entry that is there. */
+/* Reads the next entry; false: there is none. */
 static bool take(tl_recorder_kind kind) {
     uint64_t position = taken.ring;
     uint64_t end = tl_record_queue_reader_end(&reader, position);
@@ -141,7 +142,7 @@ static void expect_beginning(const tl_resumption *right, const tl_resumption *fo
     TEST_ASSERT_EQUAL_INT64(right->started, found->started);
 }
 
-static void a_run_comes_out_as_it_was_put(void) {
+static void a_run_is_read_as_it_was_put(void) {
     char fmus[TL_SHA256_TEXT] = "";
     start.holds = false;
     start.resumption = (tl_resumption){TL_RESUMED_CHECKPOINT, -1, 17, 12345, 1700000000000};
@@ -186,8 +187,8 @@ static void expect_tuning(int64_t tick) {
     TEST_ASSERT_EQUAL_MEMORY(&wanted, &entry.tuning, sizeof wanted);
 }
 
-/* What a run was built with comes with its beginning; what it takes, before the sample of its tick. */
-static void tunings_come_out_in_their_place(void) {
+/* The configuration of a run is part of its start. A tuning comes before the sample of its tick. */
+static void tunings_keep_their_order(void) {
     tl_run_tuning configured = tuning_of(1);
     tl_run_tuning taken_one = tuning_of(5);
     start.holds = false;
@@ -207,11 +208,11 @@ static void tunings_come_out_in_their_place(void) {
     expect_tuning(5);
     take_both(5);
     expect_nothing();
-    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start)); /* the next one is begun as it was configured */
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start)); /* starts as configured */
     TEST_ASSERT_EQUAL_MEMORY(&configured, tl_record_queue_tuning(&queue), sizeof configured);
 }
 
-/* Who asks first does not lose one. */
+/* A caller that checks the room first does not lose a tuning. */
 static void a_full_ring_has_no_room_for_a_tuning(void) {
     tl_run_tuning tuning = tuning_of(3);
     int64_t tick = 0;
@@ -247,7 +248,7 @@ static void a_long_reason_is_cut(void) {
     TEST_ASSERT_EQUAL_INT('x', entry.reason[TL_RECORDER_REASON - 2]);
 }
 
-static void what_does_not_wait_goes_around_for_long(void) {
+static void a_ring_wraps_many_times(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
     for (int64_t tick = 0; tick < STORY; tick++) {
@@ -258,8 +259,8 @@ static void what_does_not_wait_goes_around_for_long(void) {
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_lost(&queue));
 }
 
-/* Positions go beyond 2^32, where those of a 32-bit machine would begin anew. */
-static void positions_go_on_for_ever(void) {
+/* Positions exceed 2^32 also on a 32-bit machine. */
+static void positions_do_not_wrap(void) {
     taken.ring = queue.control->head = UINT64_C(0xFFFFFFFF) - RING / 2;
     tl_record_queue_open(&settings, memory, &taken, &queue);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
@@ -327,11 +328,11 @@ static void a_full_ring_refuses_and_counts(void) {
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
     take_both(0);
     take_both(1);
-    TEST_ASSERT_TRUE(put_both(put)); /* there is room again */
+    TEST_ASSERT_TRUE(put_both(put));
 }
 
-/* What a successor would look back at makes way. */
-static void what_is_kept_costs_no_new_entry(void) {
+/* Read entries that a successor could use are overwritten by new ones. */
+static void kept_entries_make_room_for_new_ones(void) {
     int64_t put = 0;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     tl_record_queue_put_checkpoint(&queue, -1, 0);
@@ -341,7 +342,7 @@ static void what_is_kept_costs_no_new_entry(void) {
     TEST_ASSERT_GREATER_THAN_INT64(RING / 359 - 10, put);
 }
 
-static void a_beginning_without_room_goes_first(void) {
+static void a_start_without_room_is_put_first_later(void) {
     int64_t put = 0;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     while (put_both(put)) {
@@ -356,7 +357,7 @@ static void a_beginning_without_room_goes_first(void) {
     start.resumption.start = 1000;
     take_both(0);
     take_both(1);
-    TEST_ASSERT_FALSE(put_sample(1)); /* would have room, the beginning has none */
+    TEST_ASSERT_FALSE(put_sample(1)); /* refused, because the start does not fit */
     TEST_ASSERT_FALSE(put_step(1));
     TEST_ASSERT_EQUAL_UINT64(lost + 2, tl_record_queue_lost(&queue));
     for (int64_t tick = 2; tick < put; tick++) {
@@ -374,8 +375,8 @@ static void a_beginning_without_room_goes_first(void) {
     expect_nothing();
 }
 
-/* A little more: it goes on there, since it has skipped what it could not read. */
-static void who_has_taken_more_than_there_is_has_taken_nothing(void) {
+/* A position slightly after the end is valid, because the reader skips damaged entries. */
+static void a_reader_with_an_invalid_position(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     taken.ring = queue.written + 1;
     TEST_ASSERT_TRUE(put_sample(0));
@@ -401,7 +402,7 @@ static void waiting_for_room(void) {
         put++;
     }
     uint64_t written = queue.written;
-    start.holds = false; /* too large for what is left */
+    start.holds = false; /* does not fit */
     TEST_ASSERT_FALSE(tl_record_queue_wait_for_room(&queue, now));
     TEST_ASSERT_FALSE(tl_record_queue_wait_for_room(&queue, tl_clock_now(NULL) + TL_SECOND / 100));
     TEST_ASSERT_GREATER_OR_EQUAL_INT64(now + TL_SECOND / 100, tl_clock_now(NULL));
@@ -443,15 +444,15 @@ static void events_come_in_order_and_a_full_queue_counts(void) {
     }
 }
 
-/* What an event comes after. */
-static void events_know_their_place_among_entries(void) {
+/* Each event has the position of the entry before it. */
+static void events_have_a_position_among_entries(void) {
     tl_recorder_event_entry event;
     for (int64_t tick = 0; tick < 4; tick++) {
         tl_record_queue_event(&queue, tick, TL_EVENT_INFO, "test", "text");
         TEST_ASSERT_TRUE(tick > 2 || put_both(tick));
     }
     uint64_t pair = queue.written / 3;
-    queue.ring[2 * pair] = 0; /* the third is damaged, and goes with what was behind it */
+    queue.ring[2 * pair] = 0; /* damages the third pair, so that it is dropped */
     tl_record_queue_open(&settings, memory, &taken, &queue);
     for (uint64_t tick = 0; tick < 4; tick++) {
         TEST_ASSERT_TRUE(take_event(&event));
@@ -460,8 +461,8 @@ static void events_know_their_place_among_entries(void) {
     }
 }
 
-/* Events only. */
-static void an_queue_without_a_ring(void) {
+/* A queue of events only. */
+static void a_queue_without_a_ring(void) {
     const tl_record_queue_settings bare = {.ring_bytes = 0};
     tl_recorder_event_entry event;
     free(memory);
@@ -478,7 +479,7 @@ static void an_queue_without_a_ring(void) {
     expect_nothing();
 }
 
-/* Its writer died between drawing its number and filling it. */
+/* The writer died after it took the event's number and before it wrote the event. */
 static void a_half_written_event_waits_for_a_successor(void) {
     tl_recorder_event_entry event;
     bool skip = false;
@@ -523,7 +524,7 @@ static void put_checkpoint(int64_t tick, size_t size) {
     tl_record_queue_put_checkpoint(&queue, tick, size);
 }
 
-/* INT64_MIN: there is none. */
+/* Returns the checkpoint's tick, or INT64_MIN if there is none. */
 static int64_t take_checkpoint(uint64_t position) {
     unsigned char bytes[CHECKPOINT];
     size_t size = 0;
@@ -540,7 +541,7 @@ static int64_t take_checkpoint(uint64_t position) {
     return tick;
 }
 
-static void the_reader_takes_checkpoints_behind_their_entries(void) {
+static void checkpoints_are_read_after_their_entries(void) {
     size_t capacity = 1;
     TEST_ASSERT_NULL(tl_record_queue_checkpoint_room(&queue, &capacity));
     TEST_ASSERT_FALSE(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT + 1));
@@ -556,14 +557,14 @@ static void the_reader_takes_checkpoints_behind_their_entries(void) {
     TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(second));
     put_checkpoint(3, CHECKPOINT);
     put_checkpoint(4, 8);
-    TEST_ASSERT_EQUAL_INT64(3, take_checkpoint(second)); /* a run may begin with it */
+    TEST_ASSERT_EQUAL_INT64(3, take_checkpoint(second)); /* a run may start with it */
     TEST_ASSERT_EQUAL_INT64(4, take_checkpoint(second));
-    tl_record_queue_put_checkpoint(&queue, 5, 0); /* that of a twin that cannot be saved */
+    tl_record_queue_put_checkpoint(&queue, 5, 0); /* the twin cannot be saved */
     TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(second));
 }
 
-/* Or it would be taken for one of the run before. */
-static void a_checkpoint_comes_after_a_beginning_that_waits(void) {
+/* Otherwise it would belong to the run before. */
+static void a_checkpoint_comes_after_a_waiting_start(void) {
     int64_t put = 0;
     while (put_both(put)) {
         put++;
@@ -579,8 +580,8 @@ static void a_checkpoint_comes_after_a_beginning_that_waits(void) {
     TEST_ASSERT_EQUAL_INT64(7, take_checkpoint(taken.ring));
 }
 
-/* Nobody waits for a reader that takes none. */
-static void the_newest_two_are_there_whether_or_not_they_are_taken(void) {
+/* The writer does not wait for a reader that reads no checkpoints. */
+static void the_two_newest_checkpoints_are_kept(void) {
     tl_record_queue_left left;
     for (int64_t tick = 1; tick < 20; tick++) {
         put_checkpoint(tick, 100 + (size_t)tick);
@@ -602,7 +603,7 @@ static unsigned char *bytes_of(int64_t tick) {
     return memory + (left.bytes - memory);
 }
 
-static void a_damaged_one_is_none(void) {
+static void a_damaged_checkpoint_is_ignored(void) {
     tl_record_queue_left left;
     put_checkpoint(1, 5000);
     put_checkpoint(2, 5000);
@@ -612,7 +613,7 @@ static void a_damaged_one_is_none(void) {
     TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 1, &left));
     TEST_ASSERT_EQUAL_INT64(1, take_checkpoint(0));
     TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(0));
-    tl_record_queue_open(&settings, memory, &taken, &queue); /* a successor does not overwrite the one that is whole */
+    tl_record_queue_open(&settings, memory, &taken, &queue); /* keeps the undamaged one */
     put_checkpoint(3, 5000);
     TEST_ASSERT_EQUAL_INT64(3, take_checkpoint(0));
     bytes_of(1)[0] ^= 0x80;
@@ -622,8 +623,8 @@ static void a_damaged_one_is_none(void) {
     TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 0, &left));
 }
 
-/* The reader has it, and then it was damaged. */
-static void one_that_was_taken_is_not_numbered_again(void) {
+/* A checkpoint is damaged after the reader has read it: its number is not used again. */
+static void the_number_of_a_read_checkpoint_is_not_reused(void) {
     tl_record_queue_left left;
     put_checkpoint(1, 100);
     put_checkpoint(2, 100);
@@ -651,7 +652,7 @@ static void expect_left(uint64_t *position, int64_t tick) {
     check_step(tick);
 }
 
-static void a_successor_finds_what_was_left(void) {
+static void a_successor_finds_checkpoints_and_entries(void) {
     tl_record_queue_left left;
     start.resumption = (tl_resumption){TL_RESUMED_START, 12, 34, 5600, 1700000000001};
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
@@ -662,7 +663,7 @@ static void a_successor_finds_what_was_left(void) {
         }
     }
     TEST_ASSERT_TRUE(put_sample(30));
-    taken.ring = queue.published; /* the reader has taken all of it */
+    taken.ring = queue.published; /* all entries are read */
     queue.ring[queue.written % RING] = 0xB5;
     succeed();
     TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
@@ -681,8 +682,8 @@ static void a_successor_finds_what_was_left(void) {
     expect_nothing();
 }
 
-/* A successor learns from a checkpoint what was in force when it was made. */
-static void a_checkpoint_knows_the_tuning_in_force(void) {
+/* A checkpoint has the tuning that was active when it was made. */
+static void a_checkpoint_has_the_active_tuning(void) {
     tl_record_queue_left left;
     tl_run_tuning configured = tuning_of(1);
     tl_run_tuning wanted = tuning_of(7);
@@ -702,7 +703,7 @@ static void a_checkpoint_knows_the_tuning_in_force(void) {
     expect_tuning(7);
 }
 
-static void one_that_cannot_be_saved_leaves_its_entries(void) {
+static void a_twin_that_cannot_be_saved_leaves_its_entries(void) {
     tl_record_queue_left left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(0));
     tl_record_queue_put_checkpoint(&queue, 0, 0);
@@ -713,14 +714,14 @@ static void one_that_cannot_be_saved_leaves_its_entries(void) {
     expect_left(&left.position, 1);
 }
 
-static void what_was_overtaken_is_not_left(void) {
+static void overwritten_entries_are_not_found(void) {
     tl_record_queue_left left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     put_checkpoint(-1, 10);
     int64_t tick = 0;
     while (tl_record_queue_checkpoint_left(&queue, 0, &left)) {
         uint64_t position = left.position;
-        /* a writer that died may have half-written another entry, the largest even */
+        /* a dead writer may have half-written one more entry of the largest size */
         TEST_ASSERT_TRUE(queue.written - position <= RING - tl_recorder_entry_largest(&settings.shape));
         TEST_ASSERT_TRUE(put_both(tick++));
         taken.ring = queue.written;
@@ -733,8 +734,8 @@ static void what_was_overtaken_is_not_left(void) {
     TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &beyond, &entry));
 }
 
-/* A wild store into what the reader has not taken yet: what was before it stands. */
-static void a_successor_drops_what_is_not_sound(void) {
+/* An unread entry is damaged: the successor keeps the entries before it. */
+static void a_successor_drops_damaged_entries(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(0));
     uint64_t damaged = queue.written;
     TEST_ASSERT_TRUE(put_both(1) && put_both(2));
@@ -756,8 +757,8 @@ static void a_successor_drops_what_is_not_sound(void) {
     take_both(4);
 }
 
-/* Nor is a number believed that says how far it got. */
-static void what_was_taken_was_there(void) {
+/* The end position is damaged. */
+static void an_end_before_the_read_entries(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(0) && take(TL_ENTRY_START));
     take_both(0);
     queue.control->head -= 10;
@@ -768,7 +769,7 @@ static void what_was_taken_was_there(void) {
     take_both(1);
 }
 
-/* Nor one that leads into the middle of an entry. */
+/* The damaged end is inside an entry. */
 static void an_end_within_an_entry(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(0));
     queue.control->head -= 10;
@@ -778,8 +779,8 @@ static void an_end_within_an_entry(void) {
     expect_nothing();
 }
 
-/* Nor does it look back at what lay behind the entry that it dropped, or under it. */
-static void an_end_that_goes_back_reaches_no_further_back(void) {
+/* Entries before a dropped one that may be overwritten are not found. */
+static void an_earlier_end_finds_no_older_entries(void) {
     tl_record_queue_left left;
     put_checkpoint(-1, 10);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
@@ -794,7 +795,7 @@ static void an_end_that_goes_back_reaches_no_further_back(void) {
     TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 0, &left));
 }
 
-/* ---- a tick is there as a whole ---- */
+/* ---- complete ticks ---- */
 
 static void a_sample_waits_for_its_step(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && take(TL_ENTRY_START));
@@ -802,7 +803,7 @@ static void a_sample_waits_for_its_step(void) {
     expect_nothing();
     TEST_ASSERT_TRUE(put_step(0));
     take_both(0);
-    TEST_ASSERT_TRUE(put_sample(1)); /* no step is due */
+    TEST_ASSERT_TRUE(put_sample(1)); /* without a step */
     expect_nothing();
     TEST_ASSERT_TRUE(put_sample(2));
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
@@ -812,8 +813,8 @@ static void a_sample_waits_for_its_step(void) {
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE) && take(TL_ENTRY_END));
 }
 
-/* Both, or neither. */
-static void a_tick_finds_room_as_a_whole(void) {
+/* Either the sample and its step fit, or neither. */
+static void a_tick_fits_completely_or_not_at_all(void) {
     int64_t put = 0;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     while (put_sample(put)) {
@@ -823,7 +824,7 @@ static void a_tick_finds_room_as_a_whole(void) {
     TEST_ASSERT_EQUAL_UINT64(1, tl_record_queue_lost(&queue));
 }
 
-/* A run whose writer has died in the step of tick 5; what it had put before is taken. */
+/* The writer of a run dies in the step of tick 5. The entries before are read. */
 static void die_in_a_step(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && take(TL_ENTRY_START));
     for (int64_t tick = 0; tick < 5; tick++) {
@@ -836,14 +837,14 @@ static void die_in_a_step(void) {
     expect_nothing();
 }
 
-/* The successor begins another run: with `from`, and `tick` the first of its own. */
+/* The successor starts another run, with `tick` as its first tick. */
 static void begin_another(tl_resumed_from from, int64_t tick) {
     start.resumption.from = from;
     start.resumption.tick = tick;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
 }
 
-static void a_successor_that_goes_on_takes_the_sample_again(void) {
+static void a_successor_that_resumes_puts_the_sample_again(void) {
     die_in_a_step();
     begin_another(TL_RESUMED_CHECKPOINT, 5);
     TEST_ASSERT_TRUE(put_both(5));
@@ -853,8 +854,8 @@ static void a_successor_that_goes_on_takes_the_sample_again(void) {
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_lost(&queue));
 }
 
-/* One that dies before it has begun a run changes nothing. */
-static void so_does_the_next_but_one(void) {
+/* A successor that dies before it starts a run changes nothing. */
+static void the_second_successor_puts_the_sample_again(void) {
     die_in_a_step();
     tl_record_queue_open(&settings, memory, &taken, &queue);
     begin_another(TL_RESUMED_START, 5);
@@ -862,7 +863,7 @@ static void so_does_the_next_but_one(void) {
     take_both(5);
 }
 
-static void one_that_begins_anew_leaves_it_to_the_run_before(void) {
+static void a_new_run_leaves_the_sample_to_the_run_before(void) {
     die_in_a_step();
     begin_another(TL_RESUMED_NOT, 0);
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
@@ -871,8 +872,8 @@ static void one_that_begins_anew_leaves_it_to_the_run_before(void) {
     expect_nothing();
 }
 
-/* In mode ahead: a checkpoint was made of a twin that had the sample already. */
-static void one_that_goes_on_behind_it_leaves_it_too(void) {
+/* In mode ahead, the checkpoint was made after the twin got the sample. */
+static void a_run_that_resumes_after_the_sample_leaves_it(void) {
     tl_record_queue_left left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(4) && put_sample(5));
     put_checkpoint(5, 100);
@@ -886,8 +887,8 @@ static void one_that_goes_on_behind_it_leaves_it_too(void) {
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE) && take(TL_ENTRY_START));
 }
 
-/* Nor is anything gone on from a place that is not there any more. */
-static void a_checkpoint_goes_with_the_sample_that_it_comes_after(void) {
+/* A checkpoint after a dropped sample is dropped, too. */
+static void a_checkpoint_is_dropped_with_its_sample(void) {
     tl_record_queue_left left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(4) && put_sample(5));
     put_checkpoint(5, 100);
@@ -902,11 +903,11 @@ static void a_checkpoint_goes_with_the_sample_that_it_comes_after(void) {
     take_both(6);
 }
 
-/* ---- nobody reads ---- */
+/* ---- no reader ---- */
 
-static void without_a_reader_all_is_for_a_successor(void) {
+static void without_a_reader_a_successor_finds_all(void) {
     tl_record_queue_left left;
-    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start)); /* the first writer has one */
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start)); /* the first writer has a reader */
     for (int life = 0; life < 3; life++) {
         memset(&queue, 0xA5, sizeof queue);
         tl_record_queue_open(&settings, memory, NULL, &queue);
@@ -929,7 +930,7 @@ static void without_a_reader_all_is_for_a_successor(void) {
     TEST_ASSERT_EQUAL_UINT64(0, queue.control->next);
 }
 
-/* ---- memory that is not used ---- */
+/* ---- unused memory ---- */
 
 static tl_block block;
 
@@ -941,7 +942,7 @@ static void use_block(const tl_record_queue_settings *large) {
     tl_record_queue_open(large, block.bytes, &taken, &queue);
 }
 
-/* As the kernel sees it. */
+/* Lets the kernel read the byte, so that a fault is no crash. */
 static bool can_be_read(const unsigned char *byte) {
     int ends[2];
     TEST_ASSERT_EQUAL_INT(0, pipe(ends));
@@ -955,14 +956,14 @@ static unsigned char *byte_of(unsigned place, size_t offset) {
     return (unsigned char *)block.bytes + tl_record_queue_checkpoint_at(&queue.settings, place) + offset;
 }
 
-static void what_is_not_used_cannot_be_touched(void) {
+static void unused_memory_cannot_be_accessed(void) {
     tl_record_queue_settings large = settings;
     tl_record_queue_left left;
     large.checkpoint_bytes = 100000;
     use_block(&large);
     put_checkpoint(1, 5000);
     put_checkpoint(2, 5000);
-    byte_of(1, 10)[0] ^= 1; /* that of tick 1 */
+    byte_of(1, 10)[0] ^= 1; /* in tick 1 */
     tl_record_queue_open(&large, block.bytes, &taken, &queue);
     tl_record_queue_hide_unused(&queue);
     TEST_ASSERT_TRUE(can_be_read(byte_of(0, 8191)));
@@ -971,8 +972,7 @@ static void what_is_not_used_cannot_be_touched(void) {
     TEST_ASSERT_FALSE(can_be_read(byte_of(2, 0)));
     TEST_ASSERT_FALSE(can_be_read(byte_of(2, 99999)));
     TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left) && is_filled(left.bytes, left.size, 2));
-    TEST_ASSERT_FALSE(
-        tl_record_queue_checkpoint_left(&queue, 1, &left)); /* and nobody looks for it where nothing can be read */
+    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 1, &left)); /* inaccessible */
     put_checkpoint(3, CHECKPOINT);
     TEST_ASSERT_TRUE(can_be_read(byte_of(0, 12287)) && can_be_read(byte_of(1, 12287)));
     TEST_ASSERT_FALSE(can_be_read(byte_of(1, 12288)));
@@ -1019,7 +1019,7 @@ static void *put_story(void *context) {
     return NULL;
 }
 
-/* Each teller's in its order, whole. How many. */
+/* Reads events. Those of each thread must be complete and in order. Returns their number. */
 static uint64_t take_told(int64_t last[TELLERS]) {
     tl_recorder_event_entry event;
     uint64_t count = 0;
@@ -1034,7 +1034,7 @@ static uint64_t take_told(int64_t last[TELLERS]) {
     return count;
 }
 
-/* What is there of the story, and its checkpoints. */
+/* Reads ticks and checkpoints. */
 static void take_story(int64_t *next, int64_t *checkpoint) {
     for (int64_t found = take_checkpoint(taken.ring); found != INT64_MIN; found = take_checkpoint(taken.ring)) {
         TEST_ASSERT_TRUE(found > *checkpoint && found < *next);
@@ -1053,7 +1053,7 @@ static void take_story(int64_t *next, int64_t *checkpoint) {
     __atomic_store_n(&taken.ring, position, __ATOMIC_RELEASE);
 }
 
-static void threads_put_and_one_takes(void) {
+static void threads_put_and_one_reads(void) {
     pthread_t threads[TELLERS + 1];
     int64_t last[TELLERS];
     int64_t next = 0;
@@ -1081,46 +1081,46 @@ static void threads_put_and_one_takes(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(a_run_comes_out_as_it_was_put);
-    RUN_TEST(tunings_come_out_in_their_place);
-    RUN_TEST(a_checkpoint_knows_the_tuning_in_force);
+    RUN_TEST(a_run_is_read_as_it_was_put);
+    RUN_TEST(tunings_keep_their_order);
+    RUN_TEST(a_checkpoint_has_the_active_tuning);
     RUN_TEST(a_full_ring_has_no_room_for_a_tuning);
     RUN_TEST(a_run_that_holds_has_no_account);
     RUN_TEST(a_long_reason_is_cut);
-    RUN_TEST(what_does_not_wait_goes_around_for_long);
-    RUN_TEST(positions_go_on_for_ever);
+    RUN_TEST(a_ring_wraps_many_times);
+    RUN_TEST(positions_do_not_wrap);
     RUN_TEST(stamps_that_are_too_far_away_do_not_wrap);
     RUN_TEST(a_ring_is_large_enough_and_bounded);
     RUN_TEST(a_full_ring_refuses_and_counts);
-    RUN_TEST(what_is_kept_costs_no_new_entry);
-    RUN_TEST(a_beginning_without_room_goes_first);
-    RUN_TEST(who_has_taken_more_than_there_is_has_taken_nothing);
+    RUN_TEST(kept_entries_make_room_for_new_ones);
+    RUN_TEST(a_start_without_room_is_put_first_later);
+    RUN_TEST(a_reader_with_an_invalid_position);
     RUN_TEST(waiting_for_room);
     RUN_TEST(events_come_in_order_and_a_full_queue_counts);
-    RUN_TEST(events_know_their_place_among_entries);
-    RUN_TEST(an_queue_without_a_ring);
+    RUN_TEST(events_have_a_position_among_entries);
+    RUN_TEST(a_queue_without_a_ring);
     RUN_TEST(a_half_written_event_waits_for_a_successor);
-    RUN_TEST(the_reader_takes_checkpoints_behind_their_entries);
-    RUN_TEST(a_checkpoint_comes_after_a_beginning_that_waits);
-    RUN_TEST(the_newest_two_are_there_whether_or_not_they_are_taken);
-    RUN_TEST(a_damaged_one_is_none);
-    RUN_TEST(one_that_was_taken_is_not_numbered_again);
-    RUN_TEST(a_successor_finds_what_was_left);
-    RUN_TEST(one_that_cannot_be_saved_leaves_its_entries);
-    RUN_TEST(what_was_overtaken_is_not_left);
-    RUN_TEST(a_successor_drops_what_is_not_sound);
-    RUN_TEST(what_was_taken_was_there);
+    RUN_TEST(checkpoints_are_read_after_their_entries);
+    RUN_TEST(a_checkpoint_comes_after_a_waiting_start);
+    RUN_TEST(the_two_newest_checkpoints_are_kept);
+    RUN_TEST(a_damaged_checkpoint_is_ignored);
+    RUN_TEST(the_number_of_a_read_checkpoint_is_not_reused);
+    RUN_TEST(a_successor_finds_checkpoints_and_entries);
+    RUN_TEST(a_twin_that_cannot_be_saved_leaves_its_entries);
+    RUN_TEST(overwritten_entries_are_not_found);
+    RUN_TEST(a_successor_drops_damaged_entries);
+    RUN_TEST(an_end_before_the_read_entries);
     RUN_TEST(an_end_within_an_entry);
-    RUN_TEST(an_end_that_goes_back_reaches_no_further_back);
+    RUN_TEST(an_earlier_end_finds_no_older_entries);
     RUN_TEST(a_sample_waits_for_its_step);
-    RUN_TEST(a_tick_finds_room_as_a_whole);
-    RUN_TEST(a_successor_that_goes_on_takes_the_sample_again);
-    RUN_TEST(so_does_the_next_but_one);
-    RUN_TEST(one_that_begins_anew_leaves_it_to_the_run_before);
-    RUN_TEST(one_that_goes_on_behind_it_leaves_it_too);
-    RUN_TEST(a_checkpoint_goes_with_the_sample_that_it_comes_after);
-    RUN_TEST(without_a_reader_all_is_for_a_successor);
-    RUN_TEST(what_is_not_used_cannot_be_touched);
-    RUN_TEST(threads_put_and_one_takes);
+    RUN_TEST(a_tick_fits_completely_or_not_at_all);
+    RUN_TEST(a_successor_that_resumes_puts_the_sample_again);
+    RUN_TEST(the_second_successor_puts_the_sample_again);
+    RUN_TEST(a_new_run_leaves_the_sample_to_the_run_before);
+    RUN_TEST(a_run_that_resumes_after_the_sample_leaves_it);
+    RUN_TEST(a_checkpoint_is_dropped_with_its_sample);
+    RUN_TEST(without_a_reader_a_successor_finds_all);
+    RUN_TEST(unused_memory_cannot_be_accessed);
+    RUN_TEST(threads_put_and_one_reads);
     return UNITY_END();
 }

@@ -1,8 +1,10 @@
-/* An outbox whose writer is killed, again and again: a process puts entries, checkpoints and, from two threads, events; a SIGKILL ends it at
- * any instruction; a reader in another process takes meanwhile; the next process goes on. What was published comes once, in order and whole.
+/* Record queue whose writer is killed repeatedly. A process puts entries, checkpoints and, from two
+ * threads, events until SIGKILL ends it at any instruction. Another process reads meanwhile. Then
+ * the next process continues. Each published entry is read exactly once, in order and complete.
  *
- * Ticks go on from life to life: each process finds out from what is left where the one before has ended; every other one goes on with its run, and takes
- * the sample again that had no step yet. Notes in other shared memory say what was put for sure. TL_OUTBOX_LIVES: how many processes. */
+ * Ticks continue from process to process: each one finds the end of the one before in the queue.
+ * Every second one resumes its run and repeats the sample without a step. Notes in other shared
+ * memory have what was put for certain. TL_OUTBOX_LIVES is the number of processes. */
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -31,18 +33,18 @@ static const tl_record_queue_settings settings = {.shape = {.plant = TL_MADE_PLA
                                                   .ring_bytes = 256 * 1024,
                                                   .checkpoint_bytes = CHECKPOINT};
 
-/* What a life has put for sure, for all to see. */
+/* What a process has put for certain, in shared memory. */
 typedef struct notes {
-    int64_t life; /* that has begun to put */
+    int64_t life; /* number of the process that puts */
     int64_t samples;
     int64_t steps;
     int64_t checkpoint;
     uint64_t events;
-    uint64_t halves; /* checkpoints that were left half-made */
+    uint64_t halves; /* incomplete checkpoints */
 } notes;
 
-static tl_block block;    /* as writers see it */
-static tl_block readable; /* as the reader does */
+static tl_block block;    /* of writers */
+static tl_block readable; /* of the reader */
 static tl_block takes;
 static tl_block notebook;
 static tl_record_queue_taken *taken;
@@ -76,7 +78,7 @@ static void note(int64_t *what, int64_t value) {
     __atomic_store_n(what, value, __ATOMIC_RELEASE);
 }
 
-/* ---- what is in entries and checkpoints ---- */
+/* ---- content of entries and checkpoints ---- */
 
 static void fill(unsigned char *bytes, size_t size, int64_t tick) {
     for (size_t i = 0; i < size; i++) {
@@ -90,15 +92,15 @@ static bool is_filled(const unsigned char *bytes, size_t size, int64_t tick) {
     return memcmp(bytes, right, size) == 0;
 }
 
-/* How far somebody has read. */
+/* Position of a reader. */
 typedef struct progress {
-    int64_t sample; /* the newest */
+    int64_t sample; /* newest one */
     int64_t step;
     int64_t starts;
-    bool waits; /* the sample is the last entry: it is not the reader's yet */
+    bool waits; /* the sample is the last entry and cannot be read yet */
 } progress;
 
-/* Whether an entry is the one that has to come next, and whole. */
+/* Returns true if the entry is complete and the expected next one. */
 static bool follows(const tl_recorder_entry *found, progress *at) {
     tl_sample sample;
     tl_record record;
@@ -120,7 +122,7 @@ static bool follows(const tl_recorder_entry *found, progress *at) {
         return at->step == at->sample && found->record.step == at->step &&
                memcmp(found->record.measured, record.measured, TL_MADE_MATCH * sizeof(double)) == 0 &&
                memcmp(found->record.u, record.u, TL_MADE_ADJUST * sizeof(double)) == 0;
-    case TL_ENTRY_TUNING: /* again, if its tick died */
+    case TL_ENTRY_TUNING: /* repeated if its tick was lost */
         return found->tuning.tick == at->sample + 1 && found->tuning.number == (uint32_t)found->tuning.tick &&
                found->tuning.values.margin == (double)found->tuning.tick;
     case TL_ENTRY_END:
@@ -129,7 +131,7 @@ static bool follows(const tl_recorder_entry *found, progress *at) {
     return false;
 }
 
-/* ---- a life ---- */
+/* ---- the writer's process ---- */
 
 enum { NOTHING_LEFT = 1, OLD_CHECKPOINT, BAD_CHECKPOINT, BAD_ENTRY, LESS_THAN_PUT, REFUSED, ORPHAN };
 
@@ -139,7 +141,7 @@ static void demand(bool right, int otherwise) {
     }
 }
 
-/* From one checkpoint to the end. */
+/* Checks a checkpoint and the entries after it. */
 static progress look_back(unsigned which) {
     tl_record_queue_left left;
     demand(tl_record_queue_checkpoint_left(&queue, which, &left), NOTHING_LEFT);
@@ -170,7 +172,7 @@ static void put_start(int64_t tick, tl_resumed_from from) {
     demand(tl_record_queue_wait_for_room(&queue, INT64_MAX) && tl_record_queue_put_start(&queue, &start), REFUSED);
 }
 
-/* Before the sample of its tick. */
+/* Must be put before the sample of its tick. */
 static void put_tuning(int64_t tick) {
     const tl_run_tuning tuning = {.tick = tick, .number = (uint32_t)tick, .values = {.margin = (double)tick}};
     demand(tl_record_queue_wait_for_room(&queue, INT64_MAX) && tl_record_queue_put_tuning(&queue, &tuning), REFUSED);
@@ -196,7 +198,7 @@ static void put_step(int64_t step) {
     note(&noted->steps, step);
 }
 
-/* An event has its life, its teller and its number there, all over. */
+/* Puts events. Each one has the number of the process, the thread and the event. */
 static void *tell(void *context) {
     char text[TL_EVENT_TEXT];
     const char *source = context;
@@ -222,7 +224,7 @@ static void start_tellers(void) {
 
 static void live(pid_t reader) {
     tl_record_queue_left older;
-    (void)prctl(PR_SET_PDEATHSIG, SIGKILL); /* the reader's process may end with a failure */
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL); /* if the test fails */
     demand(getppid() == reader, ORPHAN);
     (void)mprotect(taken, PAGE, PROT_READ);
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
@@ -236,7 +238,7 @@ static void live(pid_t reader) {
     }
     start_tellers();
     note(&noted->life, life);
-    if (life % 2 != 0 && at.waits) { /* it is dropped, and taken anew */
+    if (life % 2 != 0 && at.waits) { /* is dropped and put again */
         at.sample = at.step;
         note(&noted->samples, at.sample);
     }
@@ -265,7 +267,7 @@ static int64_t newest_checkpoint;
 static uint64_t events;
 static uint64_t skipped;
 static uint64_t checkpoints;
-static int64_t told[TELLERS]; /* life · 10⁹ + number of the newest */
+static int64_t told[TELLERS]; /* process · 10⁹ + number of the newest event */
 
 static void take_entries(void) {
     uint64_t position = taken->ring;
@@ -322,14 +324,14 @@ static void take_all(void) {
     TEST_ASSERT_EQUAL_STRING("", reader.fault);
 }
 
-/* ---- life and death ---- */
+/* ---- test ---- */
 
 static bool is_dead(pid_t child) {
     siginfo_t info = {.si_pid = 0};
     return waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid == child;
 }
 
-/* Takes for so long after the life has begun to put; or, in some lives, after it was made. */
+/* Reads for a random time after the process has started to put, or sometimes after its fork. */
 static void take_for(pid_t child, tl_test_random *random) {
     bool at_once = tl_test_random_chance(random, 15);
     tl_time length = (tl_time)tl_test_random_below(random, LONGEST_US) * 1000;
@@ -349,12 +351,12 @@ static void expect_killed(pid_t child) {
     int status = 0;
     char text[80];
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
-    (void)snprintf(text, sizeof text, "life %lld ended with %d", (long long)life,
+    (void)snprintf(text, sizeof text, "process %lld ended with %d", (long long)life,
                    WIFEXITED(status) ? WEXITSTATUS(status) : 0);
     TEST_ASSERT_TRUE_MESSAGE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL, text);
 }
 
-/* Sanitizers and an emulator take some ten times as long to make a process. */
+/* With sanitizers or an emulator, a fork takes ten times as long. */
 static size_t usual_lives(void) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     return LIVES / 10;
@@ -363,7 +365,7 @@ static size_t usual_lives(void) {
 #endif
 }
 
-/* So that the first one finds something to go on from. */
+/* Puts a start and a checkpoint for the first process. */
 static void begin(void) {
     at = (progress){.sample = -1, .step = -1};
     newest_checkpoint = life = noted->life = -1;
@@ -375,7 +377,7 @@ static void begin(void) {
     put_checkpoint(-1);
 }
 
-static void whoever_is_killed_has_a_successor(void) {
+static void each_killed_writer_has_a_successor(void) {
     tl_test_random random = {1};
     char text[200];
     int64_t lives = (int64_t)tl_test_campaign("TL_OUTBOX_LIVES", usual_lives());
@@ -391,7 +393,7 @@ static void whoever_is_killed_has_a_successor(void) {
         (void)kill(child, SIGKILL);
         expect_killed(child);
         take_all();
-        TEST_ASSERT_GREATER_OR_EQUAL_INT64(noted->steps, at.sample); /* one without a step waits */
+        TEST_ASSERT_GREATER_OR_EQUAL_INT64(noted->steps, at.sample); /* may wait */
         TEST_ASSERT_GREATER_OR_EQUAL_INT64(noted->steps, at.step);
     }
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
@@ -401,7 +403,7 @@ static void whoever_is_killed_has_a_successor(void) {
     TEST_ASSERT_LESS_OR_EQUAL_UINT64(noted->events + (uint64_t)(TELLERS * lives), accounted);
     (void)snprintf(
         text, sizeof text,
-        "%lld lives, %lld ticks; %llu events taken, %llu half-written; %llu checkpoints taken, %llu half-made",
+        "%lld processes, %lld ticks; %llu events read, %llu incomplete; %llu checkpoints read, %llu incomplete",
         (long long)lives, (long long)at.sample + 1, (unsigned long long)events, (unsigned long long)skipped,
         (unsigned long long)checkpoints, (unsigned long long)noted->halves);
     TEST_MESSAGE(text);
@@ -409,6 +411,6 @@ static void whoever_is_killed_has_a_successor(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(whoever_is_killed_has_a_successor);
+    RUN_TEST(each_killed_writer_has_a_successor);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* The reader of an outbox believes nothing: whatever does not fit ends it with a word of what it was. */
+/* Reader of a record queue: it rejects an invalid queue, and its fault describes the invalid
+ * value. */
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,8 +8,9 @@
 
 #include "firmware/store/record_queue.h"
 #include "tests/support/made_run.h"
+#include "tests/support/message.h"
 
-enum { RING = 64 * 1024, CHECKPOINT = 100, DIGEST = 8 /* behind each entry */ };
+enum { RING = 64 * 1024, CHECKPOINT = 100, DIGEST = 8 /* bytes after each entry */ };
 
 static const tl_record_queue_settings settings = {.shape = {.plant = TL_MADE_PLANT,
                                                             .match = TL_MADE_MATCH,
@@ -39,22 +41,22 @@ void tearDown(void) {
     free(memory);
 }
 
-/* The ring is over, for good, and says why. */
-static void expect_fault(const char *why) {
+/* The ring cannot be read any more, and the fault has all parts. */
+static void expect_fault(const char *parts) {
     uint64_t position = 0;
     unsigned char bytes[CHECKPOINT];
     size_t size = 0;
     int64_t tick = 0;
     uint64_t number = 0;
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+    TL_EXPECT_PARTS(parts, reader.fault);
     TEST_ASSERT_EQUAL_UINT64(3, tl_record_queue_reader_end(&reader, 3));
     TEST_ASSERT_FALSE(tl_record_queue_reader_entry(&reader, &position, 1, &entry));
     TEST_ASSERT_EQUAL_UINT64(0, position);
     TEST_ASSERT_FALSE(tl_record_queue_reader_checkpoint(&reader, 0, UINT64_MAX, bytes, &size, &tick, &number));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+    TL_EXPECT_PARTS(parts, reader.fault);
 }
 
-/* The first entry. */
+/* Reads the first entry. */
 static bool take(void) {
     uint64_t position = 0;
     uint64_t end = tl_record_queue_reader_end(&reader, 0);
@@ -78,16 +80,17 @@ static void put_step(void) {
 static void more_than_a_ring_holds(void) {
     queue.control->head = RING + 1;
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
-    expect_fault("counts 65537 bytes in a ring of 65536");
+    expect_fault("65537 bytes|65536");
 }
 
 static void less_than_was_taken(void) {
     queue.control->head = 5;
     TEST_ASSERT_EQUAL_UINT64(6, tl_record_queue_reader_end(&reader, 6));
-    expect_fault("counts 18446744073709551615 bytes");
+    expect_fault("18446744073709551615 bytes|65536");
 }
 
-/* For who knows that its step never comes; and who was wrong goes on with that. */
+/* A sample waits for its step, unless the reader knows that the step is missing. If it comes later,
+ * reading continues with it. */
 static void a_sample_that_waits(void) {
     tl_record_queue_reader another;
     put_sample();
@@ -106,7 +109,7 @@ static void a_sample_that_waits(void) {
     TEST_ASSERT_EQUAL_UINT64(end, position);
 }
 
-/* Whoever lies about it gets no further than its ring. */
+/* A wrong count of waiting bytes is limited to the ring. */
 static void more_waits_than_a_ring_holds(void) {
     queue.control->put = RING + 1;
     tl_record_queue_reader_leave(&reader);
@@ -114,10 +117,10 @@ static void more_waits_than_a_ring_holds(void) {
     queue.control->head = 10;
     queue.control->put = RING + 1;
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
-    expect_fault("counts 65537 bytes in a ring of 65536");
+    expect_fault("65537 bytes|65536");
 }
 
-static void a_kind_that_there_is_not(void) {
+static void an_unknown_kind(void) {
     for (unsigned kind = 0; kind < 256; kind++) {
         tearDown();
         setUp();
@@ -127,14 +130,14 @@ static void a_kind_that_there_is_not(void) {
         queue.ring[0] = (unsigned char)kind;
         TEST_ASSERT_EQUAL_INT(kind == right, take());
         if (kind + 1 < right || kind > right + 3U) {
-            expect_fault("holds an entry of a kind that there is not");
+            expect_fault("entry|kind");
         } else if (kind != right) {
-            TEST_ASSERT_NOT_EQUAL_INT('\0', reader.fault[0]); /* of another one, which does not fit */
+            TEST_ASSERT_NOT_EQUAL_INT('\0', reader.fault[0]); /* another kind and size */
         }
     }
 }
 
-static void an_entry_that_is_cut(void) {
+static void a_truncated_entry(void) {
     put_sample();
     put_step();
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&queue, "end"));
@@ -149,30 +152,30 @@ static void an_entry_that_is_cut(void) {
             uint64_t position = begin;
             tl_record_queue_reader_open(&settings, memory, &another);
             TEST_ASSERT_FALSE(tl_record_queue_reader_entry(&another, &position, end, &entry));
-            TEST_ASSERT_EQUAL_STRING("holds an entry that ends behind the last one", another.fault);
+            TL_EXPECT_PARTS("entry|ends", another.fault);
             TEST_ASSERT_EQUAL_UINT64(begin, position);
         }
         begin = behind;
     }
 }
 
-/* Puts a value there, and takes. */
+/* Writes a byte, and reads the first entry, which fails. */
 static void spoil(size_t offset, unsigned char value) {
     queue.ring[offset] = value;
     TEST_ASSERT_FALSE(take());
 }
 
-static void qualities_that_there_are_not(void) {
+static void unknown_qualities(void) {
     size_t quality = tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE) - DIGEST - 1;
     put_sample();
     put_step();
     TEST_ASSERT_TRUE(take());
     spoil(quality, TL_OUTLIER + 1);
-    expect_fault("an enumeration with a value that it does not have");
+    expect_fault("enumeration");
 }
 
-/* A store into an entry, wherever it hits: no other value is read. Enumerations say what is wrong. */
-static void a_byte_that_was_written_over(void) {
+/* If any byte of an entry is overwritten, the entry is not read. The fault names an enumeration. */
+static void an_overwritten_byte(void) {
     put_sample();
     put_step();
     size_t size = (size_t)queue.written;
@@ -185,18 +188,18 @@ static void a_byte_that_was_written_over(void) {
         while (position != size && tl_record_queue_reader_entry(&reader, &position, size, &entry)) {
         }
         TEST_ASSERT_TRUE(position != size && reader.is_ring_broken);
-        enumerations += strstr(reader.fault, "an enumeration") != NULL ? 1 : 0;
+        enumerations += tl_test_has_parts(reader.fault, "enumeration") ? 1 : 0;
         queue.ring[i] = right;
     }
-    /* qualities; outcome, stop and delay state, 4 bytes each; flags beyond the 8 that there are */
+    /* qualities; outcome, stop and delay state with 4 bytes each; unknown flags */
     TEST_ASSERT_EQUAL_INT(TL_MADE_PLANT + TL_MADE_MATCH + 3 * 4 + 3, enumerations);
 }
 
-/* The writer goes on behind what the reader skips, also if the end was written over. */
-static void what_is_skipped(void) {
+/* The writer continues after the bytes that the reader skips, also if the end was overwritten. */
+static void skipped_bytes(void) {
     put_sample();
     put_step();
-    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_skip(&reader, 0)); /* it is sound */
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_skip(&reader, 0)); /* nothing is damaged */
     queue.ring[20] ^= 1;
     queue.control->head += 30;
     uint64_t end = queue.control->head;
@@ -211,46 +214,46 @@ static void what_is_skipped(void) {
     TEST_ASSERT_EQUAL_INT(TL_ENTRY_SAMPLE, entry.kind);
     TEST_ASSERT_TRUE(tl_record_queue_reader_entry(&reader, &position, end, &entry));
     TEST_ASSERT_EQUAL_UINT64(end, position);
-    queue.control->head += RING + 1; /* nobody knows where to go on, until the writer says it */
+    queue.control->head += RING + 1; /* the end is unknown until the writer sets it */
     TEST_ASSERT_EQUAL_UINT64(position, tl_record_queue_reader_skip(&reader, position));
     TEST_ASSERT_TRUE(reader.is_ring_broken);
 }
 
-static void a_beginning_that_cannot_be(void) {
+static void an_invalid_start(void) {
     tl_resumption beginning = {.from = (tl_resumed_from)(TL_RESUMED_INPUTS + 1)};
     start.holds = true;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
-    spoil(1, 2); /* neither holds nor not */
-    expect_fault("an enumeration");
+    spoil(1, 2); /* not a Boolean */
+    expect_fault("enumeration");
     tl_record_queue_reader_open(&settings, memory, &reader);
     queue.ring[1] = 1;
     memcpy(queue.ring + 2, &beginning, sizeof beginning);
     TEST_ASSERT_FALSE(take());
-    expect_fault("an enumeration");
+    expect_fault("enumeration");
 }
 
-static void an_account_that_is_none(void) {
+static void an_invalid_account(void) {
     start.account.components = TL_ACCOUNT_COMPONENTS + 1;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     TEST_ASSERT_FALSE(take());
-    expect_fault("holds an account that is none");
+    expect_fault("account");
 }
 
-static void fmus_that_are_none(void) {
+static void an_invalid_digest_of_fmus(void) {
     start.holds = false;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     TEST_ASSERT_TRUE(take());
     spoil(tl_recorder_entry_size_of_start(false) - DIGEST - sizeof(tl_run_tuning) - TL_SHA256_TEXT, 'a');
-    expect_fault("holds a digest of FMUs that is none");
+    expect_fault("digest|FMUs");
 }
 
-static void configurations_that_are_none(void) {
+static void an_invalid_digest_of_a_configuration(void) {
     size_t hash = offsetof(tl_run_tuning, hash);
     start.holds = false;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     TEST_ASSERT_TRUE(take());
     spoil(tl_recorder_entry_size_of_start(false) - DIGEST - sizeof(tl_run_tuning) + hash, 'a');
-    expect_fault("holds a digest of a configuration that is none");
+    expect_fault("digest|configuration");
     tearDown();
     setUp();
     tl_run_tuning tuning = {.tick = 5};
@@ -258,16 +261,16 @@ static void configurations_that_are_none(void) {
     TEST_ASSERT_TRUE(take());
     TEST_ASSERT_EQUAL_INT64(5, entry.tuning.tick);
     spoil(1 + hash, 'g');
-    expect_fault("holds a digest of a configuration that is none");
+    expect_fault("digest|configuration");
 }
 
-static void a_reason_without_an_end(void) {
+static void an_unterminated_reason(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&queue, "x\x1b[2J \xc2\x9b y\x7f \xc3\xa4"));
     TEST_ASSERT_TRUE(take());
     TEST_ASSERT_EQUAL_STRING("x?[2J ?? y? \xc3\xa4", entry.reason);
     memset(queue.ring + 1, 'x', TL_RECORDER_REASON);
     TEST_ASSERT_FALSE(take());
-    expect_fault("a text without an end");
+    expect_fault("text");
 }
 
 /* ---- events ---- */
@@ -277,35 +280,35 @@ static tl_recorder_event_entry *put_event(void) {
     return &queue.control->slots[0].entry;
 }
 
-static void expect_bad_event(const char *why) {
+static void expect_bad_event(const char *parts) {
     tl_recorder_event_entry event;
     bool skip = false;
     put_sample();
     put_step();
     TEST_ASSERT_FALSE(tl_record_queue_reader_event(&reader, 0, &event, &skip));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+    TL_EXPECT_PARTS(parts, reader.fault);
     TEST_ASSERT_FALSE(tl_record_queue_reader_event(&reader, 0, &event, &skip));
-    TEST_ASSERT_TRUE(take()); /* the ring is another part */
+    TEST_ASSERT_TRUE(take()); /* the ring is not affected */
 }
 
-static void an_event_of_no_severity(void) {
+static void an_unknown_severity(void) {
     put_event()->severity = (tl_severity)3;
-    expect_bad_event("an event of a severity that there is not");
+    expect_bad_event("event|severity");
 }
 
-static void events_without_an_end(void) {
+static void unterminated_events(void) {
     memset(put_event()->text, 'x', TL_EVENT_TEXT);
-    expect_bad_event("an event with a text without an end");
+    expect_bad_event("event|text");
     tl_record_queue_reader_open(&settings, memory, &reader);
     queue.control->slots[0].entry.text[5] = '\0';
     memset(queue.control->slots[0].entry.source, 'x', TL_EVENT_SOURCE);
-    expect_bad_event("an event with a text without an end");
+    expect_bad_event("event|text");
 }
 
-static void a_queue_that_does_not_wait(void) {
+static void overwritten_events(void) {
     (void)put_event();
     queue.control->slots[0].state += (uint64_t)2 * TL_RECORDER_EVENTS;
-    expect_bad_event("has overwritten events that were not taken");
+    expect_bad_event("overwritten|events");
 }
 
 static void control_characters_of_events(void) {
@@ -319,7 +322,7 @@ static void control_characters_of_events(void) {
 
 /* ---- checkpoints ---- */
 
-/* A place that says of itself what it likes, with a digest that fits. */
+/* Makes a checkpoint with any mark and a valid digest. */
 static void make_place(uint64_t number, const tl_record_queue_mark *mark) {
     tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_PLACES];
     memcpy(place->mark, mark, sizeof *mark);
@@ -340,7 +343,7 @@ static bool take_checkpoint(uint64_t resume, uint64_t position) {
     return there;
 }
 
-static void checkpoints_that_cannot_be_are_none(void) {
+static void invalid_checkpoints_are_ignored(void) {
     tl_record_queue_mark mark;
     memset(&mark, 0, sizeof mark);
     mark.size = CHECKPOINT;
@@ -366,8 +369,8 @@ static void checkpoints_that_cannot_be_are_none(void) {
     TEST_ASSERT_FALSE(take_checkpoint(1, 50));
 }
 
-/* The newest one was hit: the other is taken. */
-static void the_other_one_is_taken_instead(void) {
+/* If the newest checkpoint is damaged, the other one is read. */
+static void the_other_checkpoint_is_read(void) {
     tl_record_queue_mark mark;
     memset(&mark, 0, sizeof mark);
     mark.size = 10;
@@ -386,21 +389,21 @@ int main(void) {
     RUN_TEST(less_than_was_taken);
     RUN_TEST(a_sample_that_waits);
     RUN_TEST(more_waits_than_a_ring_holds);
-    RUN_TEST(a_kind_that_there_is_not);
-    RUN_TEST(an_entry_that_is_cut);
-    RUN_TEST(qualities_that_there_are_not);
-    RUN_TEST(a_byte_that_was_written_over);
-    RUN_TEST(what_is_skipped);
-    RUN_TEST(a_beginning_that_cannot_be);
-    RUN_TEST(an_account_that_is_none);
-    RUN_TEST(fmus_that_are_none);
-    RUN_TEST(configurations_that_are_none);
-    RUN_TEST(a_reason_without_an_end);
-    RUN_TEST(an_event_of_no_severity);
-    RUN_TEST(events_without_an_end);
-    RUN_TEST(a_queue_that_does_not_wait);
+    RUN_TEST(an_unknown_kind);
+    RUN_TEST(a_truncated_entry);
+    RUN_TEST(unknown_qualities);
+    RUN_TEST(an_overwritten_byte);
+    RUN_TEST(skipped_bytes);
+    RUN_TEST(an_invalid_start);
+    RUN_TEST(an_invalid_account);
+    RUN_TEST(an_invalid_digest_of_fmus);
+    RUN_TEST(an_invalid_digest_of_a_configuration);
+    RUN_TEST(an_unterminated_reason);
+    RUN_TEST(an_unknown_severity);
+    RUN_TEST(unterminated_events);
+    RUN_TEST(overwritten_events);
     RUN_TEST(control_characters_of_events);
-    RUN_TEST(checkpoints_that_cannot_be_are_none);
-    RUN_TEST(the_other_one_is_taken_instead);
+    RUN_TEST(invalid_checkpoints_are_ignored);
+    RUN_TEST(the_other_checkpoint_is_read);
     return UNITY_END();
 }

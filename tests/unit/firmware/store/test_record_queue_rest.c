@@ -1,4 +1,4 @@
-/* The rest in an outbox: counted whoever says that it was taken. */
+/* Count of the unread entries of a record queue, also with invalid positions. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,9 +14,9 @@ static void *memory;
 static tl_record_queue_taken taken;
 static tl_record_queue queue;
 
-/* A run that waits, with events. */
+/* Puts an unread run with events. */
 static void fill(size_t ring_bytes) {
-    static tl_record_queue_start start; /* too large for a small stack */
+    static tl_record_queue_start start; /* too large for the stack */
     settings.ring_bytes = ring_bytes;
     TEST_ASSERT_EQUAL_INT(0, posix_memalign(&memory, LINE, tl_record_queue_bytes(&settings)));
     memset(memory, 0, tl_record_queue_bytes(&settings));
@@ -48,8 +48,8 @@ static void test_all_of_it(void) {
     TEST_ASSERT_EQUAL_UINT64(2 * TICKS + EVENTS, tl_record_queue_rest_count(&settings, memory, &taken));
 }
 
-/* The beginning of a run is no loss of its own; an event that was taken is none. */
-static void test_what_was_taken(void) {
+/* The start of a run and read events do not count. */
+static void test_partly_read(void) {
     taken.events = 1;
     taken.ring = queue.published - 2 * tl_recorder_entry_size(&settings.shape, TL_ENTRY_STEP) -
                  tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE);
@@ -62,11 +62,11 @@ static void test_events_only(void) {
     TEST_ASSERT_EQUAL_UINT64(EVENTS, tl_record_queue_rest_count(&settings, memory, &taken));
 }
 
-/* It ends, and within the memory. */
-static void test_lies(void) {
-    const uint64_t lies[] = {1, 1U << 17, 1U << 20, UINT64_MAX / 2, UINT64_MAX};
-    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; i++) {
-        taken = (tl_record_queue_taken){.ring = lies[i], .events = lies[i]};
+/* Invalid positions: the function returns, and reads no memory outside of the queue. */
+static void test_invalid_positions(void) {
+    const uint64_t positions[] = {1, 1U << 17, 1U << 20, UINT64_MAX / 2, UINT64_MAX};
+    for (size_t i = 0; i < sizeof positions / sizeof positions[0]; i++) {
+        taken = (tl_record_queue_taken){.ring = positions[i], .events = positions[i]};
         TEST_ASSERT_TRUE(tl_record_queue_rest_count(&settings, memory, &taken) <= 2 * TICKS + EVENTS);
     }
 }
@@ -74,8 +74,8 @@ static void test_lies(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_all_of_it);
-    RUN_TEST(test_what_was_taken);
+    RUN_TEST(test_partly_read);
     RUN_TEST(test_events_only);
-    RUN_TEST(test_lies);
+    RUN_TEST(test_invalid_positions);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* Checkpoints and beginnings in the database: what is kept, what is read again, and how large the file gets. */
+/* Checkpoints and starts of runs in the database: which are kept and read, and the size of the
+ * file. */
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
@@ -110,7 +111,7 @@ static void expect_checkpoint(const tl_history_checkpoint *checkpoint, int64_t t
     }
 }
 
-/* ---- what is kept ---- */
+/* ---- kept checkpoints ---- */
 
 static void test_the_two_newest_and_the_first_are_kept(void) {
     static tl_record_queue_start start;
@@ -127,7 +128,7 @@ static void test_the_two_newest_and_the_first_are_kept(void) {
     open_history(1);
     expect_checkpoint(checkpoint_before(INT64_MAX), 50, SIZE - 50);
     expect_checkpoint(checkpoint_before(50), 40, SIZE - 40);
-    expect_checkpoint(checkpoint_before(40), 10, SIZE - 10); /* what it began with */
+    expect_checkpoint(checkpoint_before(40), 10, SIZE - 10); /* the first one */
     TEST_ASSERT_NULL(checkpoint_before(10));
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, run->resumption.from);
     TEST_ASSERT_EQUAL_INT64(7, run->resumption.run);
@@ -139,7 +140,7 @@ static void test_the_two_newest_and_the_first_are_kept(void) {
     TEST_ASSERT_EQUAL_STRING("1970-01-01T00:00:01.000Z", run->started);
 }
 
-static void test_a_run_that_begins_anew(void) {
+static void test_a_run_that_resumes_nothing(void) {
     begin_run(0);
     put(0, 10);
     close_writer();
@@ -149,7 +150,7 @@ static void test_a_run_that_begins_anew(void) {
     TEST_ASSERT_NULL(checkpoint_before(INT64_MAX));
 }
 
-static void test_damage_shows(void) {
+static void test_damage_is_detected(void) {
     begin_run(0);
     put_checkpoint(3, SIZE);
     close_writer();
@@ -172,7 +173,7 @@ static void test_the_bound_holds(void) {
     const int64_t bound = 1000000;
     begin_run(bound);
     put_checkpoint(-1, SIZE);
-    put_checkpoint(0, TOO_LARGE); /* would leave no room for anything else */
+    put_checkpoint(0, TOO_LARGE); /* is not stored */
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
     for (int64_t tick = 0; tick < 20000; tick += 500) {
         put(tick, 500);
@@ -187,7 +188,7 @@ static void test_the_bound_holds(void) {
     TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
 }
 
-/* A run that is removed leaves neither. */
+/* A removed run leaves no checkpoint and no start. */
 static void test_removed_with_the_run(void) {
     begin_run(0);
     put_checkpoint(0, LARGE);
@@ -196,17 +197,17 @@ static void test_removed_with_the_run(void) {
     begin_run(1000000);
     put(0, 20000);
     close_writer();
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE runs.run = 1"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM beginnings WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM beginnings WHERE beginnings.run = 1"));
 }
 
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
     UNITY_BEGIN();
     RUN_TEST(test_the_two_newest_and_the_first_are_kept);
-    RUN_TEST(test_a_run_that_begins_anew);
-    RUN_TEST(test_damage_shows);
+    RUN_TEST(test_a_run_that_resumes_nothing);
+    RUN_TEST(test_damage_is_detected);
     RUN_TEST(test_the_bound_holds);
     RUN_TEST(test_removed_with_the_run);
     return tl_scratch_finish(&scratch, UNITY_END());

@@ -1,4 +1,4 @@
-/* The end of a run whose twin has not told it: by the last writer, or by nobody yet. */
+/* End of a run that its twin has not recorded: the last writer records it, other writers do not. */
 #include <unity.h>
 
 #include "tests/support/made_run.h"
@@ -23,7 +23,7 @@ static const char *end_of(void) {
     return tl_sql_text(bench.path, "SELECT coalesce(ended_reason, 'open') FROM runs");
 }
 
-/* Ten ticks of a run, by one writer. */
+/* Records ten ticks of a run with one writer. */
 static void record(bool is_last) {
     bench.is_last = is_last;
     tl_writer_bench_open(&bench);
@@ -44,7 +44,7 @@ static void test_the_last_one_ends_the_run(void) {
     tl_writer_bench_expect_whole(bench.path);
 }
 
-static void test_an_end_that_was_told_stays(void) {
+static void test_a_recorded_end_is_kept(void) {
     bench.is_last = true;
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
@@ -53,7 +53,7 @@ static void test_an_end_that_was_told_stays(void) {
     TEST_ASSERT_EQUAL_STRING("SIGTERM", end_of());
 }
 
-/* It was told to end by somebody who does not know better. */
+/* A writer was wrongly ended as the last one, and another one follows. */
 static void test_it_was_not_the_last_one(void) {
     record(true);
     tl_writer_bench_put(&bench, 10, 10);
@@ -65,7 +65,7 @@ static void test_it_was_not_the_last_one(void) {
     tl_writer_bench_expect_whole(bench.path);
 }
 
-/* Its twin has died in the step. */
+/* The twin has died in the step of its last sample. */
 static void test_the_last_sample_has_no_step(void) {
     tl_sample sample;
     record(false);
@@ -73,7 +73,8 @@ static void test_the_last_sample_has_no_step(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_sample(&bench.twin, &sample));
     tl_writer_bench_open(&bench);
     close_well();
-    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(bench.path, "SELECT samples_written FROM runs")); /* it may still come */
+    /* the step may still come */
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(bench.path, "SELECT samples_written FROM runs"));
     bench.is_last = true;
     tl_writer_bench_open(&bench);
     close_well();
@@ -95,7 +96,7 @@ int main(void) {
     tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_end");
     RUN_TEST(test_another_writer_may_follow);
     RUN_TEST(test_the_last_one_ends_the_run);
-    RUN_TEST(test_an_end_that_was_told_stays);
+    RUN_TEST(test_a_recorded_end_is_kept);
     RUN_TEST(test_it_was_not_the_last_one);
     RUN_TEST(test_the_last_sample_has_no_step);
     RUN_TEST(test_without_a_run_there_is_no_end);

@@ -1,4 +1,5 @@
-/* The file that a writer writes: damaged, foreign, not permitted, cut off, overwritten, replaced or gone, while it is written and while it is not. */
+/* The writer's file: damaged, foreign, without permission, truncated, overwritten, replaced or
+ * missing, while a writer has it open and while it does not. */
 #include <signal.h>
 #include <sqlite3.h>
 #include <stdio.h>
@@ -16,6 +17,7 @@
 #include "firmware/store/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
+#include "tests/support/message.h"
 #include "tests/support/sql.h"
 #include "tests/support/writer_bench.h"
 
@@ -50,7 +52,7 @@ static uint64_t written(void) {
     return tl_recorder_state_get(bench.state).written;
 }
 
-/* ---- Files that are damaged -------------------------------------------------------------------------------------- */
+/* ---- Files that are damaged ---- */
 
 static void write_bytes(const char *path, long at, size_t count) {
     FILE *file = fopen(path, "r+b");
@@ -67,39 +69,38 @@ static int64_t size_of(const char *path) {
     return stat(path, &file) == 0 ? (int64_t)file.st_size : -1;
 }
 
-/* The file is put aside as it is, and a new one is written. */
-static void expect_made_anew(void) {
+/* The damaged file is renamed, and the run is recorded into a new one. */
+static void expect_new_file(void) {
     int64_t size = size_of(bench.path);
     tl_writer_bench_forget(&bench);
     tl_writer_bench_record(&bench, 20);
     TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(
-        1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now, and was made anew: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "damaged|run.db.damaged-1"));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
 }
 
-static void test_a_truncated_file_is_put_aside(void) {
+static void test_a_truncated_file(void) {
     tl_writer_bench_record(&bench, 2000);
     TEST_ASSERT_EQUAL_INT(0, truncate(bench.path, size_of(bench.path) / 2));
-    expect_made_anew();
+    expect_new_file();
 }
 
-static void test_a_truncated_header_is_put_aside(void) {
+static void test_a_truncated_header(void) {
     tl_writer_bench_record(&bench, 10);
     TEST_ASSERT_EQUAL_INT(0, truncate(bench.path, 80));
-    expect_made_anew();
+    expect_new_file();
 }
 
-static void test_damaged_pages_are_put_aside(void) {
+static void test_damaged_pages(void) {
     tl_writer_bench_record(&bench, 10);
     write_bytes(bench.path, 100, 4000); /* the schema */
-    expect_made_anew();
+    expect_new_file();
 }
 
-/* Nothing of what waits is lost. */
-static void test_damage_that_shows_while_it_is_written(void) {
+/* Waiting entries are not lost. */
+static void test_damage_during_a_run(void) {
     char wal[PATH_MAX + 24];
     (void)snprintf(wal, sizeof wal, "%s-wal", aside);
     tl_writer_bench_open(&bench);
@@ -109,7 +110,7 @@ static void test_damage_that_shows_while_it_is_written(void) {
     tl_writer_bench_put(&bench, 1000, 10);
     tl_record_queue_event(&bench.twin, 1009, TL_EVENT_INFO, "twin", "an event");
     tl_faulty_vfs_refuse(SQLITE_CORRUPT, 0);
-    write_now(); /* it cannot even make a new one */
+    write_now(); /* a new file fails, too */
     tl_faulty_vfs_refuse(SQLITE_OK, 0);
     tl_writer_bench_write_until(&bench, 2021);
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
@@ -120,11 +121,11 @@ static void test_damage_that_shows_while_it_is_written(void) {
                                                      " entries_lost || ' ' || ended_reason || ' ' || start_ns"
                                                      " FROM runs JOIN beginnings USING (run)"));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events WHERE source = 'twin'"));
-    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal)); /* its log went with it */
+    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal)); /* its log was renamed, too */
     TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(aside, "SELECT samples_written FROM runs"));
 }
 
-/* Real pages, which the writer before has not looked at again. */
+/* Damaged pages, which the writer before has not read again. */
 static void test_damage_that_a_successor_finds(void) {
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 7);
@@ -142,7 +143,7 @@ static void test_damage_that_a_successor_finds(void) {
     TEST_ASSERT_GREATER_THAN_INT64(0, size_of(aside));
 }
 
-/* With so many of them there, it stays where it is. */
+/* The number of renamed files is limited: the next damaged file keeps its name. */
 static void test_the_tenth_damaged_file_stays(void) {
     tl_writer_bench_record(&bench, 10);
     write_bytes(bench.path, 100, 4000);
@@ -156,10 +157,10 @@ static void test_the_tenth_damaged_file_stays(void) {
     tl_writer_bench_record(&bench, 20);
     TEST_ASSERT_EQUAL_INT64(size, size_of(bench.path));
     TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "run.db|damaged"));
 }
 
-/* ---- Files that are not ours, or may not be written -------------------------------------------------------------- */
+/* ---- Foreign files, and files without permission ---- */
 
 static void make_file(const char *text) {
     FILE *file = fopen(bench.path, "wb");
@@ -168,7 +169,7 @@ static void make_file(const char *text) {
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
-/* With everything that is in it now. */
+/* Returns the content of a file; the caller calls free(). */
 static char *content_of(const char *path, size_t *size) {
     FILE *file = fopen(path, "rb");
     TEST_ASSERT_NOT_NULL(file);
@@ -179,23 +180,23 @@ static char *content_of(const char *path, size_t *size) {
     return bytes;
 }
 
-static void expect_recorded_beside(const char *why) {
-    char pattern[200];
+/* The run is recorded into PATH.beside, and the only event has all parts. */
+static void expect_recorded_beside(const char *parts) {
     tl_writer_bench_forget(&bench);
     tl_writer_bench_record(&bench, 20);
     tl_writer_bench_expect_whole(beside);
     TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
-    (void)snprintf(pattern, sizeof pattern, "is recorded into instead: %%%s%%", why);
-    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(beside, pattern),
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(beside, parts),
                                     tl_sql_text(beside, "SELECT text FROM events"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
 }
 
-static void expect_left_alone(const char *why) {
+/* The run is recorded beside, and the file is not changed. */
+static void expect_left_alone(const char *parts) {
     size_t before = 0;
     size_t after = 0;
     char *first = content_of(bench.path, &before);
-    expect_recorded_beside(why);
+    expect_recorded_beside(parts);
     char *second = content_of(bench.path, &after);
     TEST_ASSERT_EQUAL_size_t(before, after);
     TEST_ASSERT_EQUAL_INT(0, memcmp(first, second, before));
@@ -205,60 +206,60 @@ static void expect_left_alone(const char *why) {
     tl_writer_bench_forget(&bench);
 }
 
-/* Who is there to be told is told. */
-static void expect_refused(tl_status status, const char *why) {
+/* On a terminal, the writer refuses the file with an error. */
+static void expect_refused(tl_status status, const char *parts) {
     bench.record.insistence = TL_DATABASE_IF_OURS;
     TEST_ASSERT_EQUAL_INT(status, tl_writer_bench_try_open(&bench));
     TEST_ASSERT_NULL(bench.writer);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, why), bench.error.text);
+    TL_EXPECT_PARTS(parts, bench.error.text);
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
     bench.record.insistence = TL_DATABASE_ANYHOW;
 }
 
-static void test_what_was_never_ours(void) {
+static void test_foreign_files(void) {
     make_file("");
-    expect_refused(TL_BAD_DATA, "only 0 bytes");
-    expect_left_alone("only 0 bytes");
+    expect_refused(TL_BAD_DATA, "run.db|0 bytes");
+    expect_left_alone("run.db|0 bytes");
     make_file("time,omega\n0,1\n");
-    expect_refused(TL_BAD_DATA, "only 15 bytes");
-    expect_left_alone("only 15 bytes");
+    expect_refused(TL_BAD_DATA, "run.db|15 bytes");
+    expect_left_alone("run.db|15 bytes");
     tl_sql_execute(bench.path, "CREATE TABLE mine (x)");
-    expect_refused(TL_BAD_DATA, "of another program");
-    expect_left_alone("of another program");
+    expect_refused(TL_BAD_DATA, "run.db|another program");
+    expect_left_alone("run.db|another program");
 }
 
-static void expect_format_refused(const char *sql, const char *why) {
+static void expect_format_refused(const char *sql, const char *parts) {
     tl_writer_bench_record(&bench, 10);
     tl_sql_execute(bench.path, sql);
     tl_writer_bench_forget(&bench);
-    expect_refused(TL_BAD_DATA, why);
-    expect_left_alone(why);
+    expect_refused(TL_BAD_DATA, parts);
+    expect_left_alone(parts);
 }
 
 static void test_another_format(void) {
-    expect_format_refused("PRAGMA user_version = 4", "format 4");
-    expect_format_refused("PRAGMA user_version = 6", "format 6");
+    expect_format_refused("PRAGMA user_version = 4", "run.db|format 4");
+    expect_format_refused("PRAGMA user_version = 7", "run.db|format 7");
 }
 
 static void test_a_file_without_our_tables(void) {
     tl_writer_bench_record(&bench, 10);
     tl_sql_execute(bench.path, "DROP TABLE steps");
     tl_writer_bench_forget(&bench);
-    expect_refused(TL_BAD_DATA, "no such table: steps");
-    expect_left_alone("no such table");
+    expect_refused(TL_BAD_DATA, "run.db|steps");
+    expect_left_alone("run.db|steps");
 }
 
-static void test_what_is_no_file(void) {
+static void test_paths_that_are_not_a_regular_file(void) {
     TEST_ASSERT_EQUAL_INT(0, mkdir(bench.path, 0700));
-    expect_refused(TL_BAD_DATA, "no ordinary file");
-    expect_recorded_beside("no ordinary file");
+    expect_refused(TL_BAD_DATA, "run.db|file");
+    expect_recorded_beside("run.db|file");
     TEST_ASSERT_EQUAL_INT(0, rmdir(bench.path));
     tl_scratch_empty(&bench.scratch);
     TEST_ASSERT_EQUAL_INT(0, symlink("absent.db", bench.path));
-    expect_recorded_beside("symbolic link");
+    expect_recorded_beside("run.db|symbolic link");
 }
 
-/* And what is beside it is not ours either. */
+/* PATH.beside is a foreign file, too. */
 static void test_the_next_name(void) {
     char next[PATH_MAX + 24];
     (void)snprintf(next, sizeof next, "%s.beside-2", bench.path);
@@ -272,14 +273,14 @@ static void test_the_next_name(void) {
 
 static void test_a_file_that_cannot_be_written(void) {
     tl_writer_bench_record(&bench, 10);
-    if (geteuid() == 0) { /* who may do anything */
+    if (geteuid() == 0) { /* root ignores permissions */
         TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
         TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
     }
     TEST_ASSERT_TRUE(geteuid() != 0);
     (void)chmod(bench.path, 0444);
-    bench.record.insistence = TL_DATABASE_IF_OURS; /* on a terminal too */
-    expect_recorded_beside("may not be written");
+    bench.record.insistence = TL_DATABASE_IF_OURS; /* also on a terminal */
+    expect_recorded_beside("run.db|permissions");
     TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
 }
 
@@ -290,11 +291,11 @@ static void test_a_file_that_cannot_be_read(void) {
         TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
         TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
     }
-    expect_recorded_beside("run.db: unable to open database file");
+    expect_recorded_beside("run.db|unable to open");
     TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
 }
 
-/* A medium that has begun to fail; opened again, the file would look well. */
+/* The medium fails during the run. A second open of the file would succeed. */
 static void test_a_file_that_can_no_longer_be_read(void) {
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
@@ -310,8 +311,8 @@ static void test_a_file_that_can_no_longer_be_read(void) {
     TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
 }
 
-/* It goes on where it was, though that is not what was asked for. */
-static void test_a_run_that_is_beside_goes_on_there(void) {
+/* A run that is recorded beside continues there, even if PATH is free again. */
+static void test_a_run_beside_continues_there(void) {
     make_file("mine");
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
@@ -325,9 +326,9 @@ static void test_a_run_that_is_beside_goes_on_there(void) {
     TEST_ASSERT_EQUAL_INT64(-1, size_of(bench.path));
 }
 
-/* ---- What others do to a file while it is written ---------------------------------------------------------------- */
+/* ---- Changes by others during a run ---- */
 
-/* A run that is open, with what it has so far. */
+/* Starts a run and writes its first ticks. */
 static void begin_run(int64_t ticks) {
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 7);
@@ -339,10 +340,10 @@ static void expect_one_run(const char *path, const char *samples_before_lost) {
     tl_writer_bench_expect_whole(path);
     TEST_ASSERT_EQUAL_STRING(samples_before_lost,
                              tl_sql_text(path, "SELECT samples_written || ' ' || coalesce(removed_before, 0) || ' ' ||"
-                                               " entries_lost FROM runs ORDER BY run DESC LIMIT 1"));
+                                               " entries_lost FROM runs ORDER BY runs.run DESC LIMIT 1"));
 }
 
-/* What is committed is in the file before anything else is, so that nothing is lost if the box is switched off now. */
+/* Committed data are written to the file first, so that a power cut loses nothing. */
 static void test_a_log_that_is_removed(void) {
     char wal[PATH_MAX + 8];
     (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
@@ -351,14 +352,14 @@ static void test_a_log_that_is_removed(void) {
     tl_writer_bench_put(&bench, 10, 10);
     write_now();
     TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal));
-    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs")); /* as others see it */
+    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs"));
     tl_writer_bench_close_well(&bench);
     expect_one_run(bench.path, "20 0 0");
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "its log, -wal, was removed: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "-wal|removed"));
 }
 
-static void expect_cut(bool to_nothing) {
+static void expect_truncation(bool to_nothing) {
     begin_run(1000);
     tl_sql_execute(bench.path, "PRAGMA wal_checkpoint");
     tl_writer_bench_put(&bench, 1000, 10);
@@ -370,26 +371,25 @@ static void expect_cut(bool to_nothing) {
     tl_writer_bench_close_well(&bench);
     expect_one_run(bench.path, "10 1010 0");
     TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now, and"
-                                                                     " was made anew: %was cut off"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "damaged|run.db.damaged-1|cut"));
 }
 
-static void test_a_file_that_is_cut_off(void) {
-    expect_cut(false);
+static void test_a_file_that_is_truncated(void) {
+    expect_truncation(false);
 }
 
 static void test_a_file_that_is_emptied(void) {
-    expect_cut(true);
+    expect_truncation(true);
 }
 
-/* A file that is shorter because there is less in it is none that was cut off. */
+/* A file that became shorter because it has less data is not truncated. */
 static void test_a_file_that_another_program_shortens(void) {
     begin_run(1000);
     tl_sql_execute(bench.path, "PRAGMA wal_checkpoint");
     tl_writer_bench_put(&bench, 1000, 10);
     write_now();
     int64_t size = size_of(bench.path);
-    tl_sql_execute(bench.path, "DELETE FROM samples WHERE tick < 900; PRAGMA incremental_vacuum;"
+    tl_sql_execute(bench.path, "DELETE FROM main.samples WHERE tick < 900; PRAGMA incremental_vacuum;"
                                " PRAGMA wal_checkpoint(TRUNCATE)");
     TEST_ASSERT_LESS_THAN_INT64(size, size_of(bench.path));
     tl_writer_bench_put(&bench, 1010, 10);
@@ -400,7 +400,7 @@ static void test_a_file_that_another_program_shortens(void) {
     TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
 }
 
-/* What is in it now is not ours, and our log is not played into it. */
+/* The content is foreign now, and our log must not be written into it. */
 static void test_a_file_that_is_overwritten(void) {
     static const char text[] = "somebody's text";
     char wal[PATH_MAX + 8];
@@ -412,8 +412,7 @@ static void test_a_file_that_is_overwritten(void) {
     write_now();
     tl_writer_bench_close_well(&bench);
     expect_one_run(beside, "10 10 20");
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead of one that was overwritten"
-                                                                 " with 20 samples, steps and events of this run: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "overwritten|20 samples|15 bytes"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
     char *found = content_of(bench.path, &size);
     TEST_ASSERT_EQUAL_size_t(strlen(text), size);
@@ -422,7 +421,7 @@ static void test_a_file_that_is_overwritten(void) {
     TEST_ASSERT_EQUAL_INT64(-1, size_of(wal));
 }
 
-/* And it is theirs from the moment on at which they have emptied it. */
+/* The file is foreign from the moment at which another program has emptied it. */
 static void test_a_file_that_is_being_overwritten(void) {
     begin_run(10);
     pid_t other = fork();
@@ -445,7 +444,8 @@ static void test_a_file_that_is_being_overwritten(void) {
     expect_one_run(beside, "10 10 20");
 }
 
-/* As by somebody who puts an older copy back: it is written on, and our log is not played into it. */
+/* A user restores an older copy: the run continues in it, and our log must not be written into
+ * it. */
 static void test_a_file_that_is_replaced(void) {
     char copy[PATH_MAX + 8];
     (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
@@ -462,7 +462,7 @@ static void test_a_file_that_is_replaced(void) {
     TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
 }
 
-/* What is in its place is not ours: all of it is said at once. */
+/* A foreign file replaces ours: one event reports both. */
 static void test_a_file_that_is_replaced_by_a_foreign_one(void) {
     begin_run(10);
     TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
@@ -472,12 +472,11 @@ static void test_a_file_that_is_replaced_by_a_foreign_one(void) {
     tl_writer_bench_close_well(&bench);
     TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
     expect_one_run(beside, "10 10 20");
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead of one that was removed with"
-                                                                 " 20 samples, steps and events of this run: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "removed|20 samples|15 bytes"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
 }
 
-/* The same of a file of ours that is damaged. */
+/* A damaged file of ours replaces the file. */
 static void test_a_file_that_is_replaced_by_a_damaged_one(void) {
     char copy[PATH_MAX + 8];
     (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
@@ -491,15 +490,12 @@ static void test_a_file_that_is_replaced_by_a_damaged_one(void) {
     write_now();
     tl_writer_bench_close_well(&bench);
     expect_one_run(bench.path, "10 10 20");
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path,
-                                                         "was removed with 20 samples, steps and events of this run;"
-                                                         " what took its place was damaged, is called"
-                                                         " run.db.damaged-1 now, and was made anew: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "removed|20 samples|damaged|run.db.damaged-1"));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
 }
 
-/* The file is where it was, and open: what cannot be seen has not been moved away. */
-static void test_a_folder_that_is_closed_meanwhile(void) {
+/* The open file is still there: a folder without permission is no moved file. */
+static void test_a_folder_that_loses_its_permissions(void) {
     TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
     bool is_root = geteuid() == 0;
     TEST_ASSERT_EQUAL_INT(0, is_root ? seteuid(OTHER_USER) : 0);
@@ -518,9 +514,9 @@ static void test_a_folder_that_is_closed_meanwhile(void) {
     TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
 }
 
-/* ---- What others do to a file while nobody writes it ------------------------------------------------------------- */
+/* ---- Changes by others while no writer has the file open ---- */
 
-/* The file is another one than the writer before has left: the run begins again in it. */
+/* A user restores an older copy between two writers: the run starts again in it. */
 static void test_a_file_that_was_put_back(void) {
     char copy[PATH_MAX + 8];
     char command[3 * PATH_MAX];
@@ -544,7 +540,8 @@ static void test_a_file_that_was_put_back(void) {
                                                      " removed_before, ''), ', ') FROM runs"));
 }
 
-/* A run of so many ticks that are written by a process that is killed; as many wait. Its log has what it wrote. */
+/* A process writes this number of ticks and is killed. They are in SQLite's log. As many more
+ * wait. */
 static void begin_and_be_killed(int64_t ticks) {
     int how = 0;
     tl_writer_bench_start(&bench, 7);
@@ -563,35 +560,33 @@ static void begin_and_be_killed(int64_t ticks) {
     tl_writer_bench_put(&bench, ticks, ticks);
 }
 
-/* The next one writes all that waits, and says once what has become of the rest. */
-static void expect_begun_again(const char *path, const char *samples_before_lost, const char *words) {
+/* The next writer writes all waiting entries. One event with all parts reports the lost ones. */
+static void expect_restarted(const char *path, const char *samples_before_lost, const char *parts) {
     uint64_t before = written();
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
     expect_one_run(path, samples_before_lost);
-    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(path, words),
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(path, parts),
                                     tl_sql_text(path, "SELECT group_concat(text, ' | ') FROM events"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(*) FROM events"));
     TEST_ASSERT_EQUAL_UINT64(before, written()); /* as many as were lost */
     TEST_ASSERT_EQUAL_UINT64(before, tl_recorder_state_get(bench.state).dropped);
 }
 
-static void test_a_file_that_is_removed_when_nobody_writes(void) {
+static void test_a_file_that_is_removed_between_two_writers(void) {
     begin_and_be_killed(10);
     TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
-    expect_begun_again(bench.path, "10 10 20",
-                       "was gone with 20 samples, steps and events of this run, and is made anew");
+    expect_restarted(bench.path, "10 10 20", "gone|20 samples");
 }
 
-static void test_a_folder_that_is_emptied_when_nobody_writes(void) {
+static void test_a_folder_that_is_emptied_between_two_writers(void) {
     begin_and_be_killed(10);
     tl_scratch_empty(&bench.scratch);
-    expect_begun_again(bench.path, "10 10 20",
-                       "was gone with 20 samples, steps and events of this run, and is made anew");
+    expect_restarted(bench.path, "10 10 20", "gone|20 samples");
 }
 
-/* By an older copy, say: the log of the one before is not played into it. */
-static void test_a_file_that_is_replaced_when_nobody_writes(void) {
+/* An older copy replaces the file: the log of the killed writer must not be written into it. */
+static void test_a_file_that_is_replaced_between_two_writers(void) {
     char copy[PATH_MAX + 8];
     (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
     tl_writer_bench_record(&bench, 10);
@@ -599,16 +594,17 @@ static void test_a_file_that_is_replaced_when_nobody_writes(void) {
     tl_writer_bench_forget(&bench);
     begin_and_be_killed(1000);
     TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
-    expect_begun_again(bench.path, "1000 1000 2000", "was gone with 2000 samples%, and is made anew");
+    expect_restarted(bench.path, "1000 1000 2000", "gone|2000 samples");
     TEST_ASSERT_EQUAL_STRING("10, 1000",
                              tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
 }
 
-/* Somebody reads what is at the path while nobody writes, or before the one who writes has looked: SQLite makes an index of our log for them. */
+/* Another process that reads the replaced file before the writer notices: SQLite then makes an
+ * index of our log for that file. */
 typedef struct stranger {
     pid_t child;
-    int go;   /* a byte to it: read now */
-    int done; /* a byte from it: it has */
+    int go;   /* one byte to it: read now */
+    int done; /* one byte from it: done */
 } stranger;
 
 static void read_and_stay(int go, int done) {
@@ -652,10 +648,10 @@ static void end_stranger(const stranger *who) {
     (void)close(who->done);
 }
 
-static void expect_replaced_before_a_reader(const char *words) {
+static void expect_replaced_before_a_reader(const char *parts) {
     expect_one_run(bench.path, "10 10 20");
     TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, words));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, parts));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
 }
 
@@ -673,10 +669,10 @@ static void test_a_file_that_is_replaced_before_a_reader(void) {
     write_now();
     tl_writer_bench_close_well(&bench);
     end_stranger(&reader);
-    expect_replaced_before_a_reader("was removed with 20 samples%, and is made anew");
+    expect_replaced_before_a_reader("removed|20 samples");
 }
 
-static void test_a_file_that_is_replaced_before_a_reader_when_nobody_writes(void) {
+static void test_a_file_that_is_replaced_before_a_reader_between_two_writers(void) {
     char copy[PATH_MAX + 8];
     (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
     tl_writer_bench_record(&bench, 10);
@@ -689,10 +685,10 @@ static void test_a_file_that_is_replaced_before_a_reader_when_nobody_writes(void
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
     end_stranger(&reader);
-    expect_replaced_before_a_reader("was gone with 20 samples%, and is made anew");
+    expect_replaced_before_a_reader("gone|20 samples");
 }
 
-/* It takes our log for its own, and writes on into it: that stays. */
+/* Another recorder uses our log for the replaced file and appends to it: the log is not removed. */
 static void test_a_file_that_is_replaced_and_written_by_another(void) {
     char copy[PATH_MAX + 8];
     char wal[PATH_MAX + 8];
@@ -709,13 +705,13 @@ static void test_a_file_that_is_replaced_and_written_by_another(void) {
     tl_writer_bench_open(&bench);
     int64_t size = size_of(wal);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
-    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another twinlock is writing it"));
+    TL_EXPECT_PARTS("twinlock|process", bench.error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(other, "end", NULL, &bench.error));
     TEST_ASSERT_GREATER_THAN_INT64(0, size);
 }
 
-/* It is put aside as it was: our log would have made it look well. */
-static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
+/* The damaged file is renamed unchanged: our log must not repair it. */
+static void test_a_damaged_file_in_its_place_between_two_writers(void) {
     char copy[PATH_MAX + 8];
     size_t before = 0;
     size_t after = 0;
@@ -727,9 +723,7 @@ static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
     tl_writer_bench_forget(&bench);
     begin_and_be_killed(10);
     TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
-    expect_begun_again(bench.path, "10 10 20",
-                       "was gone with 20 samples%; what took its place was damaged, is called"
-                       " run.db.damaged-1 now, and was made anew: %");
+    expect_restarted(bench.path, "10 10 20", "gone|20 samples|damaged|run.db.damaged-1");
     char *second = content_of(aside, &after);
     TEST_ASSERT_EQUAL_size_t(before, after);
     TEST_ASSERT_EQUAL_INT(0, memcmp(first, second, before));
@@ -739,33 +733,33 @@ static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
 
 static void expect_foreign_left_alone(void) {
     make_file("somebody's text");
-    expect_begun_again(beside, "10 10 20", "is recorded into instead of one that was gone with 20 samples%");
+    expect_restarted(beside, "10 10 20", "gone|20 samples|15 bytes");
     TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
 }
 
-static void test_a_foreign_file_in_its_place_when_nobody_writes(void) {
+static void test_a_foreign_file_in_its_place_between_two_writers(void) {
     char wal[PATH_MAX + 8];
     (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
     begin_and_be_killed(10);
     TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
     expect_foreign_left_alone();
-    TEST_ASSERT_EQUAL_INT64(-1, size_of(wal)); /* it would be played into that */
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(wal)); /* SQLite would write it into the file */
 }
 
-static void test_a_file_that_is_overwritten_when_nobody_writes(void) {
+static void test_a_file_that_is_overwritten_between_two_writers(void) {
     begin_and_be_killed(10);
     expect_foreign_left_alone();
 }
 
-/* What is in it is there still: it is not lost. */
-static void test_a_file_that_is_damaged_when_nobody_writes(void) {
+/* Entries in the renamed file are not lost. */
+static void test_a_file_that_is_damaged_between_two_writers(void) {
     begin_and_be_killed(10);
     tl_sql_execute(bench.path, "PRAGMA wal_checkpoint(TRUNCATE)");
     write_bytes(bench.path, 2L * 4096, (size_t)size_of(bench.path) - 2 * 4096);
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
     expect_one_run(bench.path, "10 10 0");
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now,%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "damaged|run.db.damaged-1"));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
 }
 
@@ -773,23 +767,23 @@ int main(void) {
     tl_faulty_vfs_install();
     tl_scratch_make(&bench.scratch, "/tmp", "test_recorder_file");
     UNITY_BEGIN();
-    RUN_TEST(test_a_truncated_file_is_put_aside);
-    RUN_TEST(test_a_truncated_header_is_put_aside);
-    RUN_TEST(test_damaged_pages_are_put_aside);
-    RUN_TEST(test_damage_that_shows_while_it_is_written);
+    RUN_TEST(test_a_truncated_file);
+    RUN_TEST(test_a_truncated_header);
+    RUN_TEST(test_damaged_pages);
+    RUN_TEST(test_damage_during_a_run);
     RUN_TEST(test_damage_that_a_successor_finds);
     RUN_TEST(test_the_tenth_damaged_file_stays);
-    RUN_TEST(test_what_was_never_ours);
+    RUN_TEST(test_foreign_files);
     RUN_TEST(test_another_format);
     RUN_TEST(test_a_file_without_our_tables);
-    RUN_TEST(test_what_is_no_file);
+    RUN_TEST(test_paths_that_are_not_a_regular_file);
     RUN_TEST(test_the_next_name);
     RUN_TEST(test_a_file_that_cannot_be_written);
     RUN_TEST(test_a_file_that_cannot_be_read);
     RUN_TEST(test_a_file_that_can_no_longer_be_read);
-    RUN_TEST(test_a_run_that_is_beside_goes_on_there);
+    RUN_TEST(test_a_run_beside_continues_there);
     RUN_TEST(test_a_log_that_is_removed);
-    RUN_TEST(test_a_file_that_is_cut_off);
+    RUN_TEST(test_a_file_that_is_truncated);
     RUN_TEST(test_a_file_that_is_emptied);
     RUN_TEST(test_a_file_that_another_program_shortens);
     RUN_TEST(test_a_file_that_is_overwritten);
@@ -797,17 +791,17 @@ int main(void) {
     RUN_TEST(test_a_file_that_is_replaced);
     RUN_TEST(test_a_file_that_is_replaced_by_a_foreign_one);
     RUN_TEST(test_a_file_that_is_replaced_by_a_damaged_one);
-    RUN_TEST(test_a_folder_that_is_closed_meanwhile);
+    RUN_TEST(test_a_folder_that_loses_its_permissions);
     RUN_TEST(test_a_file_that_was_put_back);
-    RUN_TEST(test_a_file_that_is_removed_when_nobody_writes);
-    RUN_TEST(test_a_folder_that_is_emptied_when_nobody_writes);
-    RUN_TEST(test_a_file_that_is_replaced_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_removed_between_two_writers);
+    RUN_TEST(test_a_folder_that_is_emptied_between_two_writers);
+    RUN_TEST(test_a_file_that_is_replaced_between_two_writers);
     RUN_TEST(test_a_file_that_is_replaced_before_a_reader);
-    RUN_TEST(test_a_file_that_is_replaced_before_a_reader_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_before_a_reader_between_two_writers);
     RUN_TEST(test_a_file_that_is_replaced_and_written_by_another);
-    RUN_TEST(test_a_damaged_file_in_its_place_when_nobody_writes);
-    RUN_TEST(test_a_foreign_file_in_its_place_when_nobody_writes);
-    RUN_TEST(test_a_file_that_is_overwritten_when_nobody_writes);
-    RUN_TEST(test_a_file_that_is_damaged_when_nobody_writes);
+    RUN_TEST(test_a_damaged_file_in_its_place_between_two_writers);
+    RUN_TEST(test_a_foreign_file_in_its_place_between_two_writers);
+    RUN_TEST(test_a_file_that_is_overwritten_between_two_writers);
+    RUN_TEST(test_a_file_that_is_damaged_between_two_writers);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

@@ -1,7 +1,8 @@
-/* A writer that is killed, again and again, at any instruction: what was put is in the database exactly once, and a run that was not ended goes on in
- * its row.
+/* A writer that is killed repeatedly, at any instruction: each entry is in the database exactly
+ * once, and a run without an end continues in its row.
  *
- * This process puts entries, events and checkpoints; a child writes them and is killed; the next one goes on. TL_WRITER_LIVES: how many of them. */
+ * This process puts entries, events and checkpoints. A child writes them and is killed, then the
+ * next child continues. TL_WRITER_LIVES is the number of children. */
 #include <stdio.h>
 #include <string.h>
 
@@ -18,9 +19,9 @@ enum { LIVES = 60, LONGEST_US = 30000, TICKS_AT_ONCE = 20, CHECKPOINT = 15000, W
 static tl_writer_bench bench;
 static tl_test_random dice;
 
-/* What was put. */
+/* What this process has put. */
 static int64_t runs;
-static int64_t ticks; /* of the run */
+static int64_t ticks; /* of the current run */
 static int64_t all_ticks;
 static int64_t events[TL_BENCH_QUEUES];
 static int64_t ended;
@@ -36,7 +37,7 @@ void tearDown(void) {
     tl_writer_bench_end(&bench);
 }
 
-/* ---- what is put ---- */
+/* ---- put ---- */
 
 static void begin_run(void) {
     tl_writer_bench_start(&bench, 1000 * runs);
@@ -44,11 +45,11 @@ static void begin_run(void) {
     ticks = 0;
 }
 
-/* With the number of its run in the text of one that belongs to it. */
+/* The text has the number of the run. */
 static void put_event(int which) {
     char text[64];
     if ((uint64_t)events[which] - bench.state->taken[which].events >= WAITING_EVENTS) {
-        return; /* it might find no room */
+        return; /* the queue may be full */
     }
     (void)snprintf(text, sizeof text, "event %lld of run %lld", (long long)events[which]++, (long long)runs);
     tl_record_queue_event(which == 0 ? &bench.twin : &bench.io, ticks, TL_EVENT_INFO, which == 0 ? "twin" : "io", text);
@@ -62,7 +63,7 @@ static void put_checkpoint(void) {
     tl_record_queue_put_checkpoint(&bench.twin, ticks - 1, CHECKPOINT);
 }
 
-/* So that the largest entry finds room too. */
+/* Then the largest entry fits. */
 static bool is_half_empty(void) {
     return bench.twin.written - bench.state->taken[0].ring < bench.settings[0].ring_bytes / 2;
 }
@@ -88,7 +89,7 @@ static void put_some(void) {
     }
 }
 
-/* ---- a life ---- */
+/* ---- write ---- */
 
 static void write_now(void) {
     tl_recorder_writer_write(bench.writer);
@@ -99,7 +100,7 @@ static void live_and_be_killed(void) {
     tl_writer_bench_live(&bench, tl_clock_now(NULL) + life, write_now, put_some);
 }
 
-/* ---- what is there ---- */
+/* ---- check ---- */
 
 static int64_t ask(const char *sql) {
     return tl_sql_integer(bench.path, sql);
@@ -127,7 +128,7 @@ static void expect_all_once(void) {
                              tl_recorder_state_get(bench.state).written);
 }
 
-static void everything_is_there_once(void) {
+static void each_entry_is_there_once(void) {
     size_t lives = tl_test_campaign("TL_WRITER_LIVES", LIVES);
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
     begin_run();
@@ -136,14 +137,14 @@ static void everything_is_there_once(void) {
     }
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
-    tl_sql_execute(bench.path, "UPDATE runs SET ended = committed, ended_reason = 'not ended cleanly'"
-                               " WHERE ended IS NULL"); /* the last one */
+    tl_sql_execute(bench.path, "UPDATE main.runs SET ended_reason = 'not ended cleanly', ended = committed"
+                               " WHERE runs.ended IS NULL"); /* the last one */
     expect_all_once();
 }
 
 int main(void) {
     tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_kills");
     UNITY_BEGIN();
-    RUN_TEST(everything_is_there_once);
+    RUN_TEST(each_entry_is_there_once);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

@@ -1,6 +1,8 @@
-/* Runs that follow each other by two rings: each entry, event and checkpoint is written once, in its run, whoever writes, and whenever that is killed.
+/* Runs that alternate between two record queues: each entry, event and checkpoint is written once
+ * and in its run, also if a writer is killed.
  *
- * This process puts; in the second part children write and are killed. TL_WRITER_LIVES: how many of them. */
+ * This process puts entries. In the second part children write and are killed. TL_WRITER_LIVES is
+ * their number. */
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -23,20 +25,20 @@ enum {
     WAITING_EVENTS = 400
 };
 
-/* What writers and this process tell each other, as on the stage of a live run. */
+/* State that writers and this process share, as in a live run. */
 typedef struct hall {
-    uint32_t handovers; /* announced, and done */
-    uint32_t drained;   /* by a writer */
+    uint32_t handovers; /* completed ones */
+    uint32_t drained;   /* queues that a writer has emptied */
 } hall;
 
 static tl_writer_bench bench;
 static hall *shared;
-static uint32_t read_handovers; /* since which one the writer's ring is read */
+static uint32_t read_handovers; /* handovers before the queue that the writer reads */
 static tl_test_random dice;
 
-/* What was put. */
+/* What this process has put. */
 static int64_t runs;
-static int64_t ticks; /* of the run */
+static int64_t ticks; /* of the current run */
 static int64_t all_ticks;
 static int64_t events;
 static int64_t of_io;
@@ -54,7 +56,7 @@ void tearDown(void) {
     tl_writer_bench_end(&bench);
 }
 
-/* ---- what is put ---- */
+/* ---- put ---- */
 
 static size_t ring_since(uint32_t handovers) {
     return handovers % 2 == 0 ? TL_BENCH_TWIN : TL_BENCH_OTHER;
@@ -68,9 +70,9 @@ static tl_record_queue *queue_of_run(void) {
     return ring_of_run() == TL_BENCH_TWIN ? &bench.twin : &bench.other;
 }
 
-/* That goes on with the one before, but for the first. */
+/* Starts a run that continues the one before, except the first. */
 static void begin_run(void) {
-    static tl_record_queue_start start; /* too large for a stack */
+    static tl_record_queue_start start; /* too large for the stack */
     tl_made_beginning(1000 * runs, &start);
     if (runs > 0) {
         start.resumption.from = TL_RESUMED_CHECKPOINT;
@@ -88,7 +90,7 @@ static void put(int64_t count) {
     all_ticks += count;
 }
 
-/* With the number of its run in the text. */
+/* The text has the number of the run. */
 static void put_event(void) {
     char text[64];
     (void)snprintf(text, sizeof text, "event %lld of run %lld", (long long)events++, (long long)runs);
@@ -101,7 +103,7 @@ static void put_event_of_io(void) {
     tl_record_queue_event(&bench.io, -1, TL_EVENT_INFO, "io", text);
 }
 
-/* Its bytes say of which run it is. */
+/* Its bytes are the number of the run, modulo 251. */
 static void put_checkpoint(void) {
     size_t capacity = 0;
     unsigned char *room = tl_record_queue_checkpoint_room(queue_of_run(), &capacity);
@@ -116,7 +118,7 @@ static void handover(void) {
     begin_run();
 }
 
-/* ---- the writer, as the process that records has it ---- */
+/* ---- write, as the recorder process does ---- */
 
 static void open_writer(void) {
     bench.ring = ring_since(read_handovers);
@@ -157,7 +159,7 @@ static void expect(const char *text, const char *sql) {
 static const char runs_of[] = "SELECT group_concat(run || ' ' || coalesce(ended_reason, 'open') || ' ' ||"
                               " samples_written || ' ' || entries_lost, ', ') FROM runs";
 
-/* ---- one after the other ---- */
+/* ---- one writer after the other ---- */
 
 static void test_the_next_run_comes_by_the_other_ring(void) {
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
@@ -175,7 +177,7 @@ static void test_the_next_run_comes_by_the_other_ring(void) {
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM runs"));
     TEST_ASSERT_TRUE(follow());
     tl_writer_bench_close_well(&bench);
-    put_event_of_io(); /* of the last run that there is */
+    put_event_of_io(); /* belongs to the last written run */
     open_writer();
     write_now();
     TEST_ASSERT_FALSE(follow());
@@ -183,13 +185,13 @@ static void test_the_next_run_comes_by_the_other_ring(void) {
     tl_writer_bench_expect_whole(bench.path);
     expect("1 hand over 10 0, 2 not ended cleanly 7 0", runs_of);
     expect("1 5 checkpoint", "SELECT resumed_run || ' ' || resumed_tick || ' ' || resumed_from FROM beginnings"
-                             " WHERE run = 2");
+                             " WHERE beginnings.run = 2");
     expect("1 event 0 of run 1, 1 event 0, 2 event 1 of run 2",
            "SELECT group_concat(run || ' ' || text, ', ') FROM (SELECT run, text FROM events ORDER BY event)");
     expect("2 6", "SELECT run || ' ' || tick FROM checkpoints");
 }
 
-/* The first writer is that slow. It does not read the third run before the second one is written. */
+/* The first writer is slow: it must not read the third run before the second one is written. */
 static void test_a_handover_back_before_the_first_was_written(void) {
     begin_run();
     put(10);
@@ -214,8 +216,8 @@ static void test_a_handover_back_before_the_first_was_written(void) {
     expect("1, 2", "SELECT group_concat(resumed_run, ', ') FROM beginnings WHERE resumed_run IS NOT NULL");
 }
 
-/* What is left of one ring is no part of what another writer has left to do. */
-static void test_nothing_of_a_later_run_is_lost_in_the_end(void) {
+/* Entries of a later run in the same queue do not count as dropped. */
+static void test_entries_of_a_later_run_are_not_dropped(void) {
     begin_run();
     put(10);
     handover();
@@ -230,8 +232,8 @@ static void test_nothing_of_a_later_run_is_lost_in_the_end(void) {
     expect("1 hand over 10 0", runs_of);
 }
 
-/* It has died before it could end its run, in the middle of a tick. */
-static void test_a_twin_that_dies_hands_over_all_the_same(void) {
+/* The twin has died inside a tick, before the end of its run. */
+static void test_a_handover_after_the_twins_death(void) {
     tl_sample sample;
     open_writer();
     begin_run();
@@ -251,8 +253,8 @@ static void test_a_twin_that_dies_hands_over_all_the_same(void) {
     expect("1 not ended cleanly 11 0, 2 not ended cleanly 3 0", runs_of);
 }
 
-/* A twin may say anything. */
-static void test_a_run_that_hands_over_to_nobody(void) {
+/* A wrong end of the twin: no handover follows. */
+static void test_an_end_without_a_handover(void) {
     open_writer();
     begin_run();
     put(10);
@@ -264,8 +266,8 @@ static void test_a_run_that_hands_over_to_nobody(void) {
     expect("1 hand over 10 0, 2 not ended cleanly 4 0", runs_of);
 }
 
-/* One that has died after its last commit, and before it could say that. */
-static void test_a_successor_says_that_all_is_written(void) {
+/* The writer has died after its last commit, before it could report that the queue is empty. */
+static void test_a_successor_reports_the_empty_queue(void) {
     open_writer();
     begin_run();
     put(10);
@@ -278,8 +280,8 @@ static void test_a_successor_says_that_all_is_written(void) {
     TEST_ASSERT_TRUE(follow());
 }
 
-/* Another configuration's, in new memory, of another size: the numbers of the reader go on. */
-static void test_a_new_queue_in_the_place_of_an_old_one(void) {
+/* The queue of another configuration in new memory: the reader's numbers continue. */
+static void test_a_new_queue_replaces_an_old_one(void) {
     open_writer();
     begin_run();
     put(10);
@@ -317,7 +319,7 @@ static bool has_room(void) {
            (uint64_t)of_io - bench.state->taken[TL_BENCH_IO].events < WAITING_EVENTS;
 }
 
-/* At most two flips ahead, as in a live run in which nobody moves in. */
+/* At most two handovers ahead of the writer, as in a live run. */
 static bool may_handover(void) {
     return shared->handovers - read_handovers < 2;
 }
@@ -338,7 +340,7 @@ static void put_some(void) {
     }
 }
 
-/* What writers have taken, and how many rings they have left: grows while they get somewhere. */
+/* A number that grows with the progress of the writers. */
 static uint64_t taken_so_far(void) {
     uint64_t sum = __atomic_load_n(&shared->drained, __ATOMIC_ACQUIRE);
     for (size_t i = 0; i < TL_BENCH_QUEUES; i++) {
@@ -347,7 +349,8 @@ static uint64_t taken_so_far(void) {
     return sum;
 }
 
-/* How long at most. Doubled while nobody gets anywhere: a slow machine opens no database within a short life. */
+/* Runs a writer for at most this time. The caller doubles it if there is no progress: a slow
+ * machine needs longer to open the database. */
 static void live_and_be_killed(size_t longest_us) {
     tl_time life = (tl_time)tl_test_random_below(&dice, longest_us) * 1000;
     bench.ring = ring_since(read_handovers);
@@ -387,9 +390,9 @@ static void expect_all_once(void) {
                                    " printf('%02X', run % 251)"));
 }
 
-static void test_everything_is_there_once(void) {
+static void test_each_entry_is_there_once(void) {
     size_t lives = tl_test_campaign("TL_WRITER_LIVES", LIVES);
-    int barren = 0; /* lives in a row in which nothing was taken */
+    int barren = 0; /* consecutive writers without progress */
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.other, CHECKPOINT));
     begin_run();
@@ -397,7 +400,7 @@ static void test_everything_is_there_once(void) {
         uint64_t before = taken_so_far();
         live_and_be_killed((size_t)LONGEST_US << barren);
         barren = taken_so_far() > before ? 0 : barren + 1;
-        TEST_ASSERT_LESS_THAN_MESSAGE(MOST_DOUBLINGS, barren, "writers get nowhere");
+        TEST_ASSERT_LESS_THAN_MESSAGE(MOST_DOUBLINGS, barren, "no progress");
     }
     write_the_rest();
     expect_all_once();
@@ -413,11 +416,11 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_next_run_comes_by_the_other_ring);
     RUN_TEST(test_a_handover_back_before_the_first_was_written);
-    RUN_TEST(test_nothing_of_a_later_run_is_lost_in_the_end);
-    RUN_TEST(test_a_twin_that_dies_hands_over_all_the_same);
-    RUN_TEST(test_a_run_that_hands_over_to_nobody);
-    RUN_TEST(test_a_successor_says_that_all_is_written);
-    RUN_TEST(test_a_new_queue_in_the_place_of_an_old_one);
-    RUN_TEST(test_everything_is_there_once);
+    RUN_TEST(test_entries_of_a_later_run_are_not_dropped);
+    RUN_TEST(test_a_handover_after_the_twins_death);
+    RUN_TEST(test_an_end_without_a_handover);
+    RUN_TEST(test_a_successor_reports_the_empty_queue);
+    RUN_TEST(test_a_new_queue_replaces_an_old_one);
+    RUN_TEST(test_each_entry_is_there_once);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

@@ -1,4 +1,4 @@
-/* Tunings in the database: what a run took while it ran, whose text it was, and what is left of a text that nobody knows. */
+/* Tunings in the database: changes during a run, their texts and authors, and unknown texts. */
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
@@ -7,6 +7,7 @@
 
 #include "firmware/store/history.h"
 #include "tests/support/made_run.h"
+#include "tests/support/message.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_record_queue.h"
@@ -23,7 +24,7 @@ static const tl_history_tuning *tunings;
 static size_t count;
 static tl_error error;
 static char hashes[2][TL_SHA256_TEXT];
-static char own[TL_SHA256_TEXT]; /* of the settings' configuration */
+static char own[TL_SHA256_TEXT]; /* hash of the settings' configuration */
 static tl_recorder_known known;
 static tl_run_tuning tuning;
 
@@ -94,14 +95,14 @@ static tl_status read_tunings(int64_t id) {
     return tl_history_tunings(history, run, &tunings, &count, &error);
 }
 
-static void expect_tuning(size_t index, int64_t tick, const char *hash, const char *words) {
+static void expect_tuning(size_t index, int64_t tick, const char *hash, const char *who_origin_why) {
     char found[300];
     TEST_ASSERT_TRUE(index < count);
     const tl_history_tuning *one = &tunings[index];
     TEST_ASSERT_EQUAL_INT64(tick, one->tick);
     TEST_ASSERT_EQUAL_STRING(hash, one->hash);
     (void)snprintf(found, sizeof found, "%s|%s|%s", one->who, one->origin, one->why);
-    TEST_ASSERT_EQUAL_STRING(words, found);
+    TEST_ASSERT_EQUAL_STRING(who_origin_why, found);
 }
 
 static void expect_text(const char *hash, const char *wanted) {
@@ -114,7 +115,7 @@ static uint32_t stored(void) {
     return tl_recorder_state_get(box.state).tuning;
 }
 
-/* ---- what is written ---- */
+/* ---- content ---- */
 
 static void a_tuning_is_recorded_with_its_text(void) {
     open_writer(0);
@@ -140,11 +141,12 @@ static void a_tuning_is_recorded_with_its_text(void) {
     TEST_ASSERT_EQUAL_STRING(own, run->configuration_hash);
     TEST_ASSERT_EQUAL_UINT64(0, run->lost);
     TEST_ASSERT_EQUAL_STRING("5|0.05|ann", tl_sql_text(path, "SELECT tick || '|' || time_s || '|' || who FROM v_tunings"
-                                                             " ORDER BY tick LIMIT 1"));
+                                                             " ORDER BY tick ASC LIMIT 1"));
 }
 
-/* What a successor follows it records again, as it was said then: nobody knows it any other way by now. */
-static void a_run_that_goes_on_says_it_again(void) {
+/* A successor records a tuning again that it repeats. Author and reason come from the first
+ * record. */
+static void a_resumed_run_records_its_tuning_again(void) {
     open_writer(0);
     begin_run("");
     put(0, 5);
@@ -163,7 +165,7 @@ static void a_run_that_goes_on_says_it_again(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(DISTINCT at) FROM tunings"));
 }
 
-/* Back to what the run was begun with: its text is there, and nobody said why. */
+/* A return to the run's first configuration: its text exists, and it has no author or reason. */
 static void the_runs_own_configuration_may_come_back(void) {
     open_writer(0);
     begin_run("");
@@ -176,8 +178,8 @@ static void the_runs_own_configuration_may_come_back(void) {
     expect_tuning(0, 5, own, "||");
 }
 
-/* No replay could follow it, and a twin could fill the file with them. */
-static void a_text_that_nobody_knows_is_lost(void) {
+/* A replay cannot use a tuning without a text, and a twin could fill the file with them. */
+static void a_tuning_with_an_unknown_text_is_lost(void) {
     open_writer(0);
     begin_run("");
     put(0, 5);
@@ -192,7 +194,7 @@ static void a_text_that_nobody_knows_is_lost(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(*) FROM configurations"));
 }
 
-static void a_tick_that_cannot_be_is_lost(void) {
+static void a_tuning_with_an_invalid_tick_is_lost(void) {
     open_writer(0);
     begin_run("");
     put(0, 5);
@@ -205,8 +207,8 @@ static void a_tick_that_cannot_be_is_lost(void) {
     TEST_ASSERT_EQUAL_UINT64(2, run->lost);
 }
 
-/* A twin that was begun again may have been built with another text than the recorder was told at its own start. */
-static void a_run_may_be_begun_with_another_configuration(void) {
+/* A restarted twin may have another configuration than the recorder had at its start. */
+static void a_run_may_start_with_another_configuration(void) {
     const char *text = NULL;
     open_writer(0);
     begin_run(hashes[0]);
@@ -215,8 +217,9 @@ static void a_run_may_be_begun_with_another_configuration(void) {
     begin_run(hashes[1]);
     put(0, 5);
     write_out();
-    TEST_ASSERT_EQUAL_STRING("", tl_sql_text(path, "SELECT text FROM configurations JOIN runs ON configuration = hash"
-                                                   " WHERE run = 2"));
+    TEST_ASSERT_EQUAL_STRING("",
+                             tl_sql_text(path, "SELECT c.text FROM configurations c JOIN runs ON configuration = hash"
+                                               " WHERE run = 2"));
     known = (tl_recorder_known){.hash = hashes[1], .text = SECOND, .who = "", .origin = "", .why = ""};
     take(5, 0, hashes[1]);
     put(5, 5);
@@ -233,8 +236,9 @@ static void a_run_may_be_begun_with_another_configuration(void) {
 
 /* ---- the bound ---- */
 
-/* Of ticks that are removed only the tuning stays that is in force in the first that is left; and nothing of a run that is gone. */
-static void what_is_removed_takes_its_tunings_along(void) {
+/* Removed ticks leave only the tuning that is active in the first kept tick. A removed run
+ * leaves none. */
+static void tunings_of_removed_ticks(void) {
     enum { AT_ONCE = 500, ALL = 40000 };
     open_writer(1000000);
     begin_run("");
@@ -248,8 +252,8 @@ static void what_is_removed_takes_its_tunings_along(void) {
         write_out();
     }
     close_writer();
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM tunings WHERE run = 1"));
-    int64_t first = tl_sql_integer(path, "SELECT removed_before FROM runs WHERE run = 2");
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM tunings WHERE tunings.run = 1"));
+    int64_t first = tl_sql_integer(path, "SELECT removed_before FROM runs WHERE runs.run = 2");
     TEST_ASSERT_TRUE(first > 2 * AT_ONCE);
     expect_ok(read_tunings(2));
     TEST_ASSERT_GREATER_THAN_size_t(1, count);
@@ -269,7 +273,7 @@ static void record_one(void) {
     close_writer();
 }
 
-static void damage_shows(void) {
+static void damage_is_detected(void) {
     static const char *const damages[] = {
         "UPDATE tunings SET configuration = replace(configuration, substr(configuration, 1, 1), char(27))",
         "UPDATE tunings SET tick = -1",
@@ -285,7 +289,7 @@ static void damage_shows(void) {
         record_one();
         tl_sql_execute(path, damages[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, read_tunings(1), damages[i]);
-        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the tunings of run 1 are incomplete or wrong"), error.text);
+        TL_EXPECT_PARTS("/run.db|damaged|tunings|run 1", error.text);
         tearDown();
         setUp();
     }
@@ -301,12 +305,12 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_tuning");
     UNITY_BEGIN();
     RUN_TEST(a_tuning_is_recorded_with_its_text);
-    RUN_TEST(a_run_that_goes_on_says_it_again);
+    RUN_TEST(a_resumed_run_records_its_tuning_again);
     RUN_TEST(the_runs_own_configuration_may_come_back);
-    RUN_TEST(a_text_that_nobody_knows_is_lost);
-    RUN_TEST(a_tick_that_cannot_be_is_lost);
-    RUN_TEST(a_run_may_be_begun_with_another_configuration);
-    RUN_TEST(what_is_removed_takes_its_tunings_along);
-    RUN_TEST(damage_shows);
+    RUN_TEST(a_tuning_with_an_unknown_text_is_lost);
+    RUN_TEST(a_tuning_with_an_invalid_tick_is_lost);
+    RUN_TEST(a_run_may_start_with_another_configuration);
+    RUN_TEST(tunings_of_removed_ticks);
+    RUN_TEST(damage_is_detected);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -28,34 +28,40 @@ void tearDown(void) {}
 static void expect_words(const char *words) {
     tl_status_line_write(&config, &status, line);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(line, words), line);
+    TEST_ASSERT_LESS_THAN_size_t(80, strlen(line));
 }
 
 static void test_what_it_says(void) {
-    expect_words(
-        "    1.00 s  \316\224motor.d +0.5  optimised     locked    motor.omega 2 (plant 2.5)  0.01 ms  skipped 3");
+    status.skipped = 0;
+    expect_words("    1.00 s  locked  motor.d corrected by +0.5  motor.omega 2 (plant 2.5)");
+    status.skipped = 3;
+    expect_words("    1.00 s  locked  3 ticks missed  motor.d corrected by +0.5  0.01 ms");
 }
 
 static void test_that_u_rests(void) {
-    status.record.outcome = TL_NOMINAL;
-    expect_words("  nominal       locked ");
     status.record.flags = TL_FLAG_RESTS;
-    expect_words("  rests         locked ");
+    expect_words("  motor.d at nominal  ");
 }
 
 static void test_a_measurement_that_is_not_good(void) {
     status.record.measured_quality[0] = TL_NO_LINK;
-    expect_words("(plant 2.5, no link)");
+    status.skipped = 0;
+    expect_words("(plant: no link)");
 }
 
+static void test_a_twin_that_runs_free(void) {
+    config.adjust_count = 0;
+    expect_words("  free-running  3 ticks missed  motor.omega 2 (plant 2.5)  0.01 ms");
+}
+
+/* A part that does not fit into a line of a terminal is left out. */
 static void test_names_that_are_longer_than_a_line(void) {
     static char name[4096];
     memset(name, 'a', sizeof name - 1);
     adjust[0].variable = match[0].variable = name;
     config.adjust_count = config.match_count = 2;
     adjust[1].variable = match[1].variable = name;
-    tl_status_line_write(&config, &status, line);
-    TEST_ASSERT_LESS_THAN_size_t(TL_STATUS_LINE, strlen(line));
-    expect_words("skipped 3");
+    expect_words("    1.00 s  locked  3 ticks missed  0.01 ms");
 }
 
 int main(void) {
@@ -63,6 +69,7 @@ int main(void) {
     RUN_TEST(test_what_it_says);
     RUN_TEST(test_that_u_rests);
     RUN_TEST(test_a_measurement_that_is_not_good);
+    RUN_TEST(test_a_twin_that_runs_free);
     RUN_TEST(test_names_that_are_longer_than_a_line);
     return UNITY_END();
 }

@@ -140,9 +140,9 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
     see(TL_GOOD, TL_GOOD);
     see(TL_GOOD, TL_STALE);
     see(TL_GOOD, TL_STALE);
-    expect_told("warning|plant.omega|stale");
+    expect_told("warning|plant.omega|stale_s");
     see(TL_GOOD, TL_NO_LINK);
-    expect_told("warning|plant.omega|no link");
+    expect_told("warning|plant.omega|connection|last good value");
     see(TL_GOOD, TL_NO_LINK);
     expect_nothing();
     see(TL_GOOD, TL_GOOD);
@@ -152,7 +152,7 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
 static void test_signals_are_watched_one_by_one(void) {
     see(TL_NOT_A_NUMBER, TL_OUT_OF_RANGE);
     TEST_ASSERT_EQUAL_UINT64(2, journal.head - journal.tail);
-    expect_two_told("warning|plant.torque|not a number", "warning|plant.omega|out of range");
+    expect_two_told("warning|plant.torque|not a number", "warning|plant.omega|out of range|initial value");
     see(TL_GOOD, TL_OUT_OF_RANGE);
     expect_told("notice|plant.torque|good");
 }
