@@ -122,7 +122,10 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
     io->file = file;
     if (file < 0) {
-        set_link(io, sink, false, is_device ? "this is a device (expected a file or a FIFO)" : strerror(failure));
+        char cause[TEXT];
+        (void)snprintf(cause, sizeof cause, "cannot be opened: %s: check the path, or start the writer",
+                       strerror(failure));
+        set_link(io, sink, false, is_device ? "this is a device (expected a file or a FIFO)" : cause);
         return false;
     }
     io->is_file = S_ISREG(what.st_mode) != 0;
@@ -282,7 +285,7 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     io->anchor.set = false;
     io->went_back = false;
     set_link(io, sink, false,
-             had_one ? "the writer has closed it: restart the writer" : "no program writes to it: start the writer");
+             had_one ? "the writer closed it: restart the writer" : "no program writes to it: start the writer");
 }
 
 /* Waits for bytes or an interruption. Returns false if there is nothing to read. */

@@ -317,8 +317,8 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
         return tl_fail(
             error, TL_BAD_DATA,
             "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9): write seconds, as 0.1, "
-            "or a Unix time: `date -d \"%.40s\" +%%s.%%N`",
-            table->path, (long long)number, time, time);
+            "or a Unix time: `date -d DATE +%%s.%%N`",
+            table->path, (long long)number, time);
     }
     row->time = tl_time_of_seconds(seconds);
     for (size_t i = 0; i < table->column_count; i++) {

@@ -86,15 +86,16 @@ static void search_chip(search *own, const char *file) {
 
 static void describe_not_found(const search *own, char *text, size_t size) {
     if (own->chips[0] == '\0' && own->chip != NULL) {
-        (void)snprintf(text, size, "no chip has the name, label or path %.64s%s: see `gpiodetect`", own->chip,
+        (void)snprintf(text, size, "no chip has the name, label or path %.64s (see `gpiodetect`)%s", own->chip,
                        own->denied);
     } else if (own->chips[0] == '\0') {
-        (void)snprintf(text, size, "this box has no GPIO chip%s", own->denied);
+        (void)snprintf(text, size, "there is no GPIO chip%s",
+                       own->denied[0] != '\0' ? own->denied : ": load its driver");
     } else if (own->channel->line == NULL) {
         (void)snprintf(text, size, "offset %u is too large: %s has the lines 0 to %u", own->channel->offset, own->chips,
                        own->lines - 1);
     } else {
-        (void)snprintf(text, size, "no line has this name on %s%s: see `gpioinfo`", own->chips, own->denied);
+        (void)snprintf(text, size, "no line has this name on %s (see `gpioinfo`)%s", own->chips, own->denied);
     }
 }
 

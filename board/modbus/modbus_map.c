@@ -84,7 +84,7 @@ void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl
     case TL_MODBUS_WRONG_UNIT:
         (void)snprintf(text, size, "answered as unit %d instead of %d: %s", found, wanted,
                        on_a_line ? "check that only one master uses the line"
-                                 : "if it always does, add \"any_unit_id\": true to its source");
+                                 : "if it always answers so, add \"any_unit_id\": true to its source");
         break;
     case TL_MODBUS_WRONG_FUNCTION:
         (void)snprintf(text, size, "answered function %d instead of %d: check the device%s", found, wanted,

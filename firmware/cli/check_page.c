@@ -412,7 +412,7 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
     if (largest.state_size != 0) {
         (void)fputs("  states       ", output);
         print_size(output, (double)facts.state_memory);
-        (void)fprintf(output, " at most for saved FMU states; one of %s has ", largest.name);
+        (void)fprintf(output, " at most for FMU states; one of %s has ", largest.name);
         print_size(output, (double)largest.state_size);
         (void)fputs("\n", output);
     }

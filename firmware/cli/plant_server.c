@@ -189,8 +189,8 @@ static size_t answer(tl_plant_server *server, const uint8_t *request, size_t siz
     return end;
 }
 
-/* Returns the size of the first request in the frame, 0 if it is not complete. *is_valid is false if
- * the bytes cannot be a request. */
+/* Returns the size of the first request in the frame, 0 if it is not complete. *is_valid is false
+ * if the bytes cannot be a request. */
 static size_t measure(const client *from, bool *is_valid) {
     *is_valid = true;
     if (from->used < PREFIX) {

@@ -93,7 +93,7 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     }
     if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
         tl_log(TL_LOG_WARNING,
-               "a refused call may be the cause: if you trust the FMU, permit the call with --unconfined, or with "
+               "a denied system call may be the cause: if you trust the FMU, permit it with --unconfined, or with "
                "\"unconfined\": true in its component");
     }
     tl_twin_child_close(job->child);

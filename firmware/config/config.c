@@ -128,9 +128,9 @@ static tl_status report_file(const char *path, tl_report *report) {
     }
     bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
-    const char *why = strerror(errno);
+    const char *cause = strerror(errno);
     char other[TL_OTHER_CASE_TEXT];
-    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", why, tl_other_case(path, other));
+    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", cause, tl_other_case(path, other));
     return status;
 }
 

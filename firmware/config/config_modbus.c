@@ -61,17 +61,17 @@ static void read_baud(tl_config_object *object, tl_modbus_line *line) {
     }
     const tl_config_number rule = {
         .whole = true, .minimum = 1200, .maximum = 1000000, .expected = expected, .example = "19200"};
-    double given = 19200;
+    double value = 19200;
     const uint32_t *known = tl_modbus_bauds;
-    if (tl_config_get_number(object, "baud", &rule, &given)) {
-        while (*known != 0 && *known != (uint32_t)given) {
+    if (tl_config_get_number(object, "baud", &rule, &value)) {
+        while (*known != 0 && *known != (uint32_t)value) {
             known++;
         }
         if (*known == 0) {
             tl_config_wrong(object, "baud", NULL, expected, "19200");
         }
     }
-    line->baud = (uint32_t)given;
+    line->baud = (uint32_t)value;
 }
 
 static void read_rtu_source(tl_config_object *object, tl_config_source *source) {

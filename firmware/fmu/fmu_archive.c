@@ -31,12 +31,12 @@ typedef struct unpacking {
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-static tl_status reject_entry(const unpacking *work, const char *name, const char *why) {
+static tl_status reject_entry(const unpacking *work, const char *name, const char *reason) {
     char shown[NAME_SHOWN + 1];
     (void)tl_clean_text(name, strlen(name), shown, sizeof shown);
     return tl_fail(work->error, TL_BAD_DATA,
                    "%s: entry \"%s\" is rejected: %s; the FMU is damaged or malicious: export it again", work->label,
-                   shown, why);
+                   shown, reason);
 }
 
 /* Returns why a path is rejected; NULL: it is valid. */

@@ -563,8 +563,8 @@ typedef tl_fmu_guarded guarded;
 
 /* ---- changes of the process ---- */
 
-/* `reported`: changes already logged for this instance or file. `where`: the call; NULL: the present
- * one. */
+/* `reported`: changes already logged for this instance or file. `where`: the call; NULL: the
+ * present one. */
 static void log_changes(tl_fmu_guard *guard, unsigned *reported, unsigned changes, const char *where) {
     char names[TL_HOST_CHANGE_TEXT];
     char text[TL_HOST_CHANGE_TEXT + 160];

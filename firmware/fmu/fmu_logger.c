@@ -158,8 +158,9 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
 
 enum { LOGGERS = TL_FMU_CALL_FMUS, WORD_TEXT = 80 };
 
-/* The open loggers, so that an environment is checked before it is used. `unknown_limiter` limits messages
- * without a known logger. They are static because the callback has no other context. */
+/* The open loggers, so that an environment is checked before it is used. `unknown_limiter`
+ * limits messages without a known logger. They are static because the callback has no other
+ * context. */
 static tl_fmu_logger *open_loggers[LOGGERS];
 static tl_log_limiter unknown_limiter = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND);
 

@@ -716,7 +716,7 @@ static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Ch
 
 /* ---- The whole document ---------------------------------------------------------------------- */
 
-static double first_finite(double own, double inherited, double standard) {
+static double first_number(double own, double inherited, double standard) {
     double value = isnan(own) ? inherited : own;
     return isnan(value) ? standard : value;
 }
@@ -738,9 +738,9 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
         inherited = &type->declaration;
     }
     own->unit = own->unit == NULL ? inherited->unit : own->unit;
-    variable->minimum = first_finite(own->minimum, inherited->minimum, -(double)INFINITY);
-    variable->maximum = first_finite(own->maximum, inherited->maximum, (double)INFINITY);
-    variable->nominal = fabs(first_finite(own->nominal, inherited->nominal, 1));
+    variable->minimum = first_number(own->minimum, inherited->minimum, -(double)INFINITY);
+    variable->maximum = first_number(own->maximum, inherited->maximum, (double)INFINITY);
+    variable->nominal = fabs(first_number(own->nominal, inherited->nominal, 1));
     if (variable->nominal == 0) {
         variable->nominal = 1;
     }

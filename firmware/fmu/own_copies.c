@@ -405,8 +405,8 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
 
 /* ---- Symbols --------------------------------------------------------------------------------- */
 
-static bool begins_with(const char *text, const char *beginning) {
-    return strncmp(text, beginning, strlen(beginning)) == 0;
+static bool begins_with(const char *text, const char *prefix) {
+    return strncmp(text, prefix, strlen(prefix)) == 0;
 }
 
 /* Reads the mangled name: after prefixes (guard, local of a function, nested name, const) comes
@@ -476,7 +476,7 @@ typedef struct fmu_folder {
 
 typedef struct copy_work {
     const char *folder;
-    fmu_folder *fmu_folders; /* subfolders that are still to be searched */
+    fmu_folder *subfolders; /* subfolders that are still to be searched */
     const char *label;
     tl_error *error;
     own_library *libraries; /* the first one is the binary */
@@ -582,7 +582,7 @@ static tl_status add_entry(copy_work *work, const char *folder, const char *name
         return fail_system(work, path, "found", errno);
     }
     if (S_ISDIR(facts.st_mode)) {
-        return add_folder(&work->fmu_folders, path) ? TL_OK : fail_memory(work);
+        return add_folder(&work->subfolders, path) ? TL_OK : fail_memory(work);
     }
     bool is_library = strstr(name, ".so") != NULL && strcmp(path, work->libraries->path) != 0;
     return is_library && S_ISREG(facts.st_mode) ? add_library(work, path) : TL_OK;
@@ -612,9 +612,9 @@ static tl_status find_libraries(copy_work *work, const char *binary) {
         return status;
     }
     status = read_folder(work, work->folder);
-    while (work->fmu_folders != NULL) {
-        fmu_folder *folder = work->fmu_folders;
-        work->fmu_folders = folder->next;
+    while (work->subfolders != NULL) {
+        fmu_folder *folder = work->subfolders;
+        work->subfolders = folder->next;
         status = status == TL_OK ? read_folder(work, folder->path) : status;
         free(folder);
     }

@@ -210,7 +210,8 @@ static bool interpolate_line(const lookup *self, tl_time at, tl_time alike, tl_r
     return true;
 }
 
-/* As interpolate_line(), with a low-pass along the line. Its value τ later belongs to the instant. */
+/* As interpolate_line(), with a low-pass along the line. Its value τ later belongs to the instant.
+ */
 static bool interpolate_smooth(const lookup *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_time later = at + self->low_pass;
     tl_conditioned before;

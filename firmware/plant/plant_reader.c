@@ -64,7 +64,7 @@ static void post(void *context, size_t channel, const tl_reading *reading) {
     }
 }
 
-static void pass_report(void *context, bool good, const char *text) {
+static void forward_report(void *context, bool good, const char *text) {
     const source_thread *own = context;
     own->readers->on_link(own->readers->context, own->source->name, good, text);
 }
@@ -89,13 +89,13 @@ static void report_failure(source_thread *own, const tl_error *error) {
     for (size_t i = 0; i < own->source->signal_count; i++) {
         post(own, i, &none);
     }
-    pass_report(own, false, error->text);
+    forward_report(own, false, error->text);
 }
 
 static void *run(void *context) {
     source_thread *own = context;
     const tl_plant_source *source = own->source;
-    const tl_plant_io_sink sink = {.post = post, .link = pass_report, .context = own};
+    const tl_plant_io_sink sink = {.post = post, .link = forward_report, .context = own};
     bool finished = false;
     char name[NAME];
     tl_time next = tl_clock_now(NULL);

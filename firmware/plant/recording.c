@@ -375,8 +375,8 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     }
     if (read.sample.tick != recording->next) {
         return tl_fail(error, TL_BAD_DATA,
-                       "%s: tick %" PRId64 " is missing, because the recorder lost it: the replay ends before it",
-                       recording->path, recording->next);
+                       "%s: tick %" PRId64 " is missing in the database: the replay cannot continue", recording->path,
+                       recording->next);
     }
     bool repeat = recording->same_configuration && read.has_step;
     if (read.sample.tick == 0) {
@@ -462,7 +462,7 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
     }
     tl_csv_close(reader);
     if (status == TL_OK && rows == 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no rows", path);
+        return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row", path);
     }
     recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
     return status;

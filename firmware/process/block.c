@@ -207,12 +207,12 @@ ssize_t tl_packet_take(int socket, void *bytes, size_t size, int *descriptor) {
     struct cmsghdr *header = got >= 0 ? CMSG_FIRSTHDR(&message) : NULL;
     for (; header != NULL; header = CMSG_NXTHDR(&message, header)) {
         bool brings = header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS;
-        size_t here = brings ? (header->cmsg_len - CMSG_LEN(0)) / sizeof(int) : 0;
-        for (size_t i = 0; i < here; i++) {
+        size_t received = brings ? (header->cmsg_len - CMSG_LEN(0)) / sizeof(int) : 0;
+        for (size_t i = 0; i < received; i++) {
             close_descriptor(descriptor);
             memcpy(descriptor, CMSG_DATA(header) + i * sizeof(int), sizeof *descriptor);
         }
-        count += here;
+        count += received;
     }
     if (got >= 0 && (count > 1 || (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0)) {
         close_descriptor(descriptor);

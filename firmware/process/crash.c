@@ -78,17 +78,17 @@ static bool is_overflow(int number, const siginfo_t *info) {
 }
 
 static void describe_crash(crash_line *line, const char *signal, bool overflow) {
-    tl_fmu_call call_handler;
+    tl_fmu_call call;
     const char *cause = overflow ? "stack overflow (its thread has 8 MiB)" : signal;
-    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call_handler)) {
+    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
         add_text(line, "FMU ");
-        add_text(line, call_handler.fmu);
+        add_text(line, call.fmu);
         add_text(line, " crashed in ");
-        add_text(line, call_handler.function);
+        add_text(line, call.function);
         add_text(line, ": ");
         add_text(line, cause);
         add_text(line,
-                 strcmp(call_handler.function, "fmi2DeSerializeFMUstate") == 0
+                 strcmp(call.function, "fmi2DeSerializeFMUstate") == 0
                      ? "; it cannot load a state of another process: set \"record.resume_s\": 0, or use --supervise "
                        "--state DIR"
                      : "; export it again, or contact its maker");
@@ -99,7 +99,7 @@ static void describe_crash(crash_line *line, const char *signal, bool overflow) 
     } else {
         add_text(line, "twinlock crashed outside of its FMUs: ");
         add_text(line, cause);
-        add_text(line, "; a bug of twinlock, or an FMU has overwritten its memory: please report it");
+        add_text(line, "; a bug of twinlock, or an FMU has overwritten twinlock's memory: please report it");
     }
 }
 

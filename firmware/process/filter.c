@@ -233,7 +233,7 @@ static void allow_memory(rules *list) {
 static void add_opening(rules *list, const char *call, unsigned flags, const tl_confine_settings *settings) {
     const uint32_t nameless = settings->keeps_files ? 0 : NO_NAME;
     const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
-    const struct scmp_arg_cmp ways[] = {
+    const struct scmp_arg_cmp flag_masks[] = {
         MASKED(flags, O_TRUNC | nameless, 0),
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_WRONLY),
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_RDWR),
@@ -242,8 +242,8 @@ static void add_opening(rules *list, const char *call, unsigned flags, const tl_
         add_rule(list, SCMP_ACT_ALLOW, call, &named, nameless != 0 ? 1 : 0);
         return;
     }
-    for (size_t way = 0; way < COUNT(ways); way++) {
-        allow_one(list, call, ways[way]);
+    for (size_t i = 0; i < COUNT(flag_masks); i++) {
+        allow_one(list, call, flag_masks[i]);
     }
 }
 

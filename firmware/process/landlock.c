@@ -129,24 +129,24 @@ typedef struct landlock_rules {
 /* Adds a rule and returns the open path, which the caller closes. A path that is missing or not
  * accessible needs no rule: returns -1. */
 static int allow_open(landlock_rules *list, const char *path, uint64_t rights) {
-    struct stat what = {.st_mode = 0};
-    int place = open(path, O_PATH | O_CLOEXEC);
-    if (place < 0) {
+    struct stat facts = {.st_mode = 0};
+    int file = open(path, O_PATH | O_CLOEXEC);
+    if (file < 0) {
         list->failed = errno != ENOENT && errno != ENOTDIR && errno != EACCES;
-        return place;
+        return file;
     }
-    list->failed = fstat(place, &what) != 0;
+    list->failed = fstat(file, &facts) != 0;
     const struct landlock_path_beneath_attr rule = {
-        .allowed_access = S_ISDIR(what.st_mode) ? rights : rights & OF_FILES, .parent_fd = place};
+        .allowed_access = S_ISDIR(facts.st_mode) ? rights : rights & OF_FILES, .parent_fd = file};
     list->failed = list->failed || syscall(SYS_landlock_add_rule, list->set, LANDLOCK_RULE_PATH_BENEATH, &rule, 0) != 0;
-    return place;
+    return file;
 }
 
 static void allow_path(landlock_rules *list, const char *path, uint64_t rights) {
-    int place = allow_open(list, path, rights);
+    int file = allow_open(list, path, rights);
     int cause = errno;
-    if (place >= 0) {
-        (void)close(place);
+    if (file >= 0) {
+        (void)close(file);
     }
     errno = cause;
 }
@@ -180,23 +180,23 @@ static void allow_settings(landlock_rules *list, uint64_t rights) {
     }
 }
 
-static void allow_places(landlock_rules *list, const tl_confine_settings *places, uint64_t all) {
-    const uint64_t look = all & READ_FILES;
-    const uint64_t change = all & (READ_FILES | CHANGE_FILES);
-    allow_all(list, readable, COUNT(readable), look);
+static void allow_places(landlock_rules *list, const tl_confine_settings *settings, uint64_t all) {
+    const uint64_t read_rights = all & READ_FILES;
+    const uint64_t change_rights = all & (READ_FILES | CHANGE_FILES);
+    allow_all(list, readable, COUNT(readable), read_rights);
     for (size_t i = 0; i < COUNT(own) && !list->failed; i++) {
-        (void)allow_open(list, own[i], look); /* stays open */
+        (void)allow_open(list, own[i], read_rights); /* stays open */
     }
-    allow_settings(list, look);
-    allow_all(list, writable, COUNT(writable), change);
-    allow_all(list, places->read, places->read_count, look);
-    allow_all(list, places->write, places->write_count, change | (all & COMMAND_DEVICE));
-    allow_all(list, &places->folder, places->folder != NULL ? 1 : 0, change);
+    allow_settings(list, read_rights);
+    allow_all(list, writable, COUNT(writable), change_rights);
+    allow_all(list, settings->read, settings->read_count, read_rights);
+    allow_all(list, settings->write, settings->write_count, change_rights | (all & COMMAND_DEVICE));
+    allow_all(list, &settings->folder, settings->folder != NULL ? 1 : 0, change_rights);
 }
 
-static void allow_ports(landlock_rules *list, const tl_confine_settings *places) {
-    for (size_t i = 0; i < places->port_count && !list->failed; i++) {
-        const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
+static void allow_ports(landlock_rules *list, const tl_confine_settings *settings) {
+    for (size_t i = 0; i < settings->port_count && !list->failed; i++) {
+        const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = settings->ports[i]};
         list->failed = syscall(SYS_landlock_add_rule, list->set, RULE_TCP_PORT, &rule, 0) != 0;
     }
 }

@@ -47,10 +47,10 @@ static int open_folder(int parent, const char *name) {
     char path[NAME_ROOM];
     int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder < 0 && errno == EACCES) {
-        int place = openat(parent, name, O_PATH | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", place);
-        bool is_opened = place >= 0 && chmod(path, S_IRWXU) == 0;
-        (void)close(place);
+        int folder_link = openat(parent, name, O_PATH | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", folder_link);
+        bool is_opened = folder_link >= 0 && chmod(path, S_IRWXU) == 0;
+        (void)close(folder_link);
         folder = is_opened ? openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC) : -1;
     }
     make_ours(folder);
@@ -59,7 +59,7 @@ static int open_folder(int parent, const char *name) {
 
 /* Moves a subfolder to the root under an unused name. */
 static void move_up(removal *work, int parent, const char *name) {
-    char fresh[NAME_ROOM];
+    char new_name[NAME_ROOM];
     int result = -1;
     int folder = open_folder(parent, name); /* moving a folder needs write permission for it */
     if (folder < 0) {
@@ -67,8 +67,8 @@ static void move_up(removal *work, int parent, const char *name) {
     }
     (void)close(folder);
     do {
-        (void)snprintf(fresh, sizeof fresh, "%lu", work->names++);
-        result = renameat(parent, name, work->root, fresh);
+        (void)snprintf(new_name, sizeof new_name, "%lu", work->names++);
+        result = renameat(parent, name, work->root, new_name);
     } while (result != 0 && (errno == ENOTEMPTY || errno == EEXIST || errno == ENOTDIR));
     work->changes += result == 0 ? 1 : 0;
 }
@@ -81,8 +81,8 @@ static void remove_entry(removal *work, int parent, const char *name) {
     }
 }
 
-/* Calls `action` for each entry, until a whole pass changes nothing: readdir() may skip entries while
- * others are removed. Closes the folder. */
+/* Calls `action` for each entry, until a whole pass changes nothing: readdir() may skip entries
+ * while others are removed. Closes the folder. */
 static void for_each(removal *work, int folder, void (*action)(removal *work, int folder, const char *name)) {
     DIR *entries = fdopendir(folder);
     size_t before = 0;
@@ -181,7 +181,7 @@ static bool sweep_one(int parent, const char *parent_path, const char *name) {
         (void)close(folder);
         return false;
     }
-    tl_log(TL_LOG_INFO, "%s: removed, because its process was killed", path);
+    tl_log(TL_LOG_INFO, "%s: removing it, because its process was killed", path);
     remove_tree(folder, path);
     return true;
 }

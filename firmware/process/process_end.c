@@ -114,13 +114,13 @@ void tl_process_end(int code) {
     flush_and_end();
 }
 
-void tl_process_give_up(const char *reason) {
+void tl_process_give_up(const char *why) {
     set_ending(FMU_FAILED);
     tl_process_keeper *keeper = __atomic_load_n(&end_keeper, __ATOMIC_ACQUIRE);
     limit_duration(TL_PROCESS_END_S);
-    tl_log(TL_LOG_ERROR, "%s", reason);
+    tl_log(TL_LOG_ERROR, "%s", why);
     if (keeper != NULL) {
-        keeper(keeper_context, reason);
+        keeper(keeper_context, why);
     }
     flush_and_end();
 }

@@ -88,6 +88,6 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     return true;
 }
 
-const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported) {
-    return *reported < refusals->count ? refusals->entries[(*reported)++].said : NULL;
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told) {
+    return *told < refusals->count ? refusals->entries[(*told)++].said : NULL;
 }

@@ -114,7 +114,7 @@ static void reset_signals(void) {
 /* Duplicates a descriptor above all numbers of the child; −1 stays. */
 static int move_up(int descriptor) {
     int moved = descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, FREE_NUMBERS);
-    errno = moved < 0 && errno == EINVAL ? EMFILE : errno; /* GATHER is above the limit */
+    errno = moved < 0 && errno == EINVAL ? EMFILE : errno; /* FREE_NUMBERS is above the limit */
     return moved;
 }
 

@@ -186,13 +186,13 @@ void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block) {
     directory *all = directory_of(heap);
     const block_head head = head_of(block);
     uint32_t class = head.class;
-    unsigned char *place = (unsigned char *)block - (size_t)head.shift * UNIT;
+    unsigned char *address_of_block = (unsigned char *)block - (size_t)head.shift * UNIT;
     if (class >= CLASSES) {
         return; /* the head was overwritten: the block is never used again */
     }
     take_turn(heap);
-    memcpy(place, &all->free[class], sizeof all->free[class]);
-    all->free[class] = (uint32_t)((size_t)(place - heap->base) / UNIT);
+    memcpy(address_of_block, &all->free[class], sizeof all->free[class]);
+    all->free[class] = (uint32_t)((size_t)(address_of_block - heap->base) / UNIT);
     end_turn(heap);
 }
 

@@ -283,10 +283,10 @@ static void add(region_search *self, uintptr_t begin, uintptr_t end, bool has_pa
         self->is_full = true;
         return;
     }
-    tl_fmu_region *place = &places->place[places->count++];
-    memcpy(&place->begin, &begin, sizeof place->begin);
-    place->size = end - begin;
-    place->has_pages = has_pages;
+    tl_fmu_region *region = &places->place[places->count++];
+    memcpy(&region->begin, &begin, sizeof region->begin);
+    region->size = end - begin;
+    region->has_pages = has_pages;
     places->bytes += end - begin;
 }
 
@@ -297,8 +297,8 @@ static uintptr_t end_of_relro(const struct dl_phdr_info *object, uintptr_t begin
         const ElfW(Phdr) *header = &object->dlpi_phdr[i];
         uintptr_t at = object->dlpi_addr + header->p_vaddr;
         if (header->p_type == PT_GNU_RELRO && at >= begin && at < end) {
-            uintptr_t behind = (at + header->p_memsz) / page * page;
-            return behind > begin ? behind : begin;
+            uintptr_t end_of_section = (at + header->p_memsz) / page * page;
+            return end_of_section > begin ? end_of_section : begin;
         }
     }
     return begin;
@@ -721,8 +721,8 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
 
 /* Estimate for one more version. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
-    size_t put = self->most_put > self->most ? self->most_put : self->most;
-    return self->times >= KNOWN_SAVES ? self->most : put > 0 ? put : ASSUMED_PAGES;
+    size_t most_restored = self->most_put > self->most ? self->most_put : self->most;
+    return self->times >= KNOWN_SAVES ? self->most : most_restored > 0 ? most_restored : ASSUMED_PAGES;
 }
 
 size_t tl_fmu_pages_size(const tl_fmu_pages *self) {

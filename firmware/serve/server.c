@@ -177,7 +177,7 @@ static void reload_tokens(tl_server *server) {
     }
     server->tokens_stat = about;
     if (tl_tokens_read(server->settings.tokens, &server->tokens, &error) != TL_OK) {
-        tl_log_limited(&server->log_limiter, TL_LOG_ERROR, "%s; all requests are refused until the file is valid",
+        tl_log_limited(&server->log_limiter, TL_LOG_WARNING, "%s; all requests are refused until the file is valid",
                        error.text);
     }
 }
