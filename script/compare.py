@@ -1,4 +1,4 @@
-"""Two builds, held against each other: see script/compare, which starts this."""
+"""Compares two builds: see script/compare, which starts this."""
 import argparse
 import contextlib
 import os
@@ -19,26 +19,26 @@ from compare_facts import ALLOWABLE, KINDS, Fact
 from study import Progress, Trouble
 
 ROOT = Path(__file__).resolve().parent.parent
-PATIENCE_S = 120  # for a call: an emulator may do it, on a busy machine
-SUCCESS = ("0", "3")  # 3: a replay went through, and its twin was never in lock
-# The C library's tanh, exp and others have another last bit with FMA; without it, all x86-64 processors compute the same.
+TIMEOUT_S = 120  # of a call, which may run in an emulator on a busy machine
+SUCCESS = ("0", "3")  # 3: the replay is complete, but its twin was never in lock
+# With FMA the C library's tanh, exp and others differ in the last bit. Without it all x86-64 processors compute the same.
 SAME_BITS = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
 
 
 # ---- one build ----
 
 class Build:
-    """A build folder, and the FMUs that it gets."""
+    """A build folder, and the FMUs that it uses."""
 
     def __init__(self, label, folder, fmus):
         self.label, self.folder, self.fmus = label, folder, fmus
         self.program = folder / "bin" / "twinlock"
         for path in (self.program, fmus):
             if not path.exists():
-                raise Trouble(f"{path} is absent: build it first, with script/build")
+                raise Trouble(f"{path}: no such file: run script/build first")
 
     def call(self, args, folder):
-        """(exit code, stdout, stderr, number of temporary files left) of the program, called in a folder."""
+        """(exit code, stdout, stderr, number of temporary files left) of the program, run in a folder."""
         temporary = folder.parent / f"{folder.name}-temporary"
         temporary.mkdir(exist_ok=True)
         environment = {**os.environ, **SAME_BITS, "TWINLOCK_FMU_PATH": str(self.fmus), "TMPDIR": str(temporary),
@@ -46,20 +46,20 @@ class Build:
         process = subprocess.Popen([str(self.program), *map(str, args)], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         try:
-            out, err = process.communicate(timeout=PATIENCE_S)
+            out, err = process.communicate(timeout=TIMEOUT_S)
             code = str(process.returncode)
         except subprocess.TimeoutExpired:
             process.kill()
             out, err = process.communicate()
-            code = f"none within {PATIENCE_S} s"
+            code = f"none within {TIMEOUT_S} s"
         left = len(os.listdir(temporary))
         shutil.rmtree(temporary)
-        # Messages of an FMU come through a pipe of their own: their place among ours is left to chance.
+        # Messages of an FMU come through a separate pipe, so their position among ours is random.
         errors = "\n".join(sorted(self.text(err, folder).splitlines()))
         return code, self.text(out, folder), errors, left
 
     def text(self, content, folder):
-        """As both builds would tell it, wherever they are."""
+        """The text with the same paths for both builds."""
         text = content.decode("utf-8", "backslashreplace")
         for path, name in ((folder, "HERE"), (self.fmus, "FMUS"), (self.folder, "BUILD")):
             text = text.replace(str(path), name)
@@ -67,17 +67,17 @@ class Build:
 
 
 def files_of(folder):
-    """{name: what tells whether it was written} of all files of a folder."""
+    """{name: its status, which changes if the file is written} of all files of a folder."""
     return {entry.name: entry.stat()[:7] + (entry.stat().st_mtime_ns,) for entry in os.scandir(folder) if entry.is_file()}
 
 
 def facts_of(build, call, folder, kept=None):
-    """What a call has told. `kept`: the name under which its output stays in the folder."""
+    """The facts of a call. `kept`: the name under which its output stays in the folder."""
     before = files_of(folder)
     code, out, err, left = build.call(call.args, folder)
     place = " ".join(Path(word).name if os.path.isabs(word) else str(word) for word in call.args) or "no argument"
     if call.needed and code not in SUCCESS:
-        raise Trouble(f"{build.program} {place} ended with {code}: {err.strip()}")
+        raise Trouble(f"{build.program} {place}: exit code {code}: {err.strip()}")
     after = files_of(folder)
     touched = [f"{name} {'changed' if name in before else 'made'}" for name, found in sorted(after.items())
                if before.get(name) != found]
@@ -85,10 +85,10 @@ def facts_of(build, call, folder, kept=None):
     found = [Fact("codes", f"{place}, exit code", [code]), Fact("codes", f"{place}, files", touched + gone),
              Fact("codes", f"{place}, left in TMPDIR", [str(left)])]
     found += call.out(place, out) + (facts.page if code in SUCCESS else facts.words)(f"{place}, stderr", err)
-    for name, look in call.files.items():
+    for name, read_facts in call.files.items():
         path = folder / name
         text = build.text(path.read_bytes(), folder) if path.exists() else ""
-        found += look(f"{place}, {name}", text)
+        found += read_facts(f"{place}, {name}", text)
     if kept:
         (folder / f"{kept}.out").write_text(out, encoding="utf-8")
         (folder / f"{kept}.err").write_text(err, encoding="utf-8")
@@ -105,11 +105,11 @@ class Comparison:
         self.own_fmus = before.fmus != after.fmus
 
     def compare(self, case):
-        """([(kind, text)], digests of what A has committed) of one case."""
+        """([(kind, text)], digests of A's committed steps) of one case."""
         place = self.folder / case.name.replace("/", "-")
         folders = [place / build.label for build in self.builds]
-        told = [self._run(case, build, folder) for build, folder in zip(self.builds, folders)]
-        found = facts.differences(*told)
+        both = [self._run(case, build, folder) for build, folder in zip(self.builds, folders)]
+        found = facts.differences(*both)
         digests = self._digests(case, folders[0]) if self.options.digests else []
         if case.database and not self.options.quick:
             differ = bool(found)
@@ -136,12 +136,12 @@ class Comparison:
         return found
 
     def _show(self, calls, folder, what):
-        """One database as both show it."""
-        told = []
+        """Compares how both builds show one database."""
+        both = []
         for build in self.builds:
-            told.append([fact for call in calls for fact in facts_of(build, call, folder)])
+            both.append([fact for call in calls for fact in facts_of(build, call, folder)])
             (folder / "show.html").unlink(missing_ok=True)
-        return [(kind, what + text) for kind, text in facts.differences(*told)]
+        return [(kind, what + text) for kind, text in facts.differences(*both)]
 
 
 # ---- all of them ----
@@ -162,8 +162,8 @@ def compare_all(comparison, cases, jobs):
     return found
 
 
-def tell(found, is_all):
-    """One line for each kind of each case, or all."""
+def report(found, is_all):
+    """Prints the first difference of each kind in each case, or all."""
     for name, differences in found.items():
         for kind in KINDS:
             texts = [text for its_kind, text in differences if its_kind == kind]
@@ -174,15 +174,15 @@ def tell(found, is_all):
 
 
 def summary(found, cases, allowed, seconds):
-    """(is it the same, one line)"""
+    """(True if nothing differs that must not, one line)"""
     counts = Counter(kind for differences in found.values() for kind, _ in differences)
-    told = ", ".join(f"{counts[kind]} {kind}{' (allowed)' if kind in allowed else ''}" for kind in KINDS if counts[kind])
+    listed = ", ".join(f"{counts[kind]} {kind}{' (allowed)' if kind in allowed else ''}" for kind in KINDS if counts[kind])
     calls = sum(len(case.calls) for case in cases)
     base = f"{len(cases)} cases, {calls} calls of each build ({seconds:.0f} s)"
     same = not set(counts) - allowed
     if not counts:
         return same, f"compare: same; {base}"
-    return same, f"compare: {'same but for' if same else 'DIFFERENT:'} {told}, in {len(found)} cases; {base}"
+    return same, f"compare: {'same but for' if same else 'DIFFERENT:'} {listed}, in {len(found)} cases; {base}"
 
 
 # ---- command line ----
@@ -190,12 +190,12 @@ def summary(found, cases, allowed, seconds):
 def kinds(text):
     chosen = set(text.split(","))
     if not chosen <= set(ALLOWABLE):
-        raise argparse.ArgumentTypeError(f"expected {' or '.join(ALLOWABLE)}: what is committed and how it ends is never free")
+        raise argparse.ArgumentTypeError(f"expected {' or '.join(ALLOWABLE)}; values and codes are always compared")
     return chosen
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/compare", usage="script/compare BUILD_A BUILD_B [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/compare", usage="script/compare BUILD_A BUILD_B [options]; see --help",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
@@ -212,7 +212,7 @@ def parse(arguments):
     if options.jobs < 1:
         parser.error(f"--jobs {options.jobs}: expected 1 or more")
     if options.recordings is not None and not options.recordings.is_dir():
-        parser.error(f"--recordings {options.recordings}: is no folder")
+        parser.error(f"--recordings {options.recordings}: no such folder")
     return options
 
 
@@ -223,29 +223,29 @@ def recordings_of(options):
 
 
 def work(options, folder):
-    """0 if they are the same, else 1."""
-    begun = time.monotonic()
+    """Returns 0 if both builds give the same, else 1."""
+    began = time.monotonic()
     a, b = options.before.resolve(), options.after.resolve()
     before, after = Build("A", a, a / "fmus"), Build("B", b, (b if options.own_fmus else a) / "fmus")
     inputs = folder / "inputs"
     inputs.mkdir()
     cases = compare_cases.all_cases(inputs, recordings_of(options), options.quick, options.only)
     if not cases:
-        raise Trouble(f"--only {options.only.pattern}: no case has such a name")
+        raise Trouble(f"--only {options.only.pattern}: no case has a matching name")
     results = compare_all(Comparison(before, after, folder, options), cases, options.jobs)
     if options.digests:
         lines = [" ".join([name, *digests]) for name, (_, digests) in results.items() if digests]
         options.digests.write_text("\n".join(lines) + "\n", encoding="utf-8")
     found = {name: differences for name, (differences, _) in results.items() if differences}
-    tell(found, options.all)
-    same, line = summary(found, cases, options.allow, time.monotonic() - begun)
+    report(found, options.all)
+    same, line = summary(found, cases, options.allow, time.monotonic() - began)
     print(line)
     return 0 if same else 1
 
 
 @contextlib.contextmanager
 def folder_of(options):
-    """Where to work: a new folder that stays, or one that does not."""
+    """A new folder to work in, which stays with --keep."""
     if options.keep is None:
         with tempfile.TemporaryDirectory(prefix="twinlock-compare-") as folder:
             yield Path(folder)

@@ -1,7 +1,7 @@
-"""What two builds are compared by; for script/compare.
+"""The cases by which two builds are compared; for script/compare.
 
-A case has a name and calls, which are made one after the other in a folder of its own, by each build in its own. So that both
-tell the same, what they read lies where both find it, and what they write has a relative name.
+A case has a name and calls. Each build makes the calls one after the other, in its own folder. Both read the same input files,
+and written files have relative names, so that both print the same paths.
 """
 import json
 import math
@@ -17,11 +17,11 @@ CONFIG = Path(__file__).resolve().parent.parent / "config"
 VERBS = ("check", "replay", "run", "plant", "show")
 TABLES = ("outputs", "adjustments", "steps", "samples", "events")
 
-# args of the program; out: what makes facts of its standard output; files: {name: what makes facts of it}; needed: a build
-# that cannot do this has nothing to compare.
+# args: of the program; out: function that reads facts from its standard output; files: {name: function that reads facts from
+# it}; needed: if the call fails, there is nothing to compare.
 Call = namedtuple("Call", "args out files needed", defaults=(facts.page, {}, False))
 
-# prepare: None, or fills the case's folder before its calls; database: its name if the case writes one; brief: it is not
+# prepare: None, or a function that fills the folder before the calls; database: its name if the case writes one; brief: not
 # shown in all forms.
 Case = namedtuple("Case", "name calls prepare database brief", defaults=(None, None, False))
 
@@ -29,7 +29,7 @@ BRIEFLY_SHOWN = ([], ["--json"], ["--csv", "steps"])
 SHOWN = ([], ["--events"], ["--run", "1"], ["--since", "5s"], ["--json"], ["--json", "--events"], ["--json", "--since", "5s"],
          *(["--csv", name] for name in TABLES))
 
-# Recordings that are not part of the product, and whose they are.
+# Recordings that are not part of the product, and their configurations.
 SHARED = {
     "thesis_motor_1.csv": ("motor/free", "motor/lock", "motor/e", "motor/ahead"), "thesis_motor_2.csv": ("motor/lock", "motor/c"),
     "thesis_transport_slow.csv": ("transport/free", "transport/slow"),
@@ -42,7 +42,7 @@ DAMAGED = ("motor/lock", "motor/ahead", "motor/d", "cylinder/lock", "transport/s
            "bench_cylinder/lock")
 
 
-# ---- configurations of one key more ----
+# ---- variants of configurations ----
 
 def _synchronise(**keys):
     return {"synchronise": keys}
@@ -96,7 +96,7 @@ def _merged(value, change):
 
 
 def _read(name):
-    """A configuration, to be used from any folder."""
+    """A configuration that can be used from any folder."""
     path = CONFIG / f"{name}.json"
     document = json.loads(path.read_text(encoding="utf-8"))
     if "file" in document.get("recording", {}):
@@ -113,7 +113,7 @@ def _write(folder, name, document):
 # ---- recordings ----
 
 def write_damaged(path, source):
-    """A copy of a recording with cells that are no numbers, empty, or far too large, and rows that are missing."""
+    """A copy of a recording with invalid, empty and far too large cells, and with missing rows."""
     head, *rows = source.read_text(encoding="utf-8").splitlines()
     kept = [head]
     for i, row in enumerate(rows):
@@ -133,7 +133,7 @@ def write_damaged(path, source):
 
 
 def write_carriage(path):
-    """What config/emps reads, of which the product has no recording: a carriage of 91.3 kg that is pushed to and fro."""
+    """A recording for config/emps, which has none: a carriage of 91.3 kg that is pushed to and fro."""
     rows = ["time,force,position,velocity_est"]
     for i in range(3001):
         t = i / 1000
@@ -165,7 +165,7 @@ def _plants(config):
 
 
 def _replay_case(name, config, recording, quick, emulates=False):
-    """A case. Its configuration is checked too, unless another case has the same."""
+    """A case. Also checks its configuration, unless another case has the same one."""
     kind = name.split("/")[0]
     checks = [] if quick or kind in ("damaged", "shared") else [Call(["check", config, "--variables"], facts.checked)]
     calls = [*checks, *_replays(config, recording, quick), *(_plants(config) if emulates else [])]
@@ -173,7 +173,7 @@ def _replay_case(name, config, recording, quick, emulates=False):
 
 
 def _configured(inputs, quick):
-    """All of config/: what has a recording is replayed, what cannot be is checked."""
+    """All of config/: replayed if there is a recording, else checked."""
     carriage = write_carriage(inputs / "carriage.csv")
     for path in sorted(CONFIG.glob("*/*.json")):
         if path.parent.name == "schema":
@@ -213,10 +213,10 @@ def _help():
     return Case("help", [Call(args, facts.words) for args in asked])
 
 
-# ---- what is refused ----
+# ---- invalid input ----
 
 def _prepare(folder):
-    """Files that are as they must not be, and some that are right."""
+    """Writes invalid files, and some valid ones."""
     good = json.dumps(_read("motor/lock"), indent=1)
     documents = {
         "lock": good, "empty": "", "array": "[]", "cut": good[:len(good) // 2], "comma": good.replace('"name"', ', "name"', 1),
@@ -262,7 +262,7 @@ CONFIGS = ("empty", "array", "cut", "comma", "twice", "deep", "tail", "huge", "m
            "distance", "fixed", "both", "source", "open", "recording")
 RECORDINGS = ("empty", "head", "column", "time", "back", "cells", "noon", "doubled", "one", "long")
 
-LOOKS = {"check": facts.checked, "replay": facts.page}  # of what is taken all the same
+READERS = {"check": facts.checked, "replay": facts.page}  # of input that is accepted
 
 USAGE = (
     "nonsense", "--nonsense", "Replay lock.json", *VERBS, *(f"{verb} --nonsense lock.json" for verb in VERBS),
@@ -294,7 +294,7 @@ def _refused():
     recordings += [["plant", "lock.json", "--recording", f"{name}.csv", "--record", f"{name}-plant.csv"] for name in RECORDINGS]
     usage = [text.split() for text in USAGE] + [["replay", "lock.json", "--db", ""], ["check", ""], [""]]
     for name, group in (("configurations", configs), ("recordings", recordings), ("usage", usage)):
-        yield Case(f"refused/{name}", [Call(args, LOOKS.get(args[0], facts.words)) for args in group], _prepare)
+        yield Case(f"refused/{name}", [Call(args, READERS.get(args[0], facts.words)) for args in group], _prepare)
     known = [["show", "run.db", *args.split()] for args in ("--run 9", "--run 0", "--since 2026-11-21", "--csv x", "--since 9x")]
     known += [["replay", "lock.json", "--recording", "run.db", "--run", run] for run in ("9", "0", "x")]
     record = Call(["replay", "lock.json", "--db", "run.db"], needed=True)
@@ -302,7 +302,7 @@ def _refused():
 
 
 def shown(name, is_brief):
-    """The calls that show a database in all its forms, or in the usual ones, and as a report."""
+    """The calls that show a database in all forms, or in the usual ones, and as a report."""
     outs = {"--json": facts.document, "--csv": facts.table}
     forms = BRIEFLY_SHOWN if is_brief else SHOWN
     calls = [Call(["show", name, *form], outs.get(form[0] if form else "", facts.page)) for form in forms]
@@ -310,7 +310,7 @@ def shown(name, is_brief):
 
 
 def all_cases(inputs, recordings, quick, only):
-    """The cases whose names match. What they read is written into the folder `inputs`."""
+    """The cases whose names match. Their input files are written into the folder `inputs`."""
     cases = [*_configured(inputs, quick), *_made(inputs, quick), *_shared(recordings, quick)]
     if not quick:
         cases += [_help(), *_refused()]

@@ -1,8 +1,8 @@
-"""What a command has told, as facts that two builds can be compared by; for script/compare.
+"""Reads facts from the output of a command, by which two builds are compared; for script/compare.
 
-A fact has a kind (KINDS, see script/compare), a place within what was told, and lines. Numbers stay the text that they are,
-so that all bits count. What depends on the time of day, on how long it took, or on the version is left out or a "*".
-Names of columns, tables and JSON keys are replaced by canonical ones (NAMES).
+A fact has a kind (KINDS, see script/compare), a place within the output, and lines. Numbers are compared as text, so that all
+bits count. Times of day, durations and the version are left out, or replaced by "*". Names of columns, tables and JSON keys
+are replaced by canonical ones (NAMES).
 """
 import contextlib
 import functools
@@ -31,28 +31,29 @@ VOLATILE = (
     (re.compile(r'("wall_s":\s*)[^,\s]+'), r"\1*"),
 )
 
-# A renamed column or key gets a row here, so that builds of before and after can be compared, and digests stay as they are.
+# A renamed column or key gets an entry here, so that builds before and after can be compared, and digests stay the same.
 NAMES = {"y": "simulated", "y_hat": "measured", "u": "applied", "u_hat": "nominal", "caught_up": "repeated", "unstored": "uncached",
          "delta": "difference", "error": "difference", "correction": "difference"}
 NAME = re.compile(rf"(?<![^\W_])({'|'.join(sorted(NAMES, key=len, reverse=True))})(?![^\W_])")
 
-# Of the page of `check`: measured times, what the heap grew by, and memory of ours.
+# Values of the page of `check` that differ in each call: measured times, and the growth of the heap.
 CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
-    (re.compile(r"looked at \d+ times?, \S+ \u2026 \S+ s from the start"), "looked at * times"),
+    (re.compile(r"(?:tested|looked at) \d+ times?, \S+ \u2026 \S+ s from the start"), "tested * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
-    (re.compile(r"(  states +)\S+ (\w+ of the FMUs' own at most; one of \w+ takes) \S+"), r"\1* \2 *"),
+    (re.compile(r"(?m)^(  states +).*"), r"\1*"),
 )
 WARNED_BY_TIME = re.compile(r"\S+ ms here\b")
 NEEDS_HEAD = "  component "
-SIZED = re.compile(r"  (memory|mail|outbox|checkpoint|past|shadow) ")
+# Also the names of builds from before 2026-11-28: mail, outbox, past, shadow.
+SIZED = re.compile(r"  (memory|samples|record queue|checkpoint|resume|second twin|mail|outbox|past|shadow) ")
 
-# Columns of the database that are of the time of day or of the version, by table.
+# Columns of the database that depend on the time of day or on the version, by table.
 LEFT_OUT = {"runs": {"started", "ended", "committed", "version"}, "events": {"at"}, "beginnings": {"boot", "start_ns"}}
 FMU_SUMS = {"beginnings": {"fmus"}}
 
-# A digest covers these values by the canonical names of tables and columns: what a run has read, computed and committed.
+# A digest covers these values that a run has read, computed and committed, by canonical names of tables and columns.
 COMMITTED = {
     "samples": ("tick", "signal", "value", "quality", "stamp_ns"),
     "outputs": ("step", "signal", "simulated", "measured", "quality", "readings", "squares", "rejected"),
@@ -80,14 +81,14 @@ def words(place, text):
 
 
 def page(place, text):
-    """A text for people: its numbers are values, the rest is words."""
+    """A text for users: its numbers are values, the rest is words."""
     lines = masked(text).splitlines()
     return [Fact("values", f"{place}, numbers", [number for line in lines for number in NUMBER.findall(line)]),
             Fact("words", place, [NUMBER.sub("#", line) for line in lines])]
 
 
 def checked(place, text):
-    """The page of `check`. The two columns before a component's time are nodes and KiB, the latter a size."""
+    """The page of `check`. The column before a component's time, KiB, is a size."""
     kept, sizes, in_needs = [], [], False
     for line in masked(text, CHECK_TIMES).splitlines():
         if line.startswith("  sum "):
@@ -107,13 +108,13 @@ def checked(place, text):
 # ---- tables and objects ----
 
 def table(place, text):
-    """A CSV table: all of it values. A time of day is no value, and the text of an event has its own fact."""
+    """A CSV table: all cells are values, but for times of day."""
     head, *rows = masked(text, VOLATILE[:1]).splitlines() or [""]
     return [Fact("values", place, [canonical(head), *rows])]
 
 
 def _leaves(value, path=""):
-    """("path", leaf) of all that is in a JSON document, in its order."""
+    """("path", leaf) of a JSON document, in its order."""
     if isinstance(value, (dict, list)):
         if not value:
             yield path, "empty"
@@ -124,7 +125,7 @@ def _leaves(value, path=""):
 
 
 def document(place, text):
-    """A JSON object. Numbers are compared as they are written."""
+    """A JSON object. Numbers are compared as text."""
     try:
         parsed = json.loads(text, parse_float=str, parse_int=str)
     except ValueError:
@@ -139,7 +140,7 @@ def document(place, text):
 
 
 def report(place, text):
-    """A page of HTML: its `data` elements and the JSON of its curves are values, all else is words."""
+    """An HTML page: its `data` elements and the JSON of its curves are values, the rest is words."""
     figures = [f"{canonical(html.unescape(key))}: {value}"
                for key, value in re.findall(r'<data data-key="([^"]*)" value="([^"]*)"', text)]
     curves = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
@@ -152,7 +153,7 @@ def report(place, text):
 # ---- databases ----
 
 def _columns(connection, table):
-    """{canonical name: name} of what is stored."""
+    """{canonical name: name} of the columns of a table."""
     return {canonical(row[1]): row[1] for row in connection.execute(f'PRAGMA table_info("{table}")')}
 
 
@@ -176,7 +177,7 @@ def _table_facts(connection, place, table, left_out):
 
 @contextlib.contextmanager
 def _opened(path):
-    """A connection to a copy, since a reader leaves files beside the database."""
+    """A connection to a copy, because a reader leaves files beside the database."""
     with tempfile.TemporaryDirectory() as folder:
         for part in path.parent.glob(f"{path.name}*"):
             shutil.copy(part, folder)
@@ -185,7 +186,7 @@ def _opened(path):
 
 
 def database(place, path, own_fmus):
-    """All tables, row by row, and how they are made. Floats are told to the last bit."""
+    """All tables, row by row, and the schema. Floats are compared to the last bit."""
     try:
         with _opened(path) as connection:
             return _database(connection, place, own_fmus)
@@ -213,7 +214,7 @@ def _digest(content):
 
 
 def committed(path):
-    """["table=digest"] of what the first run of a database has committed, of tables that have rows. All bits count."""
+    """["table=digest"] of the first run of a database, for tables that have rows. All bits count."""
     found = []
     with _opened(path) as connection:
         names = [row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
@@ -238,7 +239,7 @@ def recorded(path):
 # ---- differences ----
 
 def _where(lines, other, i):
-    """Where in line i two texts differ, for tables by the column's name; and both."""
+    """The place in line i at which two texts differ (for tables with the column's name), and both texts."""
     if i >= len(lines) or i >= len(other):
         return f"line {i + 1}", lines[i] if i < len(lines) else "nothing", other[i] if i < len(other) else "nothing"
     names, mine, theirs = lines[0].split(","), lines[i].split(","), other[i].split(",")
@@ -253,7 +254,7 @@ def _short(text):
 
 
 def difference(before, after):
-    """None, or where two facts of one place first differ, and how often."""
+    """None, or the first difference of two facts, and the number of differences."""
     a, b = before.lines, after.lines
     if a == b:
         return None

@@ -1,4 +1,4 @@
-"""`sources` and `plant` of a configuration out of a DBC file: see script/dbc2json, which starts this."""
+"""Converts a DBC file into `sources` and `plant` of a configuration: see script/dbc2json, which starts this."""
 import argparse
 import difflib
 import json
@@ -8,20 +8,20 @@ import sys
 import cantools
 import textparser
 
-SIGNALS, NAME, VALUES, LEVELS = 64, 63, 16, 4  # what a configuration takes: config/SPEC.md
+SIGNALS, NAME, VALUES, LEVELS = 64, 63, 16, 4  # limits of a configuration: config/SPEC.md
 LENGTHS = [1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
 STALE_CYCLES = 5
-INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"  # no message: where editors keep signals of none
+INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"  # not a message: editors keep signals there that belong to none
 
 
 class Refused(Exception):
-    """In words, for the person who asked."""
+    """A message for the user."""
 
 
 # ---- one signal ----
 
 def frame_bytes(message):
-    """The length of the frame that the message is in."""
+    """The length of the frame of a message."""
     fitting = [length for length in LENGTHS if length >= message.length]
     if not fitting:
         raise Refused(f"message {message.name} has {message.length} bytes, but a frame has at most 64")
@@ -29,7 +29,7 @@ def frame_bytes(message):
 
 
 def field_of(signal, message):
-    """Where its bits stand, which must be in the frame."""
+    """The position of the bits, which must be in the frame."""
     bits = signal.length
     first = signal.start if signal.byte_order == "little_endian" else signal.start // 8 * 8 + 7 - signal.start % 8
     if (first + bits + 7) // 8 > frame_bytes(message):
@@ -47,22 +47,22 @@ def type_of(signal, message):
             raise Refused(f"{message.name}.{signal.name}: a float of {signal.length} bits; there are those of 32 and 64")
         return f"float{signal.length}"
     if not 1 <= signal.length <= 64:
-        raise Refused(f"{message.name}.{signal.name}: an integer of {signal.length} bits; there are those of 1 to 64")
+        raise Refused(f"{message.name}.{signal.name}: an integer of {signal.length} bits (expected 1 to 64)")
     return "signed" if signal.is_signed else "unsigned"
 
 
 def multiplex_of(signal, message, level=1):
-    """The multiplexor that says when the signal is there, with its own; None where it always is."""
+    """The multiplexor that selects the signal, with its own multiplexor; None if the signal is always in the frame."""
     if not signal.multiplexer_ids:
         return None
     if level > LEVELS:
-        raise Refused(f"{message.name}.{signal.name}: more than {LEVELS} multiplexors above each other")
+        raise Refused(f"{message.name}.{signal.name}: more than {LEVELS} nested multiplexors")
     if len(signal.multiplexer_ids) > VALUES:
-        raise Refused(f"{message.name}.{signal.name} is there at {len(signal.multiplexer_ids)} values of "
-                      f"{signal.multiplexer_signal}; at most {VALUES} can be given")
+        raise Refused(f"{message.name}.{signal.name}: {len(signal.multiplexer_ids)} values of {signal.multiplexer_signal} select it "
+                      f"(expected at most {VALUES})")
     multiplexor = message.get_signal_by_name(signal.multiplexer_signal)
     if multiplexor.length > 32:
-        raise Refused(f"{message.name}.{multiplexor.name}: a multiplexor of {multiplexor.length} bits; at most 32")
+        raise Refused(f"{message.name}.{multiplexor.name}: a multiplexor of {multiplexor.length} bits (expected at most 32)")
     values = sorted(signal.multiplexer_ids)
     condition = {**field_of(multiplexor, message), "value": values[0] if len(values) == 1 else values}
     outer = multiplex_of(multiplexor, message, level + 1)
@@ -123,7 +123,7 @@ def nearest(name, names):
 
 
 def choose(database, messages, signals):
-    """The (message, signal) pairs that were asked for."""
+    """The (message, signal) pairs that the options select."""
     pairs = [(message, signal) for message in database.messages if message.name != INDEPENDENT
              for signal in message.signals]
     there = list(dict.fromkeys(message.name for message, _ in pairs))
@@ -144,12 +144,12 @@ def choose(database, messages, signals):
 def name_of(message, signal, doubled):
     name = f"{message.name}_{signal.name}" if signal.name in doubled else signal.name
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > NAME:
-        raise Refused(f"{message.name}.{signal.name}: {name} is no name for a signal: at most {NAME} letters, digits and _")
+        raise Refused(f"{message.name}.{signal.name}: invalid name {name} (expected at most {NAME} letters, digits and _)")
     return name
 
 
 def convert(pairs, source, strict):
-    """The entries of `plant`, and why others are left out."""
+    """The entries of `plant`, and the reasons for signals that are left out."""
     names = [signal.name for _, signal in pairs]
     doubled = {name for name in names if names.count(name) > 1}
     plant, left_out = {}, []
@@ -164,7 +164,7 @@ def convert(pairs, source, strict):
 
 
 def load(path):
-    database = cantools.database.Database(strict=False)  # overlapping bits are allowed; what is beyond a frame is ours to say
+    database = cantools.database.Database(strict=False)  # overlapping bits are allowed; field_of() checks the end of the frame
     try:
         database.add_dbc_file(path, encoding="cp1252")
     except OSError as reason:
@@ -192,8 +192,7 @@ def run(options):
     if not plant:
         raise Refused(f"{options.file} has no signal that can be read")
     if len(plant) > SIGNALS:
-        raise Refused(f"these are {len(plant)} signals, but a configuration takes {SIGNALS}: choose with --message and "
-                      "--signal")
+        raise Refused(f"these are {len(plant)} signals, but a configuration takes {SIGNALS}: select some with --message and --signal")
     sys.stdout.write(dump(source, options.interface, plant))
 
 

@@ -1,21 +1,21 @@
 """The closing table of script/demo: the twin left alone, locked by Nelder-Mead, and locked by twinlock's own solver.
 
-demo_table.py FREE NELDER_MEAD LIVE: --json summaries of two replays of what the live run recorded, and of the live run. Their times
-are not in the table: a replay of this bench takes some ms, which tell more of the machine than of the solver.
+demo_table.py FREE NELDER_MEAD LIVE: --json summaries of two replays of what the live run recorded, and of the live run. The table
+has no times: a replay of this bench takes some ms, which depend more on the machine than on the solver.
 """
 import json
 import sys
 from pathlib import Path
 
 HEADING = """
-The first two columns are replays of what the live run recorded: the twin left alone, and locked by Nelder-Mead with all
-other settings as they were live. The last column is the live run itself, locked by twinlock's own solver, secant.
+The first two columns are replays of what the live run recorded: the twin left alone, and locked by the solver
+Nelder-Mead with all other settings of the live run. The last column is the live run, locked by twinlock's own solver.
 """
 COLUMNS = ("left alone", "Nelder-Mead", "own solver")
 
 
 def correction(summary):
-    """The mean correction; a dash where there is none."""
+    """The mean correction; a dash if there is none."""
     adjust = summary["adjust"].get("motor.d")
     return "-" if adjust is None else f"{adjust['correction_mean']:+.5f}"
 

@@ -46,17 +46,13 @@ struct tl_plant_io {
 
 /* ---- reports ---- */
 
-static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
-    tl_link_report(&io->state, sink, io->name, text);
-}
-
 /* Sets the link down; the next search waits. */
-static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
+static void set_link_down(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
     tl_backoff_fail(&io->backoff, tl_monotonic_now());
     (void)tl_link_set(&io->state, sink, false, io->name, cause);
 }
 
-static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
+static void report_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tally *now = &io->tally;
     char text[TEXT] = "";
     size_t used = 0;
@@ -65,7 +61,7 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
     if (now->dropped > 0) {
         used += (size_t)snprintf(text + used, sizeof text - used,
-                                 "%" PRIu64 " frames lost: they came faster than they were read. ", now->dropped);
+                                 "%" PRIu64 " frames lost: they came faster than the box read them. ", now->dropped);
     }
     if (now->overflows > 0) {
         used += (size_t)snprintf(text + used, sizeof text - used, "the controller lost frames %" PRIu64 " times. ",
@@ -77,40 +73,45 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
                                  now->bus_errors, now->bus_error);
     }
     text[used - 2] = '\0'; /* without the last separator */
-    say(io, sink, text);
+    tl_link_report(sink, false, io->name, text);
     *now = (tally){.due = tl_monotonic_now() + TL_SECOND};
 }
 
 /* ---- the interface ---- */
 
 /* True if the interface is up and on the bus; otherwise reports the reason. */
-static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
+static void check_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char text[TEXT];
     tl_can_state state;
     if (!tl_can_link_state(&io->link, &state)) {
         tl_can_link_close(&io->link);
-        give_up(io, sink, "it is gone: plug it in, or load its driver");
+        set_link_down(io, sink, "the interface is gone: plug it in, or load its driver");
     } else if (!state.up) {
-        (void)snprintf(text, sizeof text,
-                       "it is down: set it up, for example `ip link set %s up type can bitrate 500000`",
-                       io->link.interface);
-        give_up(io, sink, text);
+        (void)snprintf(
+            text, sizeof text,
+            "the interface is down: run `ip link set %s up type can bitrate 500000`, with the bit rate of the bus",
+            io->link.interface);
+        set_link_down(io, sink, text);
     } else if (!state.running) {
         io->bus_off = false; /* from now on the carrier shows it */
-        give_up(io, sink, "it is not on the bus (bus-off, or no carrier): check bit rate, termination and wiring");
+        set_link_down(
+            io, sink,
+            "the interface is not on the bus (bus-off, or no carrier): check bit rate, termination and wiring");
     } else if (io->bus_off) {
-        give_up(io, sink, tl_can_health_text(TL_CAN_BUS_OFF));
+        set_link_down(io, sink, tl_can_health_text(TL_CAN_BUS_OFF));
     } else {
         tl_backoff_reset(&io->backoff);
-        (void)tl_link_set(&io->state, sink, true, io->name,
-                          state.fd || !io->wants_fd
-                              ? "is up"
-                              : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
+        bool fits = state.fd || !io->wants_fd;
+        if (tl_link_change(&io->state, true)) {
+            tl_link_report(sink, fits, io->name,
+                           fits ? "is up"
+                                : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
+        }
     }
 }
 
 /* Opens the socket if there is none, and reads the state. */
-static void look(tl_plant_io *io, const tl_plant_io_sink *sink) {
+static void open_and_check(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char cause[TEXT];
     if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
         return;
@@ -119,11 +120,11 @@ static void look(tl_plant_io *io, const tl_plant_io_sink *sink) {
         io->bus_off = false;
         io->health = TL_CAN_ACTIVE;
         if (!tl_can_link_open(&io->link, &io->map, cause, sizeof cause)) {
-            give_up(io, sink, cause);
+            set_link_down(io, sink, cause);
             return;
         }
     }
-    look_at_interface(io, sink);
+    check_interface(io, sink);
 }
 
 /* ---- frames ---- */
@@ -143,14 +144,14 @@ static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id
     bool too_short = frame->length < needed;
     if (id->too_short != too_short) {
         id->too_short = too_short;
-        (void)snprintf(text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id,
-                       (unsigned)frame->length,
-                       too_short ? "and not all bits of its signals are in them" : "and all their signals again");
-        say(io, sink, text);
+        (void)snprintf(
+            text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id, (unsigned)frame->length,
+            too_short ? "too few for their signals: correct bytes or start" : "enough for their signals again");
+        tl_link_report(sink, !too_short, io->name, text);
     }
 }
 
-static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_frame *frame) {
+static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_frame *frame) {
     tl_can_id *id = tl_can_map_find(&io->map, frame->id, frame->extended);
     size_t needed = 0;
     if (id == NULL) {
@@ -159,7 +160,7 @@ static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_ca
     io->bus_off = false;
     if (!tl_link_is_up(&io->state)) {
         tl_backoff_reset(&io->backoff); /* the interface works if frames come */
-        look(io, sink);
+        open_and_check(io, sink);
     }
     for (size_t i = id->first; i < id->first + id->slots; i++) {
         const tl_can_slot *slot = &io->map.slots[i];
@@ -171,40 +172,41 @@ static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_ca
     note_length(io, sink, id, frame, needed);
 }
 
-static void take_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_health health) {
+static void handle_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_health health) {
     if (health == TL_CAN_SAME || health == io->health) {
         return;
     }
     io->health = health;
     io->bus_off = health == TL_CAN_BUS_OFF;
     if (io->bus_off) {
-        give_up(io, sink, tl_can_health_text(health));
+        set_link_down(io, sink, tl_can_health_text(health));
     } else if (tl_link_is_up(&io->state)) {
-        say(io, sink, tl_can_health_text(health));
+        tl_link_report(sink, health == TL_CAN_ACTIVE, io->name, tl_can_health_text(health));
     } else {
         tl_backoff_reset(&io->backoff); /* it may have recovered */
-        look(io, sink);
+        open_and_check(io, sink);
     }
 }
 
-static void take_error(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_fault *fault) {
+static void handle_error(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_fault *fault) {
     io->tally.overflows += fault->overflow ? 1 : 0;
     if (fault->bus_error != NULL) {
         io->tally.bus_errors++;
         io->tally.bus_error = fault->bus_error;
     }
-    take_health(io, sink, fault->health);
+    handle_health(io, sink, fault->health);
 }
 
 /* Handles one arrival. Returns false if it was the last one for now. */
-static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival arrival, const tl_can_frame *frame) {
+static bool handle_arrival(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival arrival,
+                           const tl_can_frame *frame) {
     io->tally.dropped += frame->lost;
     switch (arrival) {
     case TL_CAN_DATA:
-        take_data(io, sink, frame);
+        handle_data(io, sink, frame);
         return io->link.socket >= 0;
     case TL_CAN_ERROR:
-        take_error(io, sink, &frame->fault);
+        handle_error(io, sink, &frame->fault);
         return io->link.socket >= 0;
     case TL_CAN_OTHER:
         return true;
@@ -212,11 +214,11 @@ static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival a
         io->bus_off = false;
         io->health = TL_CAN_ACTIVE;
         tl_backoff_reset(&io->backoff);
-        look(io, sink);
+        open_and_check(io, sink);
         return io->link.socket >= 0;
     case TL_CAN_LOST:
         tl_can_link_close(&io->link);
-        give_up(io, sink, "it is gone: plug it in, or load its driver");
+        set_link_down(io, sink, "the interface is gone: plug it in, or load its driver");
         return false;
     case TL_CAN_NOTHING:
         break;
@@ -237,18 +239,18 @@ static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
     (void)error;
     *finished = false;
     if (!tl_link_is_up(&io->state)) {
-        look(io, sink);
+        open_and_check(io, sink);
     }
-    bool undisturbed = tl_can_link_await(&io->link, WAIT_MS);
-    for (int i = 0; undisturbed && i < FRAMES && io->link.socket >= 0; i++) {
+    bool not_interrupted = tl_can_link_await(&io->link, WAIT_MS);
+    for (int i = 0; not_interrupted && i < FRAMES && io->link.socket >= 0; i++) {
         tl_can_frame frame;
         tl_can_arrival arrival = tl_can_link_receive(&io->link, &frame);
-        if (!take(io, sink, arrival, &frame)) {
+        if (!handle_arrival(io, sink, arrival, &frame)) {
             break;
         }
     }
     if (tl_monotonic_now() >= io->tally.due) {
-        tell_tally(io, sink);
+        report_tally(io, sink);
     }
     if (!tl_link_is_up(&io->state)) {
         post_no_link(io, sink);
@@ -261,7 +263,7 @@ static void can_interrupt(tl_plant_io *io) {
 }
 
 static void can_finish(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    tell_tally(io, sink);
+    report_tally(io, sink);
 }
 
 static void can_close(tl_plant_io *io) {
@@ -314,7 +316,8 @@ static tl_status check_channel(const tl_can_channel *channel, size_t index, tl_e
                        channel->id, channel->extended ? 29 : 11);
     }
     if (!tl_can_is_length(channel->bytes)) {
-        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: no frame has %u bytes", index, (unsigned)channel->bytes);
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: bytes is %u, but no CAN frame has that length", index,
+                       (unsigned)channel->bytes);
     }
     if (!fits_field(&channel->field, 64, channel->bytes) || !fits_type(channel)) {
         return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: %u bits from %u on do not fit its frame or its type",
@@ -324,7 +327,8 @@ static tl_status check_channel(const tl_can_channel *channel, size_t index, tl_e
         return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: a multiplexor does not fit its frame", index);
     }
     if (!isfinite(channel->scale) || channel->scale == 0 || !isfinite(channel->offset)) {
-        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: scale %g, offset %g must be finite, scale not 0", index,
+        return tl_fail(error, TL_BAD_DATA,
+                       "CAN channel %zu: scale is %g, offset is %g (expected finite values, scale not 0)", index,
                        channel->scale, channel->offset);
     }
     return TL_OK;
@@ -333,8 +337,8 @@ static tl_status check_channel(const tl_can_channel *channel, size_t index, tl_e
 static tl_status check(const tl_can_settings *settings, tl_error *error) {
     size_t length = strlen(settings->interface);
     if (length == 0 || length > TL_CAN_INTERFACE) {
-        return tl_fail(error, TL_BAD_DATA, "CAN interface \"%s\": a name has 1 to %d characters", settings->interface,
-                       (int)TL_CAN_INTERFACE);
+        return tl_fail(error, TL_BAD_DATA, "CAN interface \"%s\": the name must have 1 to %d characters",
+                       settings->interface, (int)TL_CAN_INTERFACE);
     }
     for (size_t i = 0; i < settings->channel_count; i++) {
         tl_status status = check_channel(&settings->channels[i], i, error);
@@ -353,12 +357,12 @@ tl_status tl_can_open(const tl_can_settings *settings, tl_plant_io **io, tl_erro
     tl_plant_io *made = calloc(1, sizeof *made);
     if (made == NULL || !tl_can_map_make(&made->map, settings->channels, settings->channel_count)) {
         free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: out of memory", settings->interface);
+        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: not enough memory", settings->interface);
     }
     if (!tl_can_link_make(&made->link, settings->interface)) {
         tl_can_map_release(&made->map);
         free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: no event descriptor", settings->interface);
+        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: cannot create an event descriptor", settings->interface);
     }
     for (size_t i = 0; i < made->map.slot_count; i++) {
         made->wants_fd = made->wants_fd || made->map.slots[i].bytes > 8;

@@ -26,7 +26,7 @@ static bool fits(const tl_can_clock *clock, tl_time stamp, tl_time now) {
     return stamp >= clock->floor && stamp <= now;
 }
 
-static tl_time nearer(const tl_can_clock *clock, tl_time stamp, tl_time now) {
+static tl_time limit_stamp(const tl_can_clock *clock, tl_time stamp, tl_time now) {
     if (stamp > now) {
         return now;
     }
@@ -39,7 +39,7 @@ tl_time tl_can_clock_stamp(tl_can_clock *clock, tl_time received, tl_time monoto
         fits(clock, received - clock->ahead, monotonic)) {
         stamp = received - clock->ahead;
     }
-    clock->floor = nearer(clock, stamp, monotonic);
+    clock->floor = limit_stamp(clock, stamp, monotonic);
     return clock->floor;
 }
 
@@ -49,7 +49,7 @@ tl_time tl_can_clock_stamp(tl_can_clock *clock, tl_time received, tl_time monoto
 const uint32_t tl_can_fault_classes =
     CAN_ERR_CRTL | CAN_ERR_PROT | CAN_ERR_TRX | CAN_ERR_BUSOFF | CAN_ERR_BUSERROR | CAN_ERR_RESTARTED;
 
-enum { CONTROLLER = 1, VIOLATION = 2, PLACE = 3, TRANSCEIVER = 4 }; /* indices of data bytes */
+enum { CONTROLLER = 1, VIOLATION = 2, LOCATION = 3, TRANSCEIVER = 4 }; /* indices of data bytes */
 
 static tl_can_health health_of(uint32_t classes, uint8_t controller) {
     if ((classes & CAN_ERR_BUSOFF) != 0) {
@@ -70,8 +70,8 @@ static tl_can_health health_of(uint32_t classes, uint8_t controller) {
     return (controller & CAN_ERR_CRTL_ACTIVE) != 0 ? TL_CAN_ACTIVE : TL_CAN_SAME;
 }
 
-static const char *violation_of(uint8_t kind, uint8_t place) {
-    if (place == CAN_ERR_PROT_LOC_CRC_SEQ || place == CAN_ERR_PROT_LOC_CRC_DEL) {
+static const char *violation_of(uint8_t kind, uint8_t location) {
+    if (location == CAN_ERR_PROT_LOC_CRC_SEQ || location == CAN_ERR_PROT_LOC_CRC_DEL) {
         return "wrong checksums";
     }
     if ((kind & CAN_ERR_PROT_STUFF) != 0) {
@@ -90,7 +90,7 @@ static const char *transceiver_of(uint8_t status) {
     case CAN_ERR_TRX_CANL_NO_WIRE:
         return "no wire at CAN low";
     case CAN_ERR_TRX_CANL_SHORT_TO_CANH:
-        return "CAN low and CAN high touch";
+        return "CAN low and CAN high are short-circuited";
     default:
         return "a fault of the transceiver or of a wire";
     }
@@ -102,7 +102,7 @@ tl_can_fault tl_can_fault_of(uint32_t classes, const uint8_t data[8]) {
     if ((classes & CAN_ERR_TRX) != 0 && data[TRANSCEIVER] != CAN_ERR_TRX_UNSPEC) {
         fault.bus_error = transceiver_of(data[TRANSCEIVER]);
     } else if ((classes & (CAN_ERR_PROT | CAN_ERR_BUSERROR)) != 0) {
-        fault.bus_error = violation_of(data[VIOLATION], data[PLACE]);
+        fault.bus_error = violation_of(data[VIOLATION], data[LOCATION]);
     }
     return fault;
 }
@@ -112,12 +112,12 @@ const char *tl_can_health_text(tl_can_health health) {
     case TL_CAN_ACTIVE:
         return "error active again: the controller counts few errors";
     case TL_CAN_WARNING:
-        return "error warning: the controller counts many errors; check bit rate, termination and wiring";
+        return "error warning: the controller counts many errors: check bit rate, termination and wiring";
     case TL_CAN_PASSIVE:
-        return "error passive: the controller counts very many errors; check bit rate, termination and wiring";
+        return "error passive: the controller counts very many errors: check bit rate, termination and wiring";
     case TL_CAN_BUS_OFF:
-        return "bus-off: the controller has left the bus; check bit rate, termination and wiring, and set `restart-ms` "
-               "so that it comes back by itself";
+        return "bus-off: the controller has left the bus: check bit rate, termination and wiring; set `restart-ms`, so that "
+               "it restarts";
     case TL_CAN_SAME:
         break;
     }
@@ -144,7 +144,7 @@ static tl_time wall_now(void) {
     return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
 }
 
-static void look_at_clocks(tl_can_link *link) {
+static void read_clocks(tl_can_link *link) {
     link->monotonic = tl_monotonic_now();
     link->wall = wall_now();
 }
@@ -188,21 +188,21 @@ static bool set_options(int socket, const tl_can_map *map) {
            set(socket, SOL_SOCKET, SO_TIMESTAMPNS, 1) && set(socket, SOL_SOCKET, SO_RXQ_OVFL, 1);
 }
 
-static void explain(const char *reason, char *cause, size_t cause_size) {
+static void copy_text(const char *reason, char *cause, size_t cause_size) {
     (void)snprintf(cause, cause_size, "%s", reason);
 }
 
 static bool bind_to(const tl_can_link *link, int socket, char *cause, size_t cause_size) {
     int index = tl_can_interface_index(socket, link->interface);
     if (index == 0) {
-        explain(errno == ENODEV ? "there is none of that name: see `ip link`; plug it in, or load its driver"
-                                : strerror(errno),
-                cause, cause_size);
+        copy_text(errno == ENODEV ? "no interface has this name: see `ip link`; plug it in, or load its driver"
+                                  : strerror(errno),
+                  cause, cause_size);
         return false;
     }
     if (!tl_can_interface_bind(socket, index)) {
-        explain(errno == ENODEV ? "it is no CAN interface: see `ip -details link`" : strerror(errno), cause,
-                cause_size);
+        copy_text(errno == ENODEV ? "this is not a CAN interface: see `ip -details link`" : strerror(errno), cause,
+                  cause_size);
         return false;
     }
     return true;
@@ -211,12 +211,12 @@ static bool bind_to(const tl_can_link *link, int socket, char *cause, size_t cau
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size) {
     int made = tl_can_interface_open();
     if (made < 0) {
-        explain(tl_can_interface_failure(errno), cause, cause_size);
+        copy_text(tl_can_interface_failure(errno), cause, cause_size);
         return false;
     }
     bool done = set_options(made, map);
     if (!done) {
-        (void)snprintf(cause, cause_size, "an option of the socket is refused: %s", strerror(errno));
+        (void)snprintf(cause, cause_size, "the kernel refuses an option of the socket: %s", strerror(errno));
     }
     if (!done || !bind_to(link, made, cause, cause_size)) {
         (void)close(made);
@@ -224,7 +224,7 @@ bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, siz
     }
     link->socket = made;
     link->overflow = 0;
-    look_at_clocks(link);
+    read_clocks(link);
     tl_can_clock_empty(&link->clock, link->monotonic, link->wall);
     return true;
 }
@@ -298,10 +298,10 @@ static tl_can_arrival failure_of(int reason) {
 
 tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
     struct canfd_frame from;
-    ancillary beside;
-    struct iovec place = {.iov_base = &from, .iov_len = sizeof from};
+    ancillary control;
+    struct iovec buffer = {.iov_base = &from, .iov_len = sizeof from};
     struct msghdr message = {
-        .msg_iov = &place, .msg_iovlen = 1, .msg_control = &beside, .msg_controllen = sizeof beside};
+        .msg_iov = &buffer, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
     memset(&from, 0, sizeof from);
     memset(frame, 0, sizeof *frame);
     ssize_t size = recvmsg(link->socket, &message, MSG_DONTWAIT);
@@ -309,12 +309,12 @@ tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
     if (size < 0) {
         if (reason == EAGAIN) { /* the queue was empty at the last reading of the clocks, or has become empty since */
             tl_can_clock_empty(&link->clock, link->monotonic, link->wall);
-            look_at_clocks(link);
+            read_clocks(link);
         }
         errno = reason;
         return failure_of(reason);
     }
-    look_at_clocks(link);
+    read_clocks(link);
     tl_time received = read_ancillary(link, &message, frame);
     frame->stamp = tl_can_clock_stamp(&link->clock, received, link->monotonic, link->wall);
     return take_frame(&from, (size_t)size, frame);

@@ -37,7 +37,7 @@ static tl_status next_line(tl_csv_reader *reader, char **line, tl_error *error) 
         char *bytes = tl_csv_lines_room(&reader->lines, &room);
         ssize_t count = read(reader->file, bytes, room);
         if (count < 0 && errno != EINTR) {
-            return tl_fail(error, TL_BAD_DATA, "%s cannot be read: %s", reader->table.path, strerror(errno));
+            return tl_fail(error, TL_BAD_DATA, "%s: cannot be read: %s", reader->table.path, strerror(errno));
         }
         reader->at_end = count == 0;
         tl_csv_lines_added(&reader->lines, count > 0 ? (size_t)count : 0);
@@ -51,7 +51,7 @@ static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
         return status;
     }
     if (line == NULL) {
-        return tl_fail(error, TL_BAD_DATA, "%s is empty, but should begin with the names of its columns",
+        return tl_fail(error, TL_BAD_DATA, "%s: the file is empty (expected a header with the names of its columns)",
                        reader->table.path);
     }
     return tl_csv_table_header(&reader->table, line, reader->lines.number, error);
@@ -60,7 +60,7 @@ static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
     tl_csv_reader *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
     }
     tl_status status = tl_csv_table_make(&made->table, settings, error);
     if (status != TL_OK) {
@@ -70,10 +70,10 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
     bool is_device = tl_csv_is_device(settings->path);
     made->file = is_device ? -1 : open(settings->path, O_RDONLY | O_CLOEXEC);
     if (is_device) {
-        status = tl_fail(error, TL_BAD_DATA, "%s is a device, but should be a file or a FIFO", settings->path);
+        status = tl_fail(error, TL_BAD_DATA, "%s: this is a device (expected a file or a FIFO)", settings->path);
     } else if (made->file < 0) {
         bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
-        status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s cannot be opened: %s", settings->path,
+        status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s", settings->path,
                          strerror(errno));
     } else {
         status = read_header(made, error);
@@ -99,7 +99,8 @@ tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_erro
     }
     if (reader->any && row->time <= reader->time) {
         return tl_fail(
-            error, TL_BAD_DATA, "%s, line %lld: the time is %.9f s, which is not after %.9f s in the row before",
+            error, TL_BAD_DATA,
+            "%s, line %lld: the time %.9f s is not after %.9f s in the row before: remove the row, or correct its time",
             reader->table.path, (long long)reader->lines.number, tl_seconds(row->time), tl_seconds(reader->time));
     }
     reader->any = true;

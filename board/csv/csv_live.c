@@ -92,15 +92,15 @@ static void post_row(const tl_plant_io *io, const tl_plant_io_sink *sink, tl_tim
 }
 
 /* Reports a malformed row of a FIFO, at most once per second. */
-static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
+static void report_skipped(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
     io->skipped++;
     if (tl_monotonic_now() >= io->report_due) {
         char whole[TEXT];
-        (void)snprintf(whole, sizeof whole, "%s (skipped; %llu since the last report)", text,
+        (void)snprintf(whole, sizeof whole, "%s; skipped (%llu since the last report)", text,
                        (unsigned long long)io->skipped);
         io->report_due = tl_monotonic_now() + TL_SECOND;
         io->skipped = 0;
-        sink->link(sink->context, tl_link_is_up(&io->state), whole);
+        sink->link(sink->context, false, whole);
     }
 }
 
@@ -122,7 +122,10 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
     io->file = file;
     if (file < 0) {
-        set_link(io, sink, false, is_device ? "a device, but should be a file or a FIFO" : strerror(failure));
+        char cause[TEXT];
+        (void)snprintf(cause, sizeof cause, "cannot be opened: %s: check the path, or start the writer",
+                       strerror(failure));
+        set_link(io, sink, false, is_device ? "this is a device (expected a file or a FIFO)" : cause);
         return false;
     }
     io->is_file = S_ISREG(what.st_mode) != 0;
@@ -166,7 +169,7 @@ static tl_status next_row(tl_plant_io *io, tl_error *error) {
         } else {
             ssize_t count = read_some(io);
             if (count < 0 && errno != EINTR && errno != EAGAIN) {
-                return tl_fail(error, TL_BAD_DATA, "%s cannot be read: %s", io->table.path, strerror(errno));
+                return tl_fail(error, TL_BAD_DATA, "%s: cannot be read: %s", io->table.path, strerror(errno));
             }
             io->at_end = count == 0;
         }
@@ -175,9 +178,10 @@ static tl_status next_row(tl_plant_io *io, tl_error *error) {
 
 static tl_status check_order(const tl_plant_io *io, tl_error *error) {
     if (io->anchor.set && io->row.time <= io->time) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s, line %lld: the time is %.9f s, which is not after %.9f s in the row before", io->table.path,
-                       (long long)io->lines.number, tl_seconds(io->row.time), tl_seconds(io->time));
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s, line %lld: the time %.9f s is not after %.9f s in the row before: remove the row, or correct its time",
+            io->table.path, (long long)io->lines.number, tl_seconds(io->row.time), tl_seconds(io->time));
     }
     return TL_OK;
 }
@@ -188,8 +192,9 @@ static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
         if (!io->row_waits) {
             tl_status status = next_row(io, error);
             if (status == TL_OK && io->table.cell_count == 0) {
-                status = tl_fail(error, TL_BAD_DATA, "%s is empty, but should begin with the names of its columns",
-                                 io->table.path);
+                status =
+                    tl_fail(error, TL_BAD_DATA,
+                            "%s: the file is empty (expected a header with the names of its columns)", io->table.path);
             }
             if (status == TL_OK && io->row_waits) {
                 status = check_order(io, error);
@@ -242,17 +247,17 @@ static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line)
     if (had_header && tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &why_no_row) == TL_OK) {
         tl_time at = tl_monotonic_now();
         if (in_time(io, at)) {
-            set_link(io, sink, true, "rows are coming");
+            set_link(io, sink, true, "rows arrive");
             post_row(io, sink, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
         } else {
             (void)tl_fail(&why_no_row, TL_BAD_DATA, "%s, line %lld: the time goes back from %.9f s to %.9f s",
                           io->table.path, (long long)io->lines.number, tl_seconds(io->time), tl_seconds(io->row.time));
-            complain(io, sink, why_no_row.text);
+            report_skipped(io, sink, why_no_row.text);
         }
     } else if (tl_csv_table_header(&io->table, line, io->lines.number, &why_no_header) == TL_OK) {
         io->anchor.set = false; /* the writer has restarted */
     } else {
-        complain(io, sink, had_header ? why_no_row.text : why_no_header.text);
+        report_skipped(io, sink, had_header ? why_no_row.text : why_no_header.text);
     }
 }
 
@@ -268,7 +273,7 @@ static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
         } else {
             tl_error error;
             (void)tl_csv_table_too_long(&io->table, io->lines.number, &error);
-            complain(io, sink, error.text);
+            report_skipped(io, sink, error.text);
         }
     }
 }
@@ -279,7 +284,8 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tl_csv_lines_drop(&io->lines);
     io->anchor.set = false;
     io->went_back = false;
-    set_link(io, sink, false, had_one ? "its writer has closed it" : "nobody writes to it");
+    set_link(io, sink, false,
+             had_one ? "the writer closed it: restart the writer" : "no program writes to it: start the writer");
 }
 
 /* Waits for bytes or an interruption. Returns false if there is nothing to read. */
@@ -360,7 +366,7 @@ const tl_plant_io_driver tl_csv_driver = {
 tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl_error *error) {
     tl_plant_io *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
     }
     tl_status status = tl_csv_table_make(&made->table, settings, error);
     if (status != TL_OK) {
@@ -369,7 +375,8 @@ tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl
     }
     made->file = -1;
     if (!tl_wake_make(&made->wake)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "%s: no event descriptor: %s", settings->path, strerror(errno));
+        status =
+            tl_fail(error, TL_TRY_AGAIN, "%s: cannot create an event descriptor: %s", settings->path, strerror(errno));
         tl_csv_table_release(&made->table);
         free(made);
         return status;

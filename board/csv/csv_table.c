@@ -170,7 +170,7 @@ static char *copy_of(const char *text) {
 tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings, tl_error *error) {
     memset(table, 0, sizeof *table);
     if (settings->column_count > TL_MAX_SIGNALS) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %zu columns are wanted, but at most %d can be read", settings->path,
+        return tl_fail(error, TL_BAD_DATA, "%s: %zu columns are requested (at most %d)", settings->path,
                        settings->column_count, (int)TL_MAX_SIGNALS);
     }
     table->path = copy_of(settings->path);
@@ -184,7 +184,7 @@ tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings
     }
     if (!complete) {
         tl_csv_table_release(table);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
     }
     return TL_OK;
 }
@@ -219,19 +219,19 @@ static size_t cut_line(char *line, const char **cells, size_t room) {
 /* Lists the existing columns as far as there is room. */
 static tl_status missing(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
                          size_t count, tl_error *error) {
-    char there[280] = "";
+    char existing[280] = "";
     size_t used = 0;
     for (size_t i = 0; i < count; i++) {
         size_t needed = strlen(cells[i]) + 2;
-        if (used + needed + sizeof ", ..." > sizeof there) {
-            (void)snprintf(there + used, sizeof there - used, ", ...");
+        if (used + needed + sizeof ", ..." > sizeof existing) {
+            (void)snprintf(existing + used, sizeof existing - used, ", ...");
             break;
         }
-        (void)snprintf(there + used, sizeof there - used, "%s%s", i > 0 ? ", " : "", cells[i]);
-        used = strlen(there);
+        (void)snprintf(existing + used, sizeof existing - used, "%s%s", i > 0 ? ", " : "", cells[i]);
+        used = strlen(existing);
     }
-    return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: there is no column \"%.64s\", but: %s", table->path,
-                   (long long)number, column, there);
+    return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: the column \"%.64s\" is missing, the file has: %s",
+                   table->path, (long long)number, column, existing);
 }
 
 /* The cell of a column. */
@@ -245,8 +245,8 @@ static tl_status find_column(const tl_csv_table *table, const char *column, int6
         }
     }
     if (times > 1) {
-        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the column \"%.64s\" is there %zu times", table->path,
-                       (long long)number, column, times);
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the column \"%.64s\" occurs %zu times: rename the others",
+                       table->path, (long long)number, column, times);
     }
     return times == 1 ? TL_OK : missing(table, column, number, cells, count, error);
 }
@@ -275,14 +275,13 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
         room++;
     }
     if (room == 1 && strchr(line, ';') != NULL) {
-        return tl_fail(
-            error, TL_BAD_DATA,
-            "%s, line %lld: the columns are separated by semicolons, but must be by commas, as in \"%.64s,u\"",
-            table->path, (long long)number, table->time_column);
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: semicolons separate the columns (expected commas, as in \"%.64s,u\")",
+                       table->path, (long long)number, table->time_column);
     }
     const char **cells = calloc(room, sizeof *cells);
     if (cells == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", table->path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", table->path);
     }
     size_t count = cut_line(line, cells, room);
     tl_status status = TL_OK;
@@ -310,14 +309,16 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
                        (long long)number);
     }
     if (count != table->cell_count) {
-        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: %zu cells, but the header has %zu", table->path,
-                       (long long)number, count, table->cell_count);
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the row has %zu cells (expected %zu, as the header)",
+                       table->path, (long long)number, count, table->cell_count);
     }
     const char *time = table->cells[table->time_cell];
     if (!number_of(time, &seconds) || fabs(seconds) > LAST_SECOND) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s, line %lld: the time is \"%.40s\", but must be a number of seconds from -4.6e9 to 4.6e9",
-                       table->path, (long long)number, time);
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9): write seconds, as 0.1, "
+            "or a Unix time: `date -d DATE +%%s.%%N`",
+            table->path, (long long)number, time);
     }
     row->time = tl_time_of_seconds(seconds);
     for (size_t i = 0; i < table->column_count; i++) {

@@ -39,8 +39,8 @@ typedef struct input_line {
     char trouble[TEXT]; /* last reported problem; empty: none */
     tl_backoff backoff; /* of tries to open it */
     tl_time recheck;    /* time of the second read of an unexpected level, if the input is in doubt */
-    uint64_t told;      /* reported part of input.missed */
-    tl_time tell_due;   /* earliest next report */
+    uint64_t reported;  /* reported part of input.missed */
+    tl_time report_due; /* earliest next report */
 } input_line;
 
 struct tl_plant_io {
@@ -57,14 +57,15 @@ struct tl_plant_io {
 
 /* ---- reports and posts ---- */
 
-static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own, const char *text) {
-    char who[NAME];
+static void report(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own, bool good,
+                   const char *text) {
+    char name[NAME];
     if (own->name != NULL) {
-        (void)snprintf(who, sizeof who, "GPIO line %.48s", own->name);
+        (void)snprintf(name, sizeof name, "GPIO line %.48s", own->name);
     } else {
-        (void)snprintf(who, sizeof who, "GPIO line %u of %.64s", own->channel.offset, io->chip);
+        (void)snprintf(name, sizeof name, "GPIO line %u of %.64s", own->channel.offset, io->chip);
     }
-    tl_link_report(&io->state, sink, who, text);
+    tl_link_report(sink, good, name, text);
 }
 
 /* Sets a line open or not; the link is up while any is open. Each problem is reported once. */
@@ -74,22 +75,23 @@ static void note_state(tl_plant_io *io, const tl_plant_io_sink *sink, input_line
     for (size_t i = 0; i < io->count; i++) {
         any = any || io->lines[i].line != NULL;
     }
-    bool news = tl_link_change(&io->state, any);
-    if (news || trouble[0] == '\0' || strcmp(own->trouble, trouble) != 0) {
-        say(io, sink, own, text);
+    bool has_changed = tl_link_change(&io->state, any);
+    if (has_changed || trouble[0] == '\0' || strcmp(own->trouble, trouble) != 0) {
+        report(io, sink, own, trouble[0] == '\0', text);
     }
     (void)snprintf(own->trouble, sizeof own->trouble, "%s", trouble);
 }
 
 static void note_missed(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, tl_time at) {
-    if (own->input.missed != own->told && at >= own->tell_due) {
+    if (own->input.missed != own->reported && at >= own->report_due) {
         char text[TEXT];
         (void)snprintf(text, sizeof text,
-                       "edges come faster than they are read: at least %llu missed; the newest level counts",
-                       (unsigned long long)(own->input.missed - own->told));
-        own->told = own->input.missed;
-        own->tell_due = at + MISSED_AGAIN;
-        say(io, sink, own, text);
+                       "missed at least %llu edges, because they come faster than the box reads them: "
+                       "the newest level is used",
+                       (unsigned long long)(own->input.missed - own->reported));
+        own->reported = own->input.missed;
+        own->report_due = at + MISSED_AGAIN;
+        report(io, sink, own, false, text);
     }
 }
 
@@ -109,48 +111,49 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, co
 
 /* ---- finding and losing a line ---- */
 
-static void lose(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, int failure) {
+static void drop_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, int failure) {
     char text[TEXT];
-    (void)snprintf(text, sizeof text, "%s", failure == ENODEV ? "its chip is gone" : strerror(failure));
+    (void)snprintf(text, sizeof text, "%s",
+                   failure == ENODEV ? "the chip is gone: plug it in, or load its driver" : strerror(failure));
     tl_gpio_line_release(own->line);
     own->line = NULL;
     tl_backoff_fail(&own->backoff, tl_monotonic_now());
     note_state(io, sink, own, text, text);
 }
 
-static void describe_refusal(const tl_gpio_place *place, int failure, char *text, size_t size) {
-    const char *where = place->chip;
-    if (failure == EBUSY && place->state.used) {
-        (void)snprintf(text, size, "line %u of %s is in use by \"%s\"", place->offset, where,
-                       place->state.consumer[0] != '\0' ? place->state.consumer : "?");
+static void describe_failure(const tl_gpio_place *found, int failure, char *text, size_t size) {
+    const char *chip = found->chip;
+    if (failure == EBUSY && found->state.used) {
+        (void)snprintf(text, size, "line %u of %s is in use by \"%s\": end that program", found->offset, chip,
+                       found->state.consumer[0] != '\0' ? found->state.consumer : "?");
     } else {
-        (void)snprintf(text, size, "line %u of %s cannot be requested: %s", place->offset, where, strerror(failure));
+        (void)snprintf(text, size, "line %u of %s cannot be requested: %s", found->offset, chip, strerror(failure));
     }
 }
 
 /* Finds and requests the line. Returns true, or false with the reason in `trouble`. */
-static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *place, char *trouble, size_t size) {
-    if (!tl_gpio_find(io->chip, &own->channel, place, trouble, size)) {
+static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *found, char *trouble, size_t size) {
+    if (!tl_gpio_find(io->chip, &own->channel, found, trouble, size)) {
         return false;
     }
-    if (place->state.output && !place->state.used) { /* making it an input would act on the plant */
-        (void)snprintf(trouble, size, "line %u of %s is an output; twinlock reads inputs only", place->offset,
-                       place->chip);
+    if (found->state.output && !found->state.used) { /* making it an input would act on the plant */
+        (void)snprintf(trouble, size, "line %u of %s is an output, twinlock reads inputs only: use another line",
+                       found->offset, found->chip);
         return false;
     }
     int failure =
-        place->state.used ? EBUSY : tl_gpio_line_request(place->path, place->offset, &own->channel, &own->line);
+        found->state.used ? EBUSY : tl_gpio_line_request(found->path, found->offset, &own->channel, &own->line);
     if (failure != 0) {
-        describe_refusal(place, failure, trouble, size);
+        describe_failure(found, failure, trouble, size);
     }
     return failure == 0;
 }
 
 static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     char text[TEXT] = "";
-    tl_gpio_place place;
+    tl_gpio_place found;
     bool level = false;
-    if (!request(io, own, &place, text, sizeof text)) {
+    if (!request(io, own, &found, text, sizeof text)) {
         tl_backoff_fail(&own->backoff, tl_monotonic_now());
         note_state(io, sink, own, text, text);
         return;
@@ -158,7 +161,7 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     tl_time stamp = tl_monotonic_now();
     int failure = tl_gpio_line_level(own->line, &level);
     if (failure != 0) {
-        lose(io, sink, own, failure);
+        drop_line(io, sink, own, failure);
         return;
     }
     tl_reading reading;
@@ -168,8 +171,8 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
                                              .missed = own->input.missed};
     tl_gpio_input_start(&own->input, &settings, &reading);
     tl_backoff_reset(&own->backoff);
-    (void)snprintf(text, sizeof text, "connected: line %u of %s%s", place.offset, place.chip,
-                   tl_gpio_line_descriptor(own->line) < 0 ? ", without edges" : "");
+    (void)snprintf(text, sizeof text, "connected: line %u of %s%s", found.offset, found.chip,
+                   tl_gpio_line_descriptor(own->line) < 0 ? ", without edges: its level is read once per poll" : "");
     note_state(io, sink, own, "", text);
     post(io, sink, own, &reading);
 }
@@ -177,7 +180,7 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
 /* ---- edges and levels ---- */
 
 /* Reads queued edges within the budget. Returns 0 or errno. */
-static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+static int read_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_gpio_edge edges[BATCH];
     size_t taken = 0;
     int failure = 0;
@@ -201,7 +204,7 @@ static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
 }
 
 /* Reads the level. Returns 0 or errno. */
-static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+static int read_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
     bool level = false;
     tl_time stamp = tl_monotonic_now();
@@ -227,15 +230,15 @@ static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
 }
 
 /* Reads edges, and the level if it is due or if edges are not sufficient, of an open line. */
-static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, bool and_level) {
+static void read_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, bool and_level) {
     bool has_edges = tl_gpio_line_descriptor(own->line) >= 0;
-    int failure = has_edges && own->budget > 0 ? take_edges(io, sink, own) : 0;
+    int failure = has_edges && own->budget > 0 ? read_edges(io, sink, own) : 0;
     bool used_up = has_edges && own->budget == 0;
     if (failure == 0 && (and_level || own->flooded)) {
-        failure = take_level(io, sink, own);
+        failure = read_level(io, sink, own);
     }
     if (failure != 0) {
-        lose(io, sink, own, failure);
+        drop_line(io, sink, own, failure);
         post_no_link(io, sink, own);
         return;
     }
@@ -274,14 +277,14 @@ static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
 static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
     if (own->input.doubtful && tl_monotonic_now() >= own->recheck) {
-        attend(io, sink, own, true);
+        read_line(io, sink, own, true);
         return;
     }
     tl_time at = tl_monotonic_now();
     if (tl_gpio_input_due(&own->input) > at) {
         return;
     }
-    attend(io, sink, own, false); /* an earlier edge may have come meanwhile */
+    read_line(io, sink, own, false); /* an earlier edge may have come meanwhile */
     if (own->line != NULL && !own->flooded && tl_gpio_input_pass(&own->input, at, &reading)) {
         post(io, sink, own, &reading);
     }
@@ -308,7 +311,7 @@ static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end
     }
     for (nfds_t i = 1; i < count && ready > 0; i++) {
         if (io->waits[i].revents != 0) {
-            attend(io, sink, &io->lines[io->waited[i]], (io->waits[i].revents & POLLIN) == 0);
+            read_line(io, sink, &io->lines[io->waited[i]], (io->waits[i].revents & POLLIN) == 0);
         }
     }
     pass_time_of_all(io, sink);
@@ -331,7 +334,7 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
         }
         own->budget = io->budget;
         if (own->line != NULL) {
-            attend(io, sink, own, true);
+            read_line(io, sink, own, true);
             continue;
         }
         if (tl_backoff_is_due(&own->backoff, tl_monotonic_now())) {
@@ -383,27 +386,28 @@ const tl_plant_access tl_gpio_access = {
 static tl_status check_channel(const tl_gpio_settings *settings, size_t index, tl_error *error) {
     const tl_gpio_channel *channel = &settings->channels[index];
     if (channel->line != NULL && channel->line[0] == '\0') {
-        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: the name of its line is empty", index);
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: line is empty: write the name of the line", index);
     }
     if (channel->line == NULL && settings->chip == NULL) {
-        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: an offset needs a chip, for example gpiochip0", index);
+        return tl_fail(error, TL_BAD_DATA,
+                       "GPIO channel %zu: chip is missing: an offset needs one, for example gpiochip0", index);
     }
     if (!(channel->debounce_s >= 0 && channel->debounce_s <= 60)) {
-        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: debounce_s is %g, but must be 0 to 60", index,
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: debounce_s is %g (expected 0 to 60)", index,
                        channel->debounce_s);
     }
     if (channel->bias < TL_GPIO_AS_IS || channel->bias > TL_GPIO_NO_PULL) {
-        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: there is no bias %d", index, (int)channel->bias);
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: bias is %d (expected 0 to 3)", index, (int)channel->bias);
     }
     return TL_OK;
 }
 
 static tl_status check(const tl_gpio_settings *settings, tl_error *error) {
     if (settings->chip != NULL && settings->chip[0] == '\0') {
-        return tl_fail(error, TL_BAD_DATA, "the name of a GPIO chip is empty");
+        return tl_fail(error, TL_BAD_DATA, "GPIO: chip is empty: write its name, label or path, or remove it");
     }
     if (!(settings->period_s >= 1e-5 && settings->period_s <= 3600)) {
-        return tl_fail(error, TL_BAD_DATA, "GPIO: period_s is %g, but must be 1e-5 to 3600", settings->period_s);
+        return tl_fail(error, TL_BAD_DATA, "GPIO: period_s is %g (expected 1e-5 to 3600)", settings->period_s);
     }
     for (size_t i = 0; i < settings->channel_count; i++) {
         if (check_channel(settings, i, error) != TL_OK) {
@@ -454,7 +458,7 @@ tl_status tl_gpio_open(const tl_gpio_settings *settings, tl_plant_io **io, tl_er
     }
     tl_plant_io *made = calloc(1, sizeof *made + settings->channel_count * sizeof made->lines[0]);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "GPIO: out of memory");
+        return tl_fail(error, TL_TRY_AGAIN, "GPIO: not enough memory");
     }
     tl_time period = tl_time_of_seconds(settings->period_s);
     made->wait = period - (period / 10 < MILLISECOND ? period / 10 : MILLISECOND);

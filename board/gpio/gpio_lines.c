@@ -36,23 +36,23 @@ static bool is_wanted(const char *wanted, const char *path, const tl_gpio_chip *
             given.st_rdev == here.st_rdev);
 }
 
-static void note(search *own, const tl_gpio_place *place) {
+static void add_found(search *own, const tl_gpio_place *candidate) {
     if (own->found == 0) {
-        own->first = *place;
+        own->first = *candidate;
     } else if (own->found == 1) {
-        own->second = *place;
+        own->second = *candidate;
     }
     own->found++;
 }
 
-static void look_at_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *place) {
+static void search_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *candidate) {
     const char *name = own->channel->line;
     unsigned begin = name == NULL ? own->channel->offset : 0;
     for (unsigned offset = begin; offset < own->lines; offset++) {
-        place->offset = offset;
-        if (tl_gpio_chip_read_line(chip, offset, &place->state) == 0 &&
-            (name == NULL || strcmp(name, place->state.name) == 0)) {
-            note(own, place);
+        candidate->offset = offset;
+        if (tl_gpio_chip_read_line(chip, offset, &candidate->state) == 0 &&
+            (name == NULL || strcmp(name, candidate->state.name) == 0)) {
+            add_found(own, candidate);
         }
         if (name == NULL) {
             return;
@@ -60,57 +60,60 @@ static void look_at_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *place)
     }
 }
 
-static void look_at_chip(search *own, const char *file) {
-    tl_gpio_place place = {.offset = 0};
+static void search_chip(search *own, const char *file) {
+    tl_gpio_place candidate = {.offset = 0};
     struct stat what;
-    (void)snprintf(place.path, sizeof place.path, "/dev/%.40s", file);
-    if (lstat(place.path, &what) != 0 ||
+    (void)snprintf(candidate.path, sizeof candidate.path, "/dev/%.40s", file);
+    if (lstat(candidate.path, &what) != 0 ||
         !S_ISCHR(what.st_mode)) { /* skips links: they lead to a chip that is searched anyway */
         return;
     }
-    tl_gpio_chip *chip = tl_gpio_chip_open(place.path);
+    tl_gpio_chip *chip = tl_gpio_chip_open(candidate.path);
     if (chip == NULL) {
-        (void)snprintf(own->denied, sizeof own->denied, "; %s cannot be opened: %s", place.path, strerror(errno));
+        (void)snprintf(own->denied, sizeof own->denied, "; %s cannot be opened: %s", candidate.path, strerror(errno));
         return;
     }
-    (void)snprintf(place.chip, sizeof place.chip, "%.32s (%.32s)", tl_gpio_chip_name(chip), tl_gpio_chip_label(chip));
-    if (is_wanted(own->chip, place.path, chip)) {
+    (void)snprintf(candidate.chip, sizeof candidate.chip, "%.32s (%.32s)", tl_gpio_chip_name(chip),
+                   tl_gpio_chip_label(chip));
+    if (is_wanted(own->chip, candidate.path, chip)) {
         size_t used = strlen(own->chips);
-        (void)snprintf(own->chips + used, sizeof own->chips - used, "%s%s", used > 0 ? ", " : "", place.chip);
+        (void)snprintf(own->chips + used, sizeof own->chips - used, "%s%s", used > 0 ? ", " : "", candidate.chip);
         own->lines = tl_gpio_chip_lines(chip);
-        look_at_lines(own, chip, &place);
+        search_lines(own, chip, &candidate);
     }
     tl_gpio_chip_close(chip);
 }
 
-static void describe_nothing(const search *own, char *text, size_t size) {
+static void describe_not_found(const search *own, char *text, size_t size) {
     if (own->chips[0] == '\0' && own->chip != NULL) {
-        (void)snprintf(text, size, "there is no chip %.64s%s", own->chip, own->denied);
+        (void)snprintf(text, size, "no chip has the name, label or path %.64s (see `gpiodetect`)%s", own->chip,
+                       own->denied);
     } else if (own->chips[0] == '\0') {
-        (void)snprintf(text, size, "there is no GPIO chip%s", own->denied);
+        (void)snprintf(text, size, "there is no GPIO chip%s",
+                       own->denied[0] != '\0' ? own->denied : ": load its driver");
     } else if (own->channel->line == NULL) {
-        (void)snprintf(text, size, "%s has the lines 0 to %u only", own->chips, own->lines - 1);
+        (void)snprintf(text, size, "offset %u is too large: %s has the lines 0 to %u", own->channel->offset, own->chips,
+                       own->lines - 1);
     } else {
-        (void)snprintf(text, size, "no line has that name on %s%s", own->chips, own->denied);
+        (void)snprintf(text, size, "no line has this name on %s (see `gpioinfo`)%s", own->chips, own->denied);
     }
 }
 
-bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *place, char *text, size_t size) {
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *candidate, char *text, size_t size) {
     search own = {.chip = chip, .channel = channel};
     struct dirent **entries = NULL;
     int count = scandir("/dev", &entries, is_chip, alphasort);
     for (int i = 0; i < count; i++) {
-        look_at_chip(&own, entries[i]->d_name);
+        search_chip(&own, entries[i]->d_name);
         free(entries[i]);
     }
     free(entries);
     if (own.found == 0) {
-        describe_nothing(&own, text, size);
+        describe_not_found(&own, text, size);
     } else if (own.found > 1) {
-        (void)snprintf(text, size,
-                       "it is there twice: %s line %u, and %s line %u; say which by \"chip\", or by \"offset\"",
+        (void)snprintf(text, size, "two lines fit, %s line %u and %s line %u: add \"chip\", or use \"offset\"",
                        own.first.chip, own.first.offset, own.second.chip, own.second.offset);
     }
-    *place = own.first;
+    *candidate = own.first;
     return own.found == 1;
 }

@@ -35,16 +35,16 @@ bool tl_link_change(tl_link *link, bool up) {
     return link->state != before;
 }
 
-void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text) {
+void tl_link_report(const tl_plant_io_sink *sink, bool good, const char *device, const char *text) {
     char whole[TL_LINK_TEXT];
-    (void)snprintf(whole, sizeof whole, "%s: %s", who, text);
-    sink->link(sink->context, tl_link_is_up(link), whole);
+    (void)snprintf(whole, sizeof whole, "%s: %s", device, text);
+    sink->link(sink->context, good, whole);
 }
 
-bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text) {
-    bool news = tl_link_change(link, up);
-    if (news) {
-        tl_link_report(link, sink, who, text);
+bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *device, const char *text) {
+    bool has_changed = tl_link_change(link, up);
+    if (has_changed) {
+        tl_link_report(sink, up, device, text);
     }
-    return news;
+    return has_changed;
 }

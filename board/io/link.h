@@ -41,9 +41,9 @@ bool tl_backoff_is_due(const tl_backoff *backoff, tl_time now);
 
 /* ---- Link state of a device: up, down, or unknown.
  *
- * Purpose: a change is reported once, in a sentence, by the sink's link(); a problem of a part is
- *          reported with the link as it is. Each driver defines "up" and which problems are new.
- * Texts:   "WHO: TEXT", cut after TL_LINK_TEXT − 1 bytes. WHO: the device ("CAN interface can0").
+ * Purpose: a change is reported once, in a sentence, by the sink's link(); a problem of a part does
+ *          not change the state. Each driver defines "up" and which problems are new.
+ * Texts:   "DEVICE: TEXT", cut after TL_LINK_TEXT − 1 bytes. DEVICE: "CAN interface can0".
  *          TEXT: what happened and what to do.
  * Owner:   the caller places it; no allocation. Thread: that of the driver's poll. Errors: none.
  */
@@ -63,10 +63,10 @@ bool tl_link_is_up(const tl_link *link);
 /* Sets the link up or down without a report. Returns true if it has changed. */
 bool tl_link_change(tl_link *link, bool up);
 
-/* Reports a text with the link as it is. */
-void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text);
+/* Reports a text. `good`: see tl_plant_io_sink. */
+void tl_link_report(const tl_plant_io_sink *sink, bool good, const char *device, const char *text);
 
 /* Sets the link up or down, and reports a change. Returns true if it has changed. */
-bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text);
+bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *device, const char *text);
 
 #endif

@@ -36,11 +36,11 @@ struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
     tl_link state;
-    bool talkative;     /* reported that more bytes come than were asked for */
-    tl_backoff backoff; /* of tries to connect */
-    tl_time rest;       /* no silent request is repeated before this time */
-    size_t start;       /* first request of the next poll */
-    uint64_t polls;     /* so far */
+    bool surplus_reported; /* that more bytes come than were asked for */
+    tl_backoff backoff;    /* of tries to connect */
+    tl_time silent_due;    /* no silent request is repeated before this time */
+    size_t start;          /* first request of the next poll */
+    uint64_t polls;        /* so far */
     tl_modbus_values values;
 };
 
@@ -55,17 +55,13 @@ typedef struct progress {
     tl_modbus_outcome failure; /* the last missing answer */
 } progress;
 
-static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
-    tl_link_report(&io->state, sink, io->link->name, text);
-}
-
 static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
     if (tl_link_set(&io->state, sink, up, io->link->name, text)) {
-        io->talkative = io->talkative && up;
+        io->surplus_reported = io->surplus_reported && up;
     }
 }
 
-static void describe(const tl_plant_io *io, const tl_modbus_outcome *outcome, char *text, size_t size) {
+static void describe_outcome(const tl_plant_io *io, const tl_modbus_outcome *outcome, char *text, size_t size) {
     tl_modbus_outcome_text(outcome, io->link->kind->is_line, io->link->timeout, text, size);
 }
 
@@ -76,15 +72,15 @@ static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbu
     if (tl_modbus_outcome_is_same(&read->trouble, &trouble)) {
         return;
     }
-    char reason[TEXT / 2] = "answers again";
+    char reason[TEXT - 64] = "answers again";
     if (trouble.kind != TL_MODBUS_VALUES) {
-        describe(io, &trouble, reason, sizeof reason);
+        describe_outcome(io, &trouble, reason, sizeof reason);
     }
     char text[TEXT];
     (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
                    (unsigned)read->address, (unsigned)read->address + read->count - 1U, reason);
     read->trouble = trouble;
-    say(io, sink, text);
+    tl_link_report(sink, trouble.kind == TL_MODBUS_VALUES, io->link->name, text);
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read) {
@@ -98,9 +94,9 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
                         tl_time stamp) {
     for (size_t i = read->first; i < read->first + read->slots; i++) {
         const tl_modbus_slot *slot = &io->map.slots[i];
-        size_t at = (size_t)(slot->channel.address - read->address);
-        uint16_t bit = io->values.bits[at];
-        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[at];
+        size_t offset = (size_t)(slot->channel.address - read->address);
+        uint16_t bit = io->values.bits[offset];
+        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[offset];
         tl_reading reading = {.stamp = stamp, .quality = TL_GOOD};
         if (!tl_modbus_decode(&slot->channel, raw, &reading.value)) {
             reading.quality = TL_NOT_A_NUMBER;
@@ -110,7 +106,7 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
 }
 
 /* True if the device may answer a smaller request. */
-static bool is_refused_shape(const tl_modbus_outcome *outcome) {
+static bool is_split_useful(const tl_modbus_outcome *outcome) {
     return outcome->kind == TL_MODBUS_EXCEPTION &&
            (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE);
 }
@@ -128,17 +124,17 @@ static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failur
 }
 
 /* Closes a connection on which anything has happened meanwhile. */
-static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
+static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
     if (health == TL_MODBUS_SOUND) {
         return;
     }
     io->link->kind->close(io->link); /* closed by the device while idle: not an error */
-    if (health == TL_MODBUS_TALKATIVE && !io->talkative) {
-        io->talkative = true;
-        say(io, sink,
-            "sends more than was asked for, which is not used, and costs a connection each time: check the device and "
-            "the gateway before it");
+    if (health == TL_MODBUS_TALKATIVE && !io->surplus_reported) {
+        io->surplus_reported = true;
+        tl_link_report(sink, false, io->link->name,
+                       "the device sends more bytes than asked for: they are dropped, each time with a new connection: "
+                       "check the device and the gateway before it");
     }
 }
 
@@ -146,17 +142,17 @@ static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
  * reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
-    look_after(io, now->sink);
+    check_connection(io, now->sink);
     now->over = io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause);
     return !now->over;
 }
 
 /* Sends a request; splits it if the device rejects a large one. */
-static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
+static tl_modbus_outcome request_values(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
     tl_modbus_read *read = &io->map.reads[index];
     tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
     *stamp = tl_monotonic_now();
-    while (is_refused_shape(&outcome)) {
+    while (is_split_useful(&outcome)) {
         size_t parts = tl_modbus_map_split(&io->map, index);
         if (parts == 1) {
             break;
@@ -174,13 +170,13 @@ static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, prog
 }
 
 /* Sends one request and posts its result. */
-static void serve(tl_plant_io *io, size_t index, progress *now) {
-    tl_time begun = tl_monotonic_now();
-    tl_time stamp = begun;
-    tl_modbus_outcome outcome = ask(io, index, &stamp, now);
+static void handle_request(tl_plant_io *io, size_t index, progress *now) {
+    tl_time begin = tl_monotonic_now();
+    tl_time stamp = begin;
+    tl_modbus_outcome outcome = request_values(io, index, &stamp, now);
     if (outcome.kind != TL_MODBUS_VALUES && outcome.kind != TL_MODBUS_EXCEPTION) {
         note_silence(io, index, outcome, now);
-        now->waited += tl_monotonic_now() - begun;
+        now->waited += tl_monotonic_now() - begin;
         return;
     }
     tl_modbus_read *read = &io->map.reads[index];
@@ -210,20 +206,20 @@ static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
 static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silent_ones) {
     tl_time now = tl_monotonic_now();
     bool was_silent = tl_backoff_is_on(&read->backoff);
-    bool wanted =
-        was_silent == silent_ones && (!was_silent || (tl_backoff_is_due(&read->backoff, now) && now >= io->rest));
-    return wanted && now >= read->hold && read->polled != io->polls &&
+    bool is_wanted =
+        was_silent == silent_ones && (!was_silent || (tl_backoff_is_due(&read->backoff, now) && now >= io->silent_due));
+    return is_wanted && now >= read->hold && read->polled != io->polls &&
            !(io->link->kind->is_line && is_unit_silent(io, read->unit_id));
 }
 
 /* One pass over the requests; the list may grow meanwhile. */
-static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
+static void send_due(tl_plant_io *io, bool silent_ones, progress *now) {
     size_t start = io->start;
     size_t count = io->map.read_count;
-    for (size_t visited = 0; visited < io->map.read_count && !now->over; visited++) {
-        size_t index = (start + visited) % io->map.read_count;
+    for (size_t done = 0; done < io->map.read_count && !now->over; done++) {
+        size_t index = (start + done) % io->map.read_count;
         if (is_due(io, &io->map.reads[index], silent_ones) && is_ready(io, now)) {
-            serve(io, index, now);
+            handle_request(io, index, now);
         }
         if (index < start) { /* the list has grown before the start */
             start += io->map.read_count - count;
@@ -234,15 +230,15 @@ static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
 
 /* No answer at all: the link is down and the next try waits. Silence of single requests is dropped.
  */
-static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
+static void set_link_down(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
     tl_backoff_fail(&io->backoff, tl_monotonic_now());
-    io->rest = 0;
+    io->silent_due = 0;
     set_link(io, sink, false, cause);
 }
 
 /* True if there is a connection. */
-static bool connected(tl_plant_io *io, progress *now) {
-    look_after(io, now->sink);
+static bool is_connected(tl_plant_io *io, progress *now) {
+    check_connection(io, now->sink);
     if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
         return false;
     }
@@ -250,7 +246,7 @@ static bool connected(tl_plant_io *io, progress *now) {
     if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
         now->interrupted = tl_wake_answer(&io->link->wake);
         if (!now->interrupted) {
-            give_up(io, now->sink, cause);
+            set_link_down(io, now->sink, cause);
         }
         return false;
     }
@@ -263,23 +259,23 @@ static bool connected(tl_plant_io *io, progress *now) {
 
 /* Other requests were answered: these are asked later and less often. */
 static void pause_silent(tl_plant_io *io, const progress *now) {
-    tl_time at = tl_monotonic_now();
-    io->rest = at + REST * now->waited;
+    tl_time end = tl_monotonic_now();
+    io->silent_due = end + REST * now->waited;
     for (size_t i = 0; i < io->map.read_count; i++) {
         tl_modbus_read *read = &io->map.reads[i];
         if (read->silent == io->polls) {
             note_trouble(io, now->sink, read, read->failure);
-            tl_backoff_fail(&read->backoff, at);
+            tl_backoff_fail(&read->backoff, end);
         } else if (io->link->kind->is_line && is_unit_silent(io, read->unit_id)) {
-            read->hold = at + io->link->timeout;
+            read->hold = end + io->link->timeout;
         }
     }
 }
 
 /* Sends all requests that are due. */
-static void converse(tl_plant_io *io, progress *now) {
-    pass(io, false, now);
-    pass(io, true, now);
+static void send_all_due(tl_plant_io *io, progress *now) {
+    send_due(io, false, now);
+    send_due(io, true, now);
     if (now->answered) {
         tl_backoff_reset(&io->backoff);
     }
@@ -291,8 +287,8 @@ static void converse(tl_plant_io *io, progress *now) {
         pause_silent(io, now);
     } else {
         char text[TEXT];
-        describe(io, &now->failure, text, sizeof text);
-        give_up(io, now->sink, text);
+        describe_outcome(io, &now->failure, text, sizeof text);
+        set_link_down(io, now->sink, text);
     }
 }
 
@@ -301,8 +297,8 @@ static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool
     progress now = {.sink = sink, .interrupted = tl_wake_answer(&io->link->wake)};
     *finished = false;
     io->polls++;
-    if (!now.interrupted && connected(io, &now)) {
-        converse(io, &now);
+    if (!now.interrupted && is_connected(io, &now)) {
+        send_all_due(io, &now);
     }
     for (size_t i = 0; i < io->map.read_count && !now.interrupted; i++) {
         if (io->map.reads[i].polled != io->polls) {
@@ -341,11 +337,11 @@ const tl_plant_access tl_modbus_rtu_access = {
 
 static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool on_a_line, tl_error *error) {
     if (on_a_line && (channel->unit_id < 1 || channel->unit_id > 247)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is not one of a serial line, 1 to 247",
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit_id is %u (expected 1 to 247 on a serial line)",
                        index, (unsigned)channel->unit_id);
     }
     if (channel->unit_id > 247 && channel->unit_id != 255) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is neither 0 to 247 nor 255", index,
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit_id is %u (expected 0 to 247 or 255)", index,
                        (unsigned)channel->unit_id);
     }
     return TL_OK;
@@ -354,18 +350,22 @@ static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool
 static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
     bool bit_table = tl_modbus_is_bit_table(channel->table);
     if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: there is no table %d", index, (int)channel->table);
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: table is %d (expected 1 to 4)", index,
+                       (int)channel->table);
     }
     if (bit_table != (channel->type == TL_MODBUS_BIT)) {
         return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: %s", index,
-                       bit_table ? "coils and discrete inputs hold bits, nothing else"
-                                 : "registers hold numbers, not bits");
+                       bit_table ? "coils and discrete inputs hold bits: remove type"
+                                 : "registers hold numbers, not bits: set type");
     }
     if (channel->address + tl_modbus_registers(channel->type) > 65536) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: its last register is beyond address 65535", index);
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: the value at address %u ends beyond address 65535",
+                       index, (unsigned)channel->address);
     }
     if (!isfinite(channel->scale) || channel->scale == 0 || !isfinite(channel->offset)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: scale must be finite and not 0, offset finite", index);
+        return tl_fail(error, TL_BAD_DATA,
+                       "Modbus channel %zu: scale is %g, offset is %g (expected finite values, scale not 0)", index,
+                       channel->scale, channel->offset);
     }
     return TL_OK;
 }
@@ -373,10 +373,11 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
 static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
     const char *device = settings->line.device;
     if (device == NULL && (settings->host == NULL || settings->host[0] == '\0')) {
-        return tl_fail(error, TL_BAD_DATA, "a Modbus server needs a name or an address, for example 192.168.1.17");
+        return tl_fail(error, TL_BAD_DATA,
+                       "Modbus server: host is empty: write a name or an address, for example 192.168.1.17");
     }
     if (!(settings->timeout_s >= 0.001 && settings->timeout_s <= 3600)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g, but must be 0.001 to 3600",
+        return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g (expected 0.001 to 3600)",
                        device != NULL ? device : settings->host, settings->timeout_s);
     }
     if (device != NULL && tl_modbus_line_check(&settings->line, error) != TL_OK) {
@@ -413,7 +414,7 @@ tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, t
     if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count)) {
         made->link->kind->release(made->link);
         free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "Modbus %s: out of memory", name);
+        return tl_fail(error, TL_TRY_AGAIN, "Modbus %s: not enough memory", name);
     }
     *io = made;
     return TL_OK;

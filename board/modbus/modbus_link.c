@@ -22,17 +22,19 @@ static bool is_baud(uint32_t baud) {
 
 tl_status tl_modbus_line_check(const tl_modbus_line *line, tl_error *error) {
     if (line->device[0] == '\0') {
-        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
+        return tl_fail(error, TL_BAD_DATA,
+                       "Modbus line: device is empty: write for example /dev/serial/by-id/usb-0-port0");
     }
     if (!is_baud(line->baud)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
+        return tl_fail(error, TL_BAD_DATA,
+                       "Modbus line %s: baud is %u (expected a usual speed, for example 9600 or 19200)", line->device,
                        (unsigned)line->baud);
     }
     if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is wrong (expected N, E or O)", line->device);
     }
     if (line->stop_bits != 1 && line->stop_bits != 2) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: stop_bits is %u (expected 1 or 2)", line->device,
                        (unsigned)line->stop_bits);
     }
     return TL_OK;

@@ -21,22 +21,42 @@ bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outco
 
 /* libmodbus describes the codes that Modbus defines; others are numbers. */
 static void exception_text(int code, char *text, size_t size) {
+    static const char *const REMEDIES[] = {
+        [1] = ": the device does not serve this table: check table (holding or input, coil or discrete)",
+        [2] = ": the device has no such address. Addresses here count from 0: 40003 in a manual is holding, address 2",
+        [3] = ": the device refuses this number of values: check type and address",
+        [4] = ": look for the fault in the device",
+        [6] = ": raise period_s, so that it is polled less often",
+        [10] = ": the gateway has no path to this unit: check unit_id and the gateway",
+        [11] = ": no device answers as this unit behind the gateway: check unit_id",
+    };
     if ((code >= 1 && code <= 8) || code == 10 || code == 11) {
-        (void)snprintf(text, size, "%s", modbus_strerror(MODBUS_ENOBASE + code));
+        (void)snprintf(text, size, "%s%s", modbus_strerror(MODBUS_ENOBASE + code),
+                       REMEDIES[code] != NULL ? REMEDIES[code] : "");
     } else {
         (void)snprintf(text, size, "exception %d, which Modbus does not define: see the manual of the device", code);
     }
 }
 
-static void failure_text(int failure, tl_time timeout, char *text, size_t size) {
+static void failure_text(int failure, bool on_a_line, tl_time timeout, char *text, size_t size) {
+    const char *reason = modbus_strerror(failure);
     if (failure == ETIMEDOUT) {
-        (void)snprintf(text, size, "no answer within %g s", tl_seconds(timeout));
+        (void)snprintf(text, size, "%sno answer within timeout_s = %g s: raise timeout_s, or check unit_id%s",
+                       on_a_line ? "" : "connected, but ", tl_seconds(timeout), on_a_line ? ", baud and parity" : "");
     } else if (failure == EPROTO) {
-        (void)snprintf(text, size, "its answer breaks off");
+        (void)snprintf(text, size, "the answer is incomplete: check the device and the %s",
+                       on_a_line ? "wiring" : "network");
     } else if (failure == EBUSY) {
-        (void)snprintf(text, size, "the line is never quiet: is there another master, or another speed?");
+        (void)snprintf(text, size, "the line is never quiet: check baud and parity; only one master may use the line");
+    } else if (failure == ECONNRESET || failure == EPIPE) {
+        (void)snprintf(text, size,
+                       "the device closes the connection (%s): end other masters; if it does so after each request, "
+                       "use one source per table",
+                       reason);
+    } else if (failure > MODBUS_ENOBASE) {
+        (void)snprintf(text, size, "%s: check baud, parity, stop_bits and wiring", reason);
     } else {
-        (void)snprintf(text, size, "%s", modbus_strerror(failure));
+        (void)snprintf(text, size, "%s: check the %s", reason, on_a_line ? "adapter" : "network");
     }
 }
 
@@ -50,33 +70,33 @@ void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl
         break;
     case TL_MODBUS_WRONG_TRANSACTION:
         (void)snprintf(text, size,
-                       "answered transaction %d when asked for %d: it answers twice, or is no Modbus server", found,
-                       wanted);
-        break;
-    case TL_MODBUS_WRONG_PROTOCOL:
-        (void)snprintf(text, size, "answered in protocol %d, and Modbus is %d: is there a Modbus server at that port?",
+                       "answered transaction %d instead of %d: check host and port; a device may answer only once",
                        found, wanted);
         break;
-    case TL_MODBUS_WRONG_LENGTH:
-        (void)snprintf(text, size, "gives %d bytes as the length of an answer of %d: is that a Modbus server?", found,
+    case TL_MODBUS_WRONG_PROTOCOL:
+        (void)snprintf(text, size, "answered with protocol %d instead of %d (Modbus): check host and port", found,
                        wanted);
         break;
+    case TL_MODBUS_WRONG_LENGTH:
+        (void)snprintf(text, size, "answered with a length of %d bytes instead of %d: check the device%s", found,
+                       wanted, on_a_line ? "" : ", host and port");
+        break;
     case TL_MODBUS_WRONG_UNIT:
-        (void)snprintf(text, size, "answered as unit %d when asked for unit %d: %s", found, wanted,
-                       on_a_line ? "is there another master on the line?"
-                                 : "if it always does, give its source \"any_unit_id\": true");
+        (void)snprintf(text, size, "answered as unit %d instead of %d: %s", found, wanted,
+                       on_a_line ? "check that only one master uses the line"
+                                 : "if it always answers so, add \"any_unit_id\": true to its source");
         break;
     case TL_MODBUS_WRONG_FUNCTION:
-        (void)snprintf(text, size, "answered function %d when asked for function %d: check the device%s", found, wanted,
+        (void)snprintf(text, size, "answered function %d instead of %d: check the device%s", found, wanted,
                        on_a_line ? "" : " and the gateway before it");
         break;
     case TL_MODBUS_WRONG_BYTES:
-        (void)snprintf(text, size, "answered %d bytes of values when asked for %d: check the device%s", found, wanted,
+        (void)snprintf(text, size, "answered %d bytes of values instead of %d: check the device%s", found, wanted,
                        on_a_line ? "" : " and the gateway before it");
         break;
     case TL_MODBUS_FAILED:
     case TL_MODBUS_VALUES:
-        failure_text(found, timeout, text, size);
+        failure_text(found, on_a_line, timeout, text, size);
         break;
     }
 }
@@ -108,7 +128,7 @@ size_t tl_modbus_registers(tl_modbus_type type) {
 }
 
 /* Swaps a register between wire order and most significant byte first. */
-static uint16_t ordered(const tl_modbus_channel *channel, uint16_t word) {
+static uint16_t swap_bytes(const tl_modbus_channel *channel, uint16_t word) {
     if (channel->bytes_little) {
         return (uint16_t)((unsigned)word << 8 | (unsigned)word >> 8);
     }
@@ -116,23 +136,23 @@ static uint16_t ordered(const tl_modbus_channel *channel, uint16_t word) {
 }
 
 /* Index of the i-th most significant register of a value. */
-static size_t place(const tl_modbus_channel *channel, size_t count, size_t i) {
+static size_t word_index(const tl_modbus_channel *channel, size_t count, size_t i) {
     return channel->words_little ? count - 1 - i : i;
 }
 
-static uint64_t join(const tl_modbus_channel *channel, const uint16_t *registers) {
+static uint64_t join_words(const tl_modbus_channel *channel, const uint16_t *registers) {
     size_t count = tl_modbus_registers(channel->type);
     uint64_t bits = 0;
     for (size_t i = 0; i < count; i++) {
-        bits = bits << 16 | ordered(channel, registers[place(channel, count, i)]);
+        bits = bits << 16 | swap_bytes(channel, registers[word_index(channel, count, i)]);
     }
     return bits;
 }
 
-static void part(const tl_modbus_channel *channel, uint64_t bits, uint16_t *registers) {
+static void split_words(const tl_modbus_channel *channel, uint64_t bits, uint16_t *registers) {
     size_t count = tl_modbus_registers(channel->type);
     for (size_t i = count; i-- > 0; bits >>= 16) {
-        registers[place(channel, count, i)] = ordered(channel, (uint16_t)(bits & 0xFFFF));
+        registers[word_index(channel, count, i)] = swap_bytes(channel, (uint16_t)(bits & 0xFFFF));
     }
 }
 
@@ -144,19 +164,19 @@ bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *register
         break;
     case TL_MODBUS_UINT16:
     case TL_MODBUS_UINT32:
-        raw = (double)join(channel, registers);
+        raw = (double)join_words(channel, registers);
         break;
     case TL_MODBUS_INT16:
-        raw = tl_bits_to_signed(join(channel, registers), 16);
+        raw = tl_bits_to_signed(join_words(channel, registers), 16);
         break;
     case TL_MODBUS_INT32:
-        raw = tl_bits_to_signed(join(channel, registers), 32);
+        raw = tl_bits_to_signed(join_words(channel, registers), 32);
         break;
     case TL_MODBUS_FLOAT32:
-        raw = tl_bits_to_float32(join(channel, registers));
+        raw = tl_bits_to_float32(join_words(channel, registers));
         break;
     case TL_MODBUS_FLOAT64:
-        raw = tl_bits_to_float64(join(channel, registers));
+        raw = tl_bits_to_float64(join_words(channel, registers));
         break;
     }
     *value = raw * channel->scale + channel->offset;
@@ -182,22 +202,22 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
         registers[0] = (uint16_t)integer_bits(raw, 0, 1);
         break;
     case TL_MODBUS_INT16:
-        part(channel, integer_bits(raw, INT16_MIN, INT16_MAX), registers);
+        split_words(channel, integer_bits(raw, INT16_MIN, INT16_MAX), registers);
         break;
     case TL_MODBUS_UINT16:
-        part(channel, integer_bits(raw, 0, UINT16_MAX), registers);
+        split_words(channel, integer_bits(raw, 0, UINT16_MAX), registers);
         break;
     case TL_MODBUS_INT32:
-        part(channel, integer_bits(raw, INT32_MIN, INT32_MAX), registers);
+        split_words(channel, integer_bits(raw, INT32_MIN, INT32_MAX), registers);
         break;
     case TL_MODBUS_UINT32:
-        part(channel, integer_bits(raw, 0, UINT32_MAX), registers);
+        split_words(channel, integer_bits(raw, 0, UINT32_MAX), registers);
         break;
     case TL_MODBUS_FLOAT32:
-        part(channel, tl_bits_of_float32(raw), registers);
+        split_words(channel, tl_bits_of_float32(raw), registers);
         break;
     case TL_MODBUS_FLOAT64:
-        part(channel, tl_bits_of_float64(raw), registers);
+        split_words(channel, tl_bits_of_float64(raw), registers);
         break;
     }
 }

@@ -30,7 +30,7 @@
 
 #define MILLISECOND (TL_SECOND / 1000)
 #define QUIET_AFTER_FAILURE (50 * MILLISECOND)
-#define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, at any speed */
+#define QUIET_IF_FAST (1750000) /* above 19200 Bd, at any speed */
 #define GAPS_IN_A_FRAME (200 * MILLISECOND)
 
 enum { CHECK_SUM = 2, REQUEST = TL_MODBUS_BODY_REQUEST + CHECK_SUM };
@@ -107,17 +107,17 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     rtu_link *rtu = (rtu_link *)link;
     int failure = open_port(rtu);
     if (failure != 0) {
-        const char *why = failure == EBUSY    ? " (another program has it)"
-                          : failure == ENOTTY ? " (it is no serial line)"
+        const char *why = failure == EBUSY    ? ": another program uses it"
+                          : failure == ENOTTY ? ": this is not a serial line"
                                               : "";
-        (void)snprintf(cause, cause_size, "cannot be opened: %s%s", strerror(failure), why);
+        (void)snprintf(cause, cause_size, "cannot be opened: %s%s: check device", strerror(failure), why);
         rtu_close(link);
         return false;
     }
     failure = rtu->rs485 ? switch_rs485(link->descriptor) : 0;
     if (failure != 0) {
         (void)snprintf(cause, cause_size,
-                       "its driver does not switch RS-485: %s; leave rs485 out where the adapter does that by itself",
+                       "the driver cannot switch RS-485 (%s): remove rs485 if the adapter switches it",
                        strerror(failure));
         rtu_close(link);
         return false;
@@ -136,7 +136,7 @@ static tl_modbus_health rtu_look(const tl_modbus_link *link) {
 }
 
 /* True if the port failed and not the unit. */
-static bool is_of_the_port(const tl_modbus_outcome *outcome) {
+static bool is_port_failure(const tl_modbus_outcome *outcome) {
     const int failure = outcome->found;
     return outcome->kind == TL_MODBUS_FAILED && failure != EINTR && failure != ETIMEDOUT && failure != EPROTO &&
            failure != EBUSY && failure < MODBUS_ENOBASE;
@@ -146,7 +146,7 @@ static void rtu_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
     rtu_link *rtu = (rtu_link *)link;
     rtu->failed = true;
     rtu->last = tl_monotonic_now();
-    if (is_of_the_port(outcome)) {
+    if (is_port_failure(outcome)) {
         rtu_close(link);
     }
 }
@@ -173,7 +173,7 @@ static int await_quiet(rtu_link *rtu) {
     const tl_time quiet = rtu->failed ? QUIET_AFTER_FAILURE : rtu->quiet;
     const tl_time end = tl_monotonic_now() + rtu->link.timeout + quiet;
     while (rtu->last <= end) {
-        uint8_t waste[256];
+        uint8_t dropped[256];
         int failure = tl_modbus_link_await(&rtu->link, descriptor, POLLIN, rtu->last + quiet);
         if (failure == ETIMEDOUT && !is_readable(descriptor)) { /* there was perhaps nothing to wait for */
             return 0;
@@ -181,7 +181,7 @@ static int await_quiet(rtu_link *rtu) {
         if (failure != 0 && failure != ETIMEDOUT) {
             return failure;
         }
-        if (read(descriptor, waste, sizeof waste) <= 0) { /* readable without bytes: it was hung up */
+        if (read(descriptor, dropped, sizeof dropped) <= 0) { /* readable without bytes: it was hung up */
             return EIO;
         }
         rtu->last = tl_monotonic_now();
@@ -206,9 +206,9 @@ static int receive(rtu_link *rtu, const tl_modbus_read *read, uint8_t *response,
     if (failure != 0) {
         return -failure;
     }
-    tl_time patience = (tl_time)(tl_modbus_value_bytes(read) + OVERHEAD) * rtu->character + GAPS_IN_A_FRAME;
-    (void)modbus_set_response_timeout(rtu->context, (uint32_t)(patience / TL_SECOND),
-                                      (uint32_t)(patience % TL_SECOND / 1000));
+    tl_time limit = (tl_time)(tl_modbus_value_bytes(read) + OVERHEAD) * rtu->character + GAPS_IN_A_FRAME;
+    (void)modbus_set_response_timeout(rtu->context, (uint32_t)(limit / TL_SECOND),
+                                      (uint32_t)(limit % TL_SECOND / 1000));
     int length = modbus_receive_confirmation(rtu->context, response);
     if (length >= 0) {
         return length;
@@ -274,7 +274,7 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
     rtu->context = modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits);
     rtu->rs485 = line->rs485;
     rtu->character = character_time(line);
-    rtu->quiet = line->baud > 19200 ? QUIET_WHERE_FAST : 7 * rtu->character / 2;
+    rtu->quiet = line->baud > 19200 ? QUIET_IF_FAST : 7 * rtu->character / 2;
     (void)snprintf(name, sizeof name, "Modbus line %.120s", line->device);
     if (rtu->device == NULL || rtu->context == NULL || !tl_modbus_link_init(&rtu->link, &settings)) {
         modbus_free(rtu->context);

@@ -40,7 +40,7 @@ static int await_connection(const tl_modbus_link *link, int descriptor, tl_time 
 
 /* True if the socket is connected to itself: TCP does that if no server listens on a port of the
  * ephemeral range. */
-static bool is_own_echo(int descriptor) {
+static bool is_self_connected(int descriptor) {
     struct sockaddr_storage own;
     struct sockaddr_storage other;
     memset(&own, 0, sizeof own);
@@ -64,7 +64,7 @@ static int connect_to(tl_modbus_link *link, const struct addrinfo *address, tl_t
     if (connect(descriptor, address->ai_addr, address->ai_addrlen) != 0) {
         failure = errno == EINPROGRESS || errno == EINTR ? await_connection(link, descriptor, deadline) : errno;
     }
-    if (failure == 0 && is_own_echo(descriptor)) {
+    if (failure == 0 && is_self_connected(descriptor)) {
         failure = ECONNREFUSED;
     }
     if (failure != 0) {
@@ -82,12 +82,13 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     struct addrinfo *addresses = NULL;
     int resolved = getaddrinfo(tcp->host, tcp->service, &hints, &addresses);
     if (resolved != 0) {
-        (void)snprintf(cause, cause_size, "the name cannot be resolved: %s", gai_strerror(resolved));
+        (void)snprintf(cause, cause_size, "the name cannot be resolved: %s: check host, or write its IP address",
+                       gai_strerror(resolved));
         return false;
     }
-    tl_time left_addresses = 0;
+    tl_time remaining_addresses = 0;
     for (const struct addrinfo *address = addresses; address != NULL; address = address->ai_next) {
-        left_addresses++;
+        remaining_addresses++;
     }
     /* Each address gets its share of the remaining time, so that a silent first one leaves time for
      * the second. */
@@ -95,16 +96,19 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     int failure = EADDRNOTAVAIL;
     for (const struct addrinfo *address = addresses; address != NULL && failure != 0; address = address->ai_next) {
         tl_time now = tl_monotonic_now();
-        failure =
-            tl_wake_is_called(&link->wake) ? EINTR : connect_to(link, address, now + (deadline - now) / left_addresses);
-        left_addresses--;
+        failure = tl_wake_is_called(&link->wake)
+                      ? EINTR
+                      : connect_to(link, address, now + (deadline - now) / remaining_addresses);
+        remaining_addresses--;
         if (failure == EINTR) {
             break;
         }
     }
     freeaddrinfo(addresses);
     if (failure != 0) {
-        (void)snprintf(cause, cause_size, "no connection: %s", strerror(failure));
+        (void)snprintf(cause, cause_size, "no connection: %s: check %s", strerror(failure),
+                       failure == ECONNREFUSED ? "port, and that the device's Modbus server is on"
+                                               : "host, port, cable and firewall");
         return false;
     }
     return true;

@@ -10,15 +10,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static tl_status refuse(const char *path, tl_error *error) {
+static tl_status fail_open(const char *path, tl_error *error) {
     switch (errno) {
     case EBUSY:
-        return tl_fail(error, TL_PLANT_DOWN,
-                       "watchdog %s: another program has it: where that is systemd, its RuntimeWatchdogSec strokes it",
-                       path);
+        return tl_fail(
+            error, TL_PLANT_DOWN,
+            "watchdog %s: another program uses it: remove RuntimeWatchdogSec of systemd, or leave --watchdog out",
+            path);
     case ENOENT:
-        return tl_fail(error, TL_PLANT_DOWN,
-                       "watchdog %s: no such device: load the driver of the box's watchdog, or leave --watchdog out",
+        return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: no such device: load its driver, or leave --watchdog out",
                        path);
     default:
         return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: %s", path, strerror(errno));
@@ -31,13 +31,15 @@ static tl_status set_up(const char *path, int timeout_s, tl_watchdog *watchdog, 
     int boot = 0;
     watchdog->timeout_s = timeout_s;
     if (ioctl(watchdog->file, WDIOC_GETSUPPORT, &info) != 0) {
-        return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: is no watchdog (%s)", path, strerror(errno));
+        return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: this device is not a watchdog (%s): correct --watchdog",
+                       path, strerror(errno));
     }
     (void)snprintf(watchdog->name, sizeof watchdog->name, "%.32s", (const char *)info.identity);
     watchdog->can_be_disarmed = (info.options & WDIOF_MAGICCLOSE) != 0;
     if (ioctl(watchdog->file, WDIOC_SETTIMEOUT, &watchdog->timeout_s) != 0 ||
         ioctl(watchdog->file, WDIOC_GETTIMEOUT, &watchdog->timeout_s) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "watchdog %s (%s): does not take a timeout of %d s (%s)", path,
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "watchdog %s (%s): rejects a timeout of %d s (%s): change --watchdog-timeout", path,
                        watchdog->name, timeout_s, strerror(errno));
     }
     watchdog->has_reset_the_box =
@@ -49,14 +51,14 @@ tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdo
     struct stat about;
     *watchdog = (tl_watchdog){.file = -1};
     if (stat(path, &about) != 0) {
-        return refuse(path, error);
+        return fail_open(path, error);
     }
     if (!S_ISCHR(about.st_mode)) {
-        return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: is no device", path);
+        return tl_fail(error, TL_PLANT_DOWN, "watchdog %s: this is not a device: correct --watchdog", path);
     }
     watchdog->file = open(path, O_WRONLY | O_CLOEXEC);
     if (watchdog->file < 0) {
-        return refuse(path, error);
+        return fail_open(path, error);
     }
     tl_status status = set_up(path, timeout_s, watchdog, error);
     if (status == TL_TRY_AGAIN) {

@@ -104,7 +104,7 @@ static size_t word_length(const scanner *s, size_t from) {
 /* ---- errors ---- */
 
 /* Describes the character or word at an offset. */
-static void describe(const scanner *s, size_t at, char *found, size_t size) {
+static void describe_word(const scanner *s, size_t at, char *found, size_t size) {
     size_t word = word_length(s, at);
     unsigned byte = at < s->size ? (unsigned char)s->text[at] : 0;
     if (at == s->size) {
@@ -124,7 +124,7 @@ static void describe(const scanner *s, size_t at, char *found, size_t size) {
 }
 
 /* Reports the error at an offset and returns false. */
-static bool wrong(scanner *s, size_t at, const char *found, const char *expected) {
+static bool report_wrong(scanner *s, size_t at, const char *found, const char *expected) {
     size_t line = 1;
     size_t column = 1;
     for (size_t i = 0; i < at; i++) {
@@ -139,10 +139,10 @@ static bool wrong(scanner *s, size_t at, const char *found, const char *expected
     return false;
 }
 
-static bool unexpected(scanner *s, size_t at, const char *expected) {
+static bool report_unexpected(scanner *s, size_t at, const char *expected) {
     char found[64];
-    describe(s, at, found, sizeof found);
-    return wrong(s, at, found, expected);
+    describe_word(s, at, found, sizeof found);
+    return report_wrong(s, at, found, expected);
 }
 
 /* ---- values ---- */
@@ -159,10 +159,10 @@ static bool scan_unicode_escape(scanner *s) {
     size_t start = s->at - 1;
     long code = hexadecimal(s, s->at + 1);
     if (code < 0) {
-        return wrong(s, start, "\\u without four hexadecimal digits", "four of them, for example \\u00e9");
+        return report_wrong(s, start, "\\u without four hexadecimal digits", "four of them, for example \\u00e9");
     }
     if (code == 0) {
-        return wrong(s, start, "\\u0000", "a text without NUL characters");
+        return report_wrong(s, start, "\\u0000", "a text without NUL characters");
     }
     s->at += 5;
     if (code < 0xD800 || code > 0xDFFF) {
@@ -171,7 +171,7 @@ static bool scan_unicode_escape(scanner *s) {
     bool pair = code < 0xDC00 && s->size - s->at >= 6 && memcmp(s->text + s->at, "\\u", 2) == 0;
     long low = pair ? hexadecimal(s, s->at + 2) : -1;
     if (low < 0xDC00 || low > 0xDFFF) {
-        return wrong(s, start, "half of a surrogate pair", "both halves, for example \\ud83d\\ude00");
+        return report_wrong(s, start, "half of a surrogate pair", "both halves, for example \\ud83d\\ude00");
     }
     s->at += 6;
     return true;
@@ -184,12 +184,12 @@ static bool scan_escape(scanner *s) {
         return scan_unicode_escape(s);
     }
     if (character == END) {
-        return unexpected(s, s->at, "the rest of an escape such as \\n");
+        return report_unexpected(s, s->at, "the rest of an escape such as \\n");
     }
     if (character == 0 || strchr("\"\\/bfnrt", character) == NULL) {
         char found[64] = "\\";
-        describe(s, s->at, found + 1, sizeof found - 1);
-        return wrong(s, s->at - 1, found, "one of \\\" \\\\ \\/ \\b \\f \\n \\r \\t \\u");
+        describe_word(s, s->at, found + 1, sizeof found - 1);
+        return report_wrong(s, s->at - 1, found, "one of \\\" \\\\ \\/ \\b \\f \\n \\r \\t \\u");
     }
     s->at++;
     return true;
@@ -200,10 +200,11 @@ static bool scan_string(scanner *s) {
     for (;;) {
         int character = peek(s);
         if (character == END) {
-            return unexpected(s, s->at, "the \" that ends a text");
+            return report_unexpected(s, s->at, "the \" that ends a text");
         }
         if (character < 0x20) {
-            return unexpected(s, s->at, "the \" that ends a text (within a text a line break is \\n, a tab \\t)");
+            return report_unexpected(s, s->at,
+                                     "the \" that ends a text (within a text a line break is \\n, a tab \\t)");
         }
         s->at++;
         if (character == '"') {
@@ -246,15 +247,16 @@ static bool scan_number(scanner *s) {
     size_t length = word_length(s, start);
     char digits[TL_JSON_NUMBER_CHARS + 1];
     if (!scan_number_shape(s)) {
-        return unexpected(s, start, "a number as JSON writes it (no leading zeros or +), for example 0.1 or -2e-3");
+        return report_unexpected(s, start,
+                                 "a number as JSON writes it (no leading zeros or +), for example 0.1 or -2e-3");
     }
     if (length > TL_JSON_NUMBER_CHARS) {
-        return unexpected(s, start, "a number of at most 63 characters");
+        return report_unexpected(s, start, "a number of at most 63 characters");
     }
     memcpy(digits, s->text + start, length);
     digits[length] = '\0';
     if (!isfinite(strtod(digits, NULL))) {
-        return unexpected(s, start, "a number within ±1.7e308");
+        return report_unexpected(s, start, "a number within ±1.7e308");
     }
     return true;
 }
@@ -268,7 +270,7 @@ static bool scan_word(scanner *s) {
             return true;
         }
     }
-    return unexpected(s, s->at, "a value: an object, an array, a text in \", a number, true, false or null");
+    return report_unexpected(s, s->at, "a value: an object, an array, a text in \", a number, true, false or null");
 }
 
 /* ---- objects and arrays ---- */
@@ -276,20 +278,20 @@ static bool scan_word(scanner *s) {
 static bool scan_key(scanner *s) {
     skip_space(s);
     if (peek(s) != '"') {
-        return unexpected(s, s->at, "a key in \", for example \"name\"");
+        return report_unexpected(s, s->at, "a key in \", for example \"name\"");
     }
     if (!scan_string(s)) {
         return false;
     }
     skip_space(s);
-    return accept(s, ':') || unexpected(s, s->at, "a : after the key");
+    return accept(s, ':') || report_unexpected(s, s->at, "a : after the key");
 }
 
 /* Opens an object or array. Sets *ended if it is empty; else `at` is before its first value. */
 static bool scan_opening(scanner *s, bool *ended) {
     char bracket = s->text[s->at];
     if (s->depth == TL_JSON_MAX_DEPTH) {
-        return wrong(s, s->at, "a 33rd level of brackets", "at most 32");
+        return report_wrong(s, s->at, "a 33rd level of brackets", "at most 32");
     }
     s->open[s->depth++] = bracket;
     s->at++;
@@ -320,6 +322,33 @@ static bool scan_value(scanner *s, bool *ended) {
     return scan_word(s);
 }
 
+/* Reports a comma without a following entry, and a decimal comma, as in "a": 0,02. `comma` is an
+ * offset. */
+static bool check_comma(scanner *s, size_t comma) {
+    char found[64];
+    char expected[64];
+    size_t start = comma;
+    while (start > 0 && is_word((unsigned char)s->text[start - 1])) {
+        start--;
+    }
+    if (s->open[s->depth - 1] == '{' && is_digit(s->text[comma - 1]) && is_digit(peek(s))) {
+        int whole = comma - start < 20 ? (int)(comma - start) : 20;
+        size_t digits = word_length(s, comma + 1);
+        int fraction = digits < 20 ? (int)digits : 20;
+        const char *after = s->text + comma + 1;
+        (void)snprintf(found, sizeof found, "%.*s,%.*s", whole, s->text + start, fraction, after);
+        (void)snprintf(expected, sizeof expected, "%.*s.%.*s (a decimal point)", whole, s->text + start, fraction,
+                       after);
+        return report_wrong(s, start, found, expected);
+    }
+    skip_space(s);
+    if (peek(s) == '}' || peek(s) == ']') {
+        (void)snprintf(found, sizeof found, "a comma before %c", (char)peek(s));
+        return report_wrong(s, comma, found, "no comma there: JSON permits none");
+    }
+    return true;
+}
+
 /* After a complete value: closes all objects and arrays that end here, and scans the comma and key
  * before the next value. */
 static bool scan_closing(scanner *s) {
@@ -327,10 +356,10 @@ static bool scan_closing(scanner *s) {
         bool object = s->open[s->depth - 1] == '{';
         skip_space(s);
         if (accept(s, ',')) {
-            return !object || scan_key(s);
+            return check_comma(s, s->at - 1) && (!object || scan_key(s));
         }
         if (!accept(s, object ? '}' : ']')) {
-            return unexpected(s, s->at, object ? "a , or }" : "a , or ]");
+            return report_unexpected(s, s->at, object ? "a , or }" : "a , or ]");
         }
         s->depth--;
     }
@@ -345,14 +374,14 @@ static bool scan_document(scanner *s) {
         }
     } while (s->depth > 0);
     skip_space(s);
-    return s->at == s->size || unexpected(s, s->at, "nothing after the end");
+    return s->at == s->size || report_unexpected(s, s->at, "the end of the file (all brackets are closed)");
 }
 
 /* ---- the whole text ---- */
 
 static bool check_encoding(scanner *s) {
     if (s->size >= 3 && memcmp(s->text, "\xEF\xBB\xBF", 3) == 0) {
-        return wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
+        return report_wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
     }
     for (size_t at = 0; at < s->size;) {
         uint32_t code = 0;
@@ -361,7 +390,7 @@ static bool check_encoding(scanner *s) {
             char found[64];
             (void)snprintf(found, sizeof found, "the byte 0x%02X, which is not UTF-8 here",
                            (unsigned)(unsigned char)s->text[at]);
-            return wrong(s, at, found, "UTF-8: save the file in that encoding");
+            return report_wrong(s, at, found, "UTF-8: save the file in that encoding");
         }
         at += length;
     }
@@ -401,9 +430,9 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size) {
 }
 
 tl_json_reader tl_json_file_read(const char *path) {
-    enum { MOST = 16 * 1024 };
+    enum { MOST_BYTES = 16 * 1024 };
     size_t size = 0;
-    char *text = tl_file_text_take(open(path, O_RDONLY | O_CLOEXEC), MOST, &size);
+    char *text = tl_file_text_take(open(path, O_RDONLY | O_CLOEXEC), MOST_BYTES, &size);
     tl_json_reader reader = text == NULL ? (tl_json_reader){NULL, false} : tl_json_reader_of(text, size);
     free(text);
     return reader;
@@ -506,7 +535,7 @@ void tl_json_close(tl_json_writer *writer) {
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error) {
     char *text = writer->failed ? NULL : cJSON_Print(writer->open[0]);
     if (text == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "out of memory");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to write JSON; free memory and try again");
     }
     (void)fprintf(file, "%s\n", text);
     cJSON_free(text);

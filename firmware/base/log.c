@@ -80,7 +80,7 @@ static size_t whole_characters(const char *text, size_t length) {
 
 /* Replaces ASCII control characters by spaces, and other characters that cannot be displayed by
  * "?". */
-static void make_harmless(char *text) {
+static void make_printable(char *text) {
     char *end = text;
     while (*text != '\0') {
         bool is_control = false;
@@ -103,7 +103,7 @@ static void format_text(char *text, const char *format, va_list arguments) {
     static const char more[] = "…";
     int length = vsnprintf(text, TL_LOG_TEXT, format, arguments);
     if (length < 0) {
-        (void)snprintf(text, TL_LOG_TEXT, "(a message that cannot be formatted: %.100s)", format);
+        (void)snprintf(text, TL_LOG_TEXT, "(the message cannot be formatted: %.100s)", format);
     }
     if (length >= TL_LOG_TEXT) {
         memcpy(text + whole_characters(text, TL_LOG_TEXT - sizeof more), more, sizeof more);
@@ -112,7 +112,7 @@ static void format_text(char *text, const char *format, va_list arguments) {
     while (end > 0 && (unsigned char)text[end - 1] <= ' ') {
         text[--end] = '\0';
     }
-    make_harmless(text);
+    make_printable(text);
 }
 
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
@@ -132,13 +132,13 @@ void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
     }
 }
 
-static const char *wipe(void) {
+static const char *wipe_code(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
 }
 
 /* Writes in parts of PIPE_BUF bytes: a pipe that is ready for writing accepts such a part
  * completely, so no write blocks. */
-static bool write_patiently(const char *bytes, size_t size, int patience) {
+static bool write_in_parts(const char *bytes, size_t size, int patience) {
     for (size_t written = 0; written < size;) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
         size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
@@ -160,21 +160,21 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
     char prefix[TL_LOG_PREFIX];
     char line[LINE];
     tl_log_prefix(level, prefix, sizeof prefix);
-    int length = snprintf(line, sizeof line, "%s%s%s\n", wipe(), prefix, text);
+    int length = snprintf(line, sizeof line, "%s%s%s\n", wipe_code(), prefix, text);
     return length > 0 &&
-           (wait ? tl_file_bytes_write(STDERR_FILENO, line, (size_t)length) : write_patiently(line, (size_t)length, 0));
+           (wait ? tl_file_bytes_write(STDERR_FILENO, line, (size_t)length) : write_in_parts(line, (size_t)length, 0));
 }
 
-static bool error_said;
+static bool error_logged;
 
 static void note(int level) {
     if (level == (int)TL_LOG_ERROR) {
-        __atomic_store_n(&error_said, true, __ATOMIC_RELAXED);
+        __atomic_store_n(&error_logged, true, __ATOMIC_RELAXED);
     }
 }
 
 bool tl_log_has_said_error(void) {
-    return __atomic_load_n(&error_said, __ATOMIC_RELAXED);
+    return __atomic_load_n(&error_logged, __ATOMIC_RELAXED);
 }
 
 static bool is_wanted(int level) {
@@ -199,8 +199,8 @@ void tl_log(tl_log_level level, const char *format, ...) {
 static bool write_foreign(const char *prefix, const char *line, int patience) {
     int saved = errno;
     char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
-    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
-    bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
+    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe_code(), prefix, (int)TL_LOG_PLAIN, line);
+    bool done = write_in_parts(whole, length > 0 ? (size_t)length : 0, patience);
     errno = saved;
     return done;
 }
@@ -230,7 +230,7 @@ bool tl_log_foreign(int level, const char *line, int patience) {
 
 /* Returns the bytes that fit into the terminal's columns, because a wrapped line cannot be redrawn.
  * Leaves two columns for the ^C that the terminal echoes. */
-static size_t fitting(const char *line) {
+static size_t fitting_bytes(const char *line) {
     struct winsize size = {0};
     size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
     size_t end = 0;
@@ -245,16 +245,16 @@ static size_t fitting(const char *line) {
 
 /* Sets has_status before the status line is drawn, so that later lines of other threads erase it.
  */
-static void draw(const char *line) {
+static void draw_status(const char *line) {
     char text[TL_LOG_TEXT];
     char drawn[sizeof WIPE + TL_LOG_TEXT];
     int length = snprintf(text, sizeof text, "%s", line);
     if (length >= TL_LOG_TEXT) {
         text[whole_characters(text, TL_LOG_TEXT - 2)] = '\0';
     }
-    make_harmless(text);
+    make_printable(text);
     __atomic_store_n(&has_status, true, __ATOMIC_SEQ_CST);
-    length = snprintf(drawn, sizeof drawn, WIPE "%.*s", (int)fitting(text), text);
+    length = snprintf(drawn, sizeof drawn, WIPE "%.*s", (int)fitting_bytes(text), text);
     (void)tl_file_bytes_write(STDERR_FILENO, drawn, (size_t)length);
 }
 
@@ -266,18 +266,18 @@ void tl_log_status(const char *line) {
         }
         __atomic_store_n(&has_status, false, __ATOMIC_SEQ_CST);
     } else if (isatty(STDERR_FILENO) == 1) {
-        draw(line);
+        draw_status(line);
     }
     errno = saved;
 }
 
 /* ---- Limits ---- */
 
-static void say_dropped(tl_log_limiter *limiter, bool wait) {
+static void log_dropped(tl_log_limiter *limiter, bool wait) {
     uint32_t dropped = __atomic_exchange_n(&limiter->dropped, 0, __ATOMIC_RELAXED);
     if (dropped > 0) {
         char text[128];
-        (void)snprintf(text, sizeof text, "%u messages of the same source were dropped (limit: %u per second)",
+        (void)snprintf(text, sizeof text, "%u messages dropped: their source logs more than %u per second",
                        (unsigned)dropped, (unsigned)limiter->per_second);
         if (!write_line(TL_LOG_WARNING, text, wait)) {
             (void)__atomic_add_fetch(&limiter->dropped, dropped, __ATOMIC_RELAXED);
@@ -295,7 +295,7 @@ static bool may_pass(tl_log_limiter *limiter) {
     if (last != second &&
         __atomic_compare_exchange_n(&limiter->second, &last, second, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
         __atomic_store_n(&limiter->in_second, 0, __ATOMIC_RELAXED);
-        say_dropped(limiter, false);
+        log_dropped(limiter, false);
     }
     return __atomic_fetch_add(&limiter->in_second, 1, __ATOMIC_RELAXED) < limiter->per_second;
 }
@@ -322,6 +322,6 @@ void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *for
 
 void tl_log_limiter_end(tl_log_limiter *limiter) {
     int saved = errno;
-    say_dropped(limiter, true);
+    log_dropped(limiter, true);
     errno = saved;
 }

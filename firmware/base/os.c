@@ -144,36 +144,40 @@ bool tl_new_file_is(const char *path, const char *other) {
 }
 
 /* Resolves the final path and its mode: that of an existing file, or the default of a new one. */
-static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode, tl_error *error) {
+static tl_status resolve_path(const char *given, char path[PATH_MAX], mode_t *mode, tl_error *error) {
     struct stat file;
     if (given[0] == '\0') {
         return tl_fail(error, TL_BAD_USAGE, "the name of the file is empty: give one, for example report.html");
     }
     if (strcmp(given, "-") == 0) {
         return tl_fail(error, TL_BAD_USAGE,
-                       "\"-\" is no file, and this cannot go to standard output: give a name, for example report.html");
+                       "\"-\": standard output is not possible here: give the name of a file, for example report.html");
     }
     if (realpath(given, path) != NULL && stat(path, &file) == 0) {
         *mode = file.st_mode & 0777;
         return S_ISREG(file.st_mode)
                    ? TL_OK
-                   : tl_fail(error, TL_BAD_DATA, "%.300s: is no ordinary file, and left as it is", given);
+                   : tl_fail(error, TL_BAD_DATA,
+                             "%.300s: not written, because it exists and is not a regular file: give another name",
+                             given);
     }
     if (lstat(given, &file) == 0) {
-        return tl_fail(error, TL_BAD_DATA, "%.300s: is a symbolic link that leads nowhere, and left as it is", given);
+        return tl_fail(error, TL_BAD_DATA,
+                       "%.300s: not written, because it is a symbolic link to a missing file: give another name",
+                       given);
     }
     mode_t mask = umask(0);
     (void)umask(mask);
     *mode = 0666 & ~mask;
     return snprintf(path, PATH_MAX, "%s", given) < PATH_MAX
                ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN, "%.300s…: the name is too long", given);
+               : tl_fail(error, TL_TRY_AGAIN, "%.300s…: the name is too long: give a shorter one", given);
 }
 
 tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *error) {
     mode_t mode = 0;
     *new_file = (tl_new_file){0};
-    tl_status status = find_place(path, new_file->path, &mode, error);
+    tl_status status = resolve_path(path, new_file->path, &mode, error);
     if (status != TL_OK) {
         return status;
     }
@@ -214,13 +218,14 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
     new_file->file = NULL;
     if (failed) {
         (void)unlink(new_file->name);
-        return tl_fail(error, TL_TRY_AGAIN, "%.300s: not everything could be written: %s", new_file->path,
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: not written completely, and removed: %s", new_file->path,
                        strerror(cause));
     }
     if (rename(new_file->name, new_file->path) != 0) {
         cause = errno;
         (void)unlink(new_file->name);
-        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be put in place: %s", new_file->path, strerror(cause));
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: the new file cannot be renamed to this name: %s", new_file->path,
+                       strerror(cause));
     }
     tl_keep_name(new_file->path);
     return TL_OK;
@@ -266,8 +271,7 @@ const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     text[0] = '\0';
     for (const struct dirent *entry = NULL; entries != NULL && (entry = readdir(entries)) != NULL;) {
         if (strcasecmp(entry->d_name, name) == 0) {
-            (void)snprintf(text, TL_OTHER_CASE_TEXT, "; there is %s beside it, with other letters' case",
-                           entry->d_name);
+            (void)snprintf(text, TL_OTHER_CASE_TEXT, "; did you mean %s? (upper and lower case differ)", entry->d_name);
             break;
         }
     }

@@ -14,8 +14,8 @@
 /* ---- output ---- */
 
 FILE *tl_output_claim(void) {
-    int real = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
-    FILE *output = real < 0 ? NULL : fdopen(real, "w");
+    int original = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
+    FILE *output = original < 0 ? NULL : fdopen(original, "w");
     if (output == NULL) {
         return stdout;
     }

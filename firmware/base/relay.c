@@ -11,7 +11,7 @@
 
 /* ---- Lines ---- */
 
-static void pass_on(const tl_relay *relay, size_t size) {
+static void relay_line(const tl_relay *relay, size_t size) {
     char clean[TL_RELAY_CLEAN];
     (void)tl_clean_text(relay->line, size, clean, sizeof clean);
     if (relay->pass != NULL) {
@@ -31,7 +31,7 @@ static size_t count_incomplete(const tl_relay *relay) {
     return (unsigned char)*first >= 0xC0U && tl_utf8_read(first, back, &code) == 0 ? back : 0;
 }
 
-static void add(tl_relay *relay, const char *bytes, size_t size) {
+static void add_bytes(tl_relay *relay, const char *bytes, size_t size) {
     while (size > 0) {
         const char *end = memchr(bytes, '\n', size);
         size_t length = end == NULL ? size : (size_t)(end - bytes);
@@ -45,7 +45,7 @@ static void add(tl_relay *relay, const char *bytes, size_t size) {
         if (end != NULL || length < size) {
             size_t rest = end != NULL ? 0 : count_incomplete(relay);
             relay->used -= rest;
-            pass_on(relay, relay->used);
+            relay_line(relay, relay->used);
             memmove(relay->line, relay->line + relay->used, rest);
             relay->used = rest;
             length += end != NULL ? 1 : 0;
@@ -62,7 +62,7 @@ void tl_relay_open(tl_relay *relay, int descriptor, tl_relay_line *pass, void *c
     (void)fcntl(descriptor, F_SETFL, fcntl(descriptor, F_GETFL) | O_NONBLOCK);
 }
 
-static bool drain(tl_relay *relay) {
+static bool drain_pipe(tl_relay *relay) {
     char bytes[TL_RELAY_LINE];
     size_t total = 0;
     while (total < TL_RELAY_DRAIN) {
@@ -73,7 +73,7 @@ static bool drain(tl_relay *relay) {
         if (size <= 0) {
             return size < 0 && errno == EAGAIN;
         }
-        add(relay, bytes, (size_t)size);
+        add_bytes(relay, bytes, (size_t)size);
         total += (size_t)size;
     }
     return true;
@@ -81,14 +81,14 @@ static bool drain(tl_relay *relay) {
 
 bool tl_relay_drain(tl_relay *relay) {
     (void)pthread_mutex_lock(&relay->lock);
-    bool is_open = drain(relay);
+    bool is_open = drain_pipe(relay);
     (void)pthread_mutex_unlock(&relay->lock);
     return is_open;
 }
 
 void tl_relay_close(tl_relay *relay) {
     if (relay->used > 0) {
-        pass_on(relay, relay->used);
+        relay_line(relay, relay->used);
     }
     (void)close(relay->descriptor);
     (void)pthread_mutex_destroy(&relay->lock);

@@ -417,7 +417,7 @@ tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
     free((void *)table->cells);
     bool failed = table->failed;
     memset(table, 0, sizeof *table);
-    return failed ? tl_fail(error, TL_TRY_AGAIN, "out of memory") : TL_OK;
+    return failed ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for a table; free memory and try again") : TL_OK;
 }
 
 const char *tl_show_unit(const char *unit) {

@@ -78,8 +78,8 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample;
     int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
     tl_status status = tl_prognosis_run_dry(assembly, before, &sample, &prognosis->error);
-    tl_time begun = tl_clock_now(NULL);
-    while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - begun < LONGEST) {
+    tl_time began = tl_clock_now(NULL);
+    while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - began < LONGEST) {
         status = take_step(assembly, &sample, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;
@@ -90,7 +90,7 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
         memset(prognosis->cost, 0, sizeof prognosis->cost);
         return;
     }
-    prognosis->step_time = (tl_clock_now(NULL) - begun) / (tl_time)prognosis->steps;
+    prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
 }
 
 static void predict_time(const tl_assembly *assembly, tl_prognosis *prognosis) {
@@ -128,37 +128,53 @@ static const double LONG_LEAD_S = 60;
 static const double LEAST_STEP = 1e-150; /* the square of it and its inverse are still valid numbers */
 static const double LEAST_SHARE = 1e-12; /* of the nominal: leaves some digits for the search */
 
-typedef struct advice {
+typedef struct warnings {
     FILE *file;
     size_t count;
-} advice;
+} warnings;
 
-static void warn(advice *given, const char *where, const char *format, ...) TL_PRINTF(3, 4);
+static void warn(warnings *list, const char *path, const char *format, ...) TL_PRINTF(3, 4);
 
-static void warn(advice *given, const char *where, const char *format, ...) {
+static void warn(warnings *list, const char *path, const char *format, ...) {
     char text[TEXT];
     va_list arguments;
-    int length = snprintf(text, sizeof text, "%.200s: ", where);
+    int length = snprintf(text, sizeof text, "%.200s: ", path);
     va_start(arguments, format);
     (void)vsnprintf(text + length, sizeof text - (size_t)length, format, arguments);
     va_end(arguments);
-    (void)fputs(given->count == 0 ? "warnings\n" : "", given->file);
-    tl_wrapped_print(given->file, text, INDENT - 2, INDENT);
-    given->count++;
+    (void)fputs(list->count == 0 ? "warnings\n" : "", list->file);
+    tl_wrapped_print(list->file, text, INDENT - 2, INDENT);
+    list->count++;
 }
 
-static void check_step(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
-    if (prognosis->steps == 0) {
-        const char *why = prognosis->error.text;
-        warn(
-            given, "plant",
-            "the FMUs cannot step with its initial values%s%s%s, and until there is a good measurement there is nothing "
-            "else: give its signals an \"initial\"",
-            why[0] != '\0' ? " (" : "", why, why[0] != '\0' ? ")" : "");
+/* A failure in step 0 is caused by the initial values. A later one is often a stop time, which some
+ * exporters write into the FMU. */
+static void check_dry_run(warnings *list, const tl_assembly *assembly, const tl_prognosis *prognosis) {
+    const char *reason = prognosis->error.text;
+    int64_t step = prognosis->next_tick - 1 - (int64_t)tl_twin_get_facts(assembly->twin).lead;
+    char component[TL_ASSEMBLY_NAME] = "";
+    char path[TL_ASSEMBLY_NAME + 16];
+    char quote[TL_ERROR_TEXT];
+    tl_assembly_find_component(assembly, reason, component);
+    if (step < 1 || component[0] == '\0') {
+        warn(list, "plant",
+             "the FMUs cannot step with its initial values%s%s%s: give its signals an \"initial\" that the model "
+             "accepts",
+             reason[0] != '\0' ? " (" : "", reason, reason[0] != '\0' ? ")" : "");
+        return;
     }
+    (void)snprintf(path, sizeof path, "components.%s", component);
+    tl_assembly_quote(reason, component, quote, sizeof quote);
+    warn(list, path,
+         "fails in step %" PRId64 ", at %g s, with constant inputs (%.200s): see its messages. If it has a stop time, "
+         "export it without one",
+         step, tl_seconds(tl_time_of_step(0, assembly->config.step, step)), quote);
+}
+
+static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->step_time >= config->step) {
-        warn(given, "step_s",
-             "a free step takes %.3g ms here, and the period is %g ms: `run` cannot keep up on this machine",
+        warn(list, "step_s",
+             "a free step takes %.3g ms here, more than the period of %g ms: raise step_s, or use a faster machine",
              tl_seconds(prognosis->step_time) * 1e3, tl_seconds(config->step) * 1e3);
     }
 }
@@ -170,39 +186,40 @@ static size_t fewest_evaluations(const tl_twin *twin) {
     return unknowns == 1 && !tl_twin_get_adjusted(twin, 0).is_real ? 2 : unknowns + 2;
 }
 
-static void check_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis, const tl_twin *twin) {
+static void check_budget(warnings *list, const tl_config *config, const tl_prognosis *prognosis, const tl_twin *twin) {
     size_t unknowns = tl_twin_get_facts(twin).unknowns;
     if (config->budget_time >= config->step) {
-        warn(given, "synchronise.budget.time_s",
-             "%g s is not less than step_s, %g s: a search that uses it up makes the next tick late; the default is "
-             "0.6 of step_s",
+        warn(list, "synchronise.budget.time_s",
+             "%g s is not less than step_s, %g s: a long search makes the next tick late. Take 0.6 of step_s, the "
+             "default",
              tl_seconds(config->budget_time), tl_seconds(config->step));
     }
     if (prognosis->worst_time > config->budget_time) {
-        warn(given, "synchronise.budget",
-             "%" PRIu32 " evaluations can take %.3g ms here, and the time is %.3g ms: it cuts such a search short, "
-             "after about %" PRIu32 " of them; shorten the horizon, or give more time",
+        warn(list, "synchronise.budget",
+             "%" PRIu32
+             " evaluations can take %.3g ms here, but time_s is %.3g ms: such a search ends after about %" PRIu32
+             ". Shorten the horizon, or raise time_s",
              config->budget_evaluations, tl_seconds(prognosis->worst_time) * 1e3, tl_seconds(config->budget_time) * 1e3,
              prognosis->fitting);
     }
     if (config->stagnation != 0 && config->stagnation < unknowns + 2) {
-        warn(given, "synchronise.stagnation",
+        warn(list, "synchronise.stagnation",
              "%" PRIu32
-             " evaluations without progress end a solver before it has tried each of %zu unknowns once: give "
-             "more",
+             " evaluations without progress end a solver before it has tried each of %zu unknowns once: raise it",
              config->stagnation, unknowns);
     }
     if (config->budget_evaluations < fewest_evaluations(twin)) {
-        warn(given, "synchronise.budget.evaluations",
-             "%" PRIu32 " are not enough to try each of %zu unknowns once, beside the guess and nominal: give more, or "
-             "make the horizon shorter or static",
+        warn(list, "synchronise.budget.evaluations",
+             "%" PRIu32
+             " are not enough to try the first guess, nominal, and each of %zu unknowns once: raise it, or make "
+             "the horizon shorter or static",
              config->budget_evaluations, unknowns);
     }
 }
 
 /* Warns if even a stroke that is wrong in every sample of the window has J < 1, because then no
  * stroke is searched. */
-static void check_stroke_tolerance(advice *given, const tl_config *config) {
+static void check_stroke_tolerance(warnings *list, const tl_config *config) {
     tl_time half = config->event.window / config->step / 2;
     double samples = 2.0 * (double)half + 1.0;
     double most = 0.0;
@@ -212,62 +229,62 @@ static void check_stroke_tolerance(advice *given, const tl_config *config) {
         most += is_event ? samples * match->weight / (match->tolerance * match->tolerance) : 0.0;
     }
     if (most < 1.0) {
-        warn(
-            given, "synchronise.horizon.event",
-            "J of a stroke that is wrong in all of the window is %.3g, and below 1 nothing is searched: a tolerance of 1 "
-            "makes J the number of wrong samples",
-            most);
+        warn(list, "synchronise.horizon.event",
+             "if all samples of the window are wrong, J is %.3g, and below 1 nothing is searched. Take a tolerance of "
+             "1: J is then the number of wrong samples",
+             most);
     }
 }
 
 /* With an event horizon, the search continues from cycle to cycle. But each cycle needs time for at
  * least one step of a candidate. */
-static void check_stroke_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
+static void check_stroke_budget(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
         warn(
-            given, "synchronise.budget.time_s",
-            "%g s has room for the step of a cycle (%.3g ms here), and for no step of a candidate beside it: no stroke "
-            "can be searched",
+            list, "synchronise.budget.time_s",
+            "%g s is too short for the step of a cycle (%.3g ms here) and one step of a candidate, so no stroke can be "
+            "searched: raise it",
             tl_seconds(config->budget_time), tl_seconds(prognosis->step_time) * 1e3);
     }
 }
 
-static void check_saving(advice *given, const tl_config *config) {
+static void check_saving(warnings *list, const tl_config *config) {
     if (!config->saving.structure) {
-        warn(given, "synchronise.saving.structure",
-             "off: executions that can reach no matched output any more are done all the same; it changes no result");
+        warn(list, "synchronise.saving.structure",
+             "off: components execute even if they can no longer reach a matched output. The results are the same");
     }
     if (!config->saving.sequences) {
-        warn(given, "synchronise.saving.sequences",
-             "off: what is known from an earlier execution is executed again; it changes no result");
+        warn(list, "synchronise.saving.sequences",
+             "off: executions with known results are repeated. The results are the same");
     }
     for (size_t i = 0; i < config->component_count && config->saving.sequences; i++) {
         if (config->components[i].keep == TL_KEEP_OUTPUTS) {
-            warn(given, config->components[i].where,
-                 "keep \"outputs\": executions are repeated to get back to a state, beyond those predicted; worth it "
-                 "only where saving a state takes longer than a step");
+            warn(list, config->components[i].where,
+                 "keep \"outputs\": executions are repeated to restore a state, in addition to those predicted. Use it "
+                 "only "
+                 "if saving a state takes longer than a step");
         }
     }
 }
 
 /* Warns if the low-pass delays a step by more than LONG_LEAD_S (60 s), or beyond the end of the
  * run. Such a step does not show the present state of the plant. */
-static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
+static void check_lead(warnings *list, const tl_config *config, uint32_t lead) {
     double seconds = tl_seconds(config->step) * lead;
     bool beyond_end = config->duration != 0 && seconds > tl_seconds(config->duration);
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
         if (config->conditions[i].low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
-            warn(given, match->where,
-                 "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
-                 tl_seconds(config->conditions[i].low_pass), seconds,
-                 beyond_end ? ", which is longer than duration_s" : "");
+            warn(list, match->where,
+                 "its low-pass delays the measurement by %g s, so a step is computed %g s after its instant%s: shorten "
+                 "low_pass_s",
+                 tl_seconds(config->conditions[i].low_pass), seconds, beyond_end ? ", which is after duration_s" : "");
         }
     }
 }
 
 /* Warns only of the component with the largest need. */
-static void check_room(advice *given, const tl_config *config, const tl_twin *twin) {
+static void check_room(warnings *list, const tl_config *config, const tl_twin *twin) {
     tl_twin_ledger nodes = {0};
     tl_twin_ledger states = {0};
     for (size_t i = 0; i < config->component_count; i++) {
@@ -276,108 +293,108 @@ static void check_room(advice *given, const tl_config *config, const tl_twin *tw
         states = entry.states < entry.nodes && entry.state_size > states.state_size ? entry : states;
     }
     if (nodes.nodes_worst != 0) {
-        warn(given, "synchronise.saving.nodes",
-             "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
-             ": what finds no room may be executed again; give more, or fewer evaluations, or a shorter horizon",
+        warn(list, "synchronise.saving.nodes",
+             "room for %" PRIu32 " executions of %s, but the worst case needs %" PRIu64
+             ": the others may be executed again. Raise it, or lower budget.evaluations or the horizon",
              nodes.nodes, nodes.name, nodes.nodes_worst);
     }
     if (states.state_size != 0) {
-        warn(given, "synchronise.saving.memory_mb",
-             "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
-             " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter "
-             "horizon",
+        warn(list, "synchronise.saving.memory_mb",
+             "room for %" PRIu32 " states of %s of %.4g KiB each, but up to %" PRIu32
+             " executions are kept: to restore one without a state, steps are repeated. Raise it, or lower "
+             "budget.evaluations or the horizon",
              states.states, states.name, (double)states.state_size / 1024.0, states.nodes);
     }
 }
 
-static void check_adjusted(advice *given, const tl_config *config, const tl_twin *twin) {
+static void check_adjusted(warnings *list, const tl_config *config, const tl_twin *twin) {
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, i);
-        const char *where = config->adjust[i].where;
+        const char *path = config->adjust[i].where;
         if (!adjusted.is_real) {
             continue;
         }
         if (!adjusted.is_fed && (adjusted.nominal < adjusted.lower || adjusted.nominal > adjusted.upper)) {
-            warn(given, where,
-                 "its nominal, %g, is outside its bounds, %g to %g; it is used all the same where no correction is "
-                 "better",
+            warn(list, path,
+                 "nominal %g is outside its bounds, %g to %g, and is still used if no correction is better: widen the "
+                 "bounds, or correct nominal",
                  adjusted.nominal, adjusted.lower, adjusted.upper);
         }
         double size = adjusted.is_fed ? 0.0 : fabs(adjusted.nominal);
         if (adjusted.step < LEAST_STEP || adjusted.step < size * LEAST_SHARE) {
-            warn(given, where, "its step, %g, is so small that a first move by it is lost in rounding", adjusted.step);
+            warn(list, path, "step %g is so small that the first move is lost in rounding: raise it", adjusted.step);
         }
         if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {
-            warn(given, where, "its step, %g, is larger than all there is to search, %g to %g", adjusted.step,
+            warn(list, path, "step %g is larger than the range of the search, %g to %g: lower it", adjusted.step,
                  adjusted.lower, adjusted.upper);
         }
     }
 }
 
-static void check_free_twin(advice *given, const tl_config *config, const tl_prognosis *prognosis,
+static void check_free_twin(warnings *list, const tl_config *config, const tl_prognosis *prognosis,
                             const tl_twin *twin) {
     if (config->free_twin && prognosis->steps != 0 && !tl_twin_get_facts(twin).has_free_twin) {
-        warn(given, "synchronise.free_twin",
-             "there is none, since an FMU is rolled back by replay, and that leads to one instant only: u never rests");
+        warn(list, "synchronise.free_twin",
+             "has no effect, because an FMU is rolled back by replay, which restores one instant only: u never rests");
     }
 }
 
-static void check_sources(advice *given, const tl_config *config) {
+static void check_sources(warnings *list, const tl_config *config) {
     for (size_t i = 0; i < config->source_count; i++) {
         bool used = false;
         for (size_t k = 0; k < config->signal_count; k++) {
             used = used || config->signals[k].source == i;
         }
         if (!used) {
-            warn(given, config->sources[i].where, "no signal of the plant comes from it");
+            warn(list, config->sources[i].where, "no signal uses this source: remove it");
         }
     }
     for (size_t k = 0; k < config->signal_count; k++) {
         const tl_config_signal *signal = &config->signals[k];
         bool is_silent = signal->source != SIZE_MAX && config->sources[signal->source].driver->is_silent;
         if (is_silent && signal->stale_s == 0 && signal->of == k) {
-            warn(given, signal->plan.where,
-                 "a sender that falls silent is noticed only by the age of its values, and the signal has no stale_s: "
-                 "its last value would be used for ever");
+            warn(list, signal->plan.where,
+                 "no stale_s: if its sender falls silent, the last value is used for ever. Set stale_s above the "
+                 "longest time "
+                 "between two values");
         }
     }
 }
 
 /* Only in mode ahead: in the other modes a step waits for its filtered measurement. */
-static void check_conditions(advice *given, const tl_config *config) {
+static void check_conditions(warnings *list, const tl_config *config) {
     for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
         tl_time lag = tl_config_condition_lag(config, i);
         if (lag > 0) {
-            warn(given, config->match[i].where,
-                 "its condition makes a measurement come up to %g s late, and in mode ahead no step waits for it: the "
-                 "newest there is stands for it",
+            warn(list, config->match[i].where,
+                 "its condition delays a measurement by up to %g s, but in mode ahead no step waits for it: an older "
+                 "one is used",
                  tl_seconds(lag));
         }
     }
 }
 
-static void warn_of_between(advice *given, const tl_config *config, const char *where) {
-    warn(given, where,
-         "in mode %s no step waits for the next reading, and the last one stands: \"between\" does nothing",
+static void warn_of_between(warnings *list, const tl_config *config, const char *path) {
+    warn(list, path, "\"between\" has no effect: in mode %s no step waits for the next reading",
          tl_pairing_names[config->measurements]);
 }
 
 /* Only in mode lag does a step wait for the next reading. */
-static void check_between(advice *given, const tl_config *config) {
+static void check_between(warnings *list, const tl_config *config) {
     if (config->measurements == TL_LAG) {
         return;
     }
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         if (signal->as_input != TL_BETWEEN_LAST && signal->of == i) {
-            warn_of_between(given, config, signal->plan.where);
+            warn_of_between(list, config, signal->plan.where);
         }
     }
     for (size_t i = 0; i < config->match_count; i++) {
         bool is_smoothed = config->measurements != TL_AHEAD &&
                            config->conditions[i].low_pass > 0; /* the low-pass interpolates in any case */
         if (config->matched_between[i] != TL_BETWEEN_LAST && !is_smoothed) {
-            warn_of_between(given, config, config->match[i].where);
+            warn_of_between(list, config, config->match[i].where);
         }
     }
 }
@@ -386,8 +403,8 @@ static void check_between(advice *given, const tl_config *config) {
 static uint32_t median_of(const tl_config *config, size_t signal) {
     uint32_t median = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_config_signal *look = &config->signals[i];
-        median = look->of == signal && look->condition.median > median ? look->condition.median : median;
+        const tl_config_signal *lookup = &config->signals[i];
+        median = lookup->of == signal && lookup->condition.median > median ? lookup->condition.median : median;
     }
     return median;
 }
@@ -402,32 +419,33 @@ static tl_time oldest_of(const tl_config *config, const tl_config_signal *signal
 }
 
 /* Warns if every_s is missing where a median needs it, or if it contradicts stale_s. */
-static void check_every(advice *given, const tl_config *config) {
+static void check_every(warnings *list, const tl_config *config) {
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         uint32_t median = median_of(config, i);
         tl_time oldest = oldest_of(config, signal, median);
         if (median > 1 && signal->every == 0 && tl_config_is_polled(config, signal)) {
-            warn(given, signal->plan.where,
-                 "its median counts polls, so a bad value that is read several times is not in the minority: say in "
-                 "every_s how often its device writes it, and each value counts once");
+            warn(list, signal->plan.where,
+                 "its median counts polls, so a bad value that is polled several times can pass: set every_s to the "
+                 "time between "
+                 "two values of the device");
         }
         if (signal->of == i && signal->every > 0 && signal->stale_s > 0.0 &&
             oldest > tl_time_of_seconds(signal->stale_s)) {
-            warn(given, signal->plan.where,
-                 "by every_s a value may be %g s old before the next one is there%s, and it is stale after %g s",
-                 tl_seconds(oldest), median > 1 ? " and through the median" : "", signal->stale_s);
+            warn(list, signal->plan.where,
+                 "by every_s a value may be %g s old before the next one comes%s, but stale_s is %g s: raise stale_s",
+                 tl_seconds(oldest), median > 1 ? " and has passed the median" : "", signal->stale_s);
         }
     }
 }
 
 /* In mode ahead no step waits for the readings that a delay requires. */
-static void check_delays(advice *given, const tl_config *config) {
+static void check_delays(warnings *list, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
     if (delays != NULL && delays->measure && config->adjust_count != 0) {
-        warn(given, "delays.measure",
-             "only steps that are not corrected tell a delay, and where it is not known yet what moves is corrected: "
-             "measure with \"compare\" first, and give chains that say what was found");
+        warn(list, "delays.measure",
+             "a delay can be measured only in steps without a correction: measure with \"compare\" first, then write "
+             "the result as chains");
     }
     if (delays == NULL || config->measurements != TL_AHEAD) {
         return;
@@ -436,67 +454,68 @@ static void check_delays(advice *given, const tl_config *config) {
     int32_t outputs = config->output_lookup.ticks;
     if (inputs > 0 || outputs > 0) {
         int32_t longest = inputs > outputs ? inputs : outputs;
-        warn(given, "delays",
-             "what belongs to an instant comes up to %" PRId32
-             " step%s later, and in mode ahead no step waits for it: the "
-             "newest there is stands for it",
+        warn(list, "delays",
+             "values of an instant come up to %" PRId32
+             " step%s later, but in mode ahead no step waits for them: older ones are used",
              longest, longest == 1 ? "" : "s");
     }
 }
 
 /* The text of the finding begins with the component's name. */
-static void check_rollback(advice *given, const tl_far_look *look) {
-    char where[64];
-    if (look->news.found) {
-        (void)snprintf(where, sizeof where, "components.%.*s.rollback", (int)strcspn(look->news.text, " "),
-                       look->news.text);
-        warn(given, where, "%s", look->news.text);
+static void check_rollback(warnings *list, const tl_far_look *rollback) {
+    char path[64];
+    if (rollback->news.found) {
+        (void)snprintf(path, sizeof path, "components.%.*s.rollback", (int)strcspn(rollback->news.text, " "),
+                       rollback->news.text);
+        warn(list, path, "%s", rollback->news.text);
     }
 }
 
 /* Warns if another process cannot load a saved state exactly. There is no warning if the FMU
  * continues differently in the saving process, too: then the cause is not the saved state. */
-static void check_saved_states(advice *given, const tl_config *config, const tl_read_back_report *states) {
+static void check_saved_states(warnings *list, const tl_config *config, const tl_read_back_report *states) {
     for (size_t i = 0; i < states->count && states->is_tried; i++) {
         const tl_read_back_component *found = &states->of[i];
-        char where[64];
-        (void)snprintf(where, sizeof where, "components.%.40s", config->components[i].name);
+        char path[64];
+        (void)snprintf(path, sizeof path, "components.%.40s", config->components[i].name);
         const char *words = tl_read_back_words(found->finding);
         if (tl_read_back_is_useless(found->finding)) {
-            warn(
-                given, where,
-                "a saved state of it %s (%.300s): `run --supervise --state DIR` finds that out, too, and saves none; any "
-                "other saves it, and loads it unless \"record.resume_s\" is 0",
-                words, found->text);
+            warn(list, path,
+                 "a saved state of it %s (%.300s): start it with `run --supervise --state DIR`, which detects that and "
+                 "saves none, or set \"record.resume_s\" to 0",
+                 words, found->text);
         } else if (found->finding == TL_READ_BACK_UNKNOWN) {
-            warn(given, where, "a saved state of it %s (%.300s)", words, found->text);
+            warn(list, path, "a saved state of it %s (%.300s)", words, found->text);
         }
     }
 }
 
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *rollback,
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
-    advice given = {.file = file};
-    check_step(&given, config, prognosis);
-    check_rollback(&given, look);
-    check_saved_states(&given, config, states);
-    if (config->event.start.signal != NULL) {
-        check_stroke_budget(&given, config, prognosis);
-        check_stroke_tolerance(&given, config);
-        check_adjusted(&given, config, assembly->twin);
-    } else if (config->adjust_count != 0) {
-        check_budget(&given, config, prognosis, assembly->twin);
-        check_saving(&given, config);
-        check_room(&given, config, assembly->twin);
-        check_adjusted(&given, config, assembly->twin);
-        check_conditions(&given, config);
-        check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
-        check_free_twin(&given, config, prognosis, assembly->twin);
+    warnings list = {.file = file};
+    if (prognosis->steps == 0) {
+        check_dry_run(&list, assembly, prognosis);
     }
-    check_between(&given, config);
-    check_every(&given, config);
-    check_delays(&given, config);
-    check_sources(&given, config);
-    return given.count;
+    check_step(&list, config, prognosis);
+    check_rollback(&list, rollback);
+    check_saved_states(&list, config, states);
+    if (config->event.start.signal != NULL) {
+        check_stroke_budget(&list, config, prognosis);
+        check_stroke_tolerance(&list, config);
+        check_adjusted(&list, config, assembly->twin);
+    } else if (config->adjust_count != 0) {
+        check_budget(&list, config, prognosis, assembly->twin);
+        check_saving(&list, config);
+        check_room(&list, config, assembly->twin);
+        check_adjusted(&list, config, assembly->twin);
+        check_conditions(&list, config);
+        check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);
+        check_free_twin(&list, config, prognosis, assembly->twin);
+    }
+    check_between(&list, config);
+    check_every(&list, config);
+    check_delays(&list, config);
+    check_sources(&list, config);
+    return list.count;
 }

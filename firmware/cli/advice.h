@@ -34,7 +34,7 @@ typedef struct tl_prognosis {
     /* times in ns on this machine; 0: not known */
     size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
     tl_error error;                       /* the reason if `steps` is 0 */
-    int64_t next_tick;                    /* first tick after the dry run */
+    int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including the save of its state */
     tl_time worst_time;                   /* of `worst`; INT64_MAX: at least that much */
@@ -58,7 +58,7 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
 
 /* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
  * Returns the number of warnings. */
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *rollback,
                        const tl_read_back_report *states, FILE *file);
 
 #endif

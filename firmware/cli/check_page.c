@@ -104,13 +104,13 @@ static void print_measured(const tl_config_delays *delays, FILE *file) {
     if (delays->measure) {
         (void)fprintf(file,
                       "  measure \316\224o, from y and \305\267, up to %.6g ms either way%s;\n"
-                      "          once it is sure it is used in whole steps, until then:\n",
+                      "          used in whole steps when it is certain; until then:\n",
                       milliseconds(delays->range), delays->has_input ? " of \316\224i" : "");
     }
 }
 
 /* Prints nothing if the configuration has no delays. */
-static void tl_delay_page_print(const tl_config *config, FILE *file) {
+static void print_delays(const tl_config *config, FILE *file) {
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
         return;
@@ -191,15 +191,15 @@ static const tl_fmu *find_fmu(const tl_assembly *assembly, const tl_plan_compone
 
 /* Also for a twin that never rolls back. */
 static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component *component) {
-    tl_rollback way = fmu != NULL ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
-    if (way == TL_ROLLBACK_MEMORY) {
+    tl_rollback method = fmu != NULL ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
+    if (method == TL_ROLLBACK_MEMORY) {
         return "rolled back by its memory";
     }
-    if (way == TL_ROLLBACK_REPLAY) {
-        return "rolled back by replay: reset, and given its inputs again";
+    if (method == TL_ROLLBACK_REPLAY) {
+        return "rolled back by replay: reset, then all its inputs repeated";
     }
-    if (way == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
-        return "rolled back by its state, and given again what it had been given";
+    if (method == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
+        return "rolled back by its state; inputs and parameters set again";
     }
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }
@@ -209,12 +209,15 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
         const tl_plan_component *component = &assembly->components[i];
         const tl_fmu *fmu = find_fmu(assembly, component);
-        (void)fprintf(output, "  %-12s %s, %zu variables, %s", component->name, assembly->config.components[i].fmu,
-                      component->model->variable_count, describe_rollback(fmu, component));
+        const char *rollback = describe_rollback(fmu, component);
+        int column = fprintf(output, "  %-12s %s, %zu variables,", component->name, assembly->config.components[i].fmu,
+                             component->model->variable_count);
+        bool fits = column + 1 + (int)strlen(rollback) <= WIDTH;
+        (void)fprintf(output, "%s%s", fits ? " " : "\n               ", rollback);
         const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
         if (times != NULL) { /* the copy is faster than the FMU's own states */
             (void)fprintf(output,
-                          ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
+                          ",\n               %.3g \302\265s to save, step and restore; by its own state %.3g \302\265s",
                           (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
         }
         (void)fputc('\n', output);
@@ -239,14 +242,16 @@ static const char *edge_name(const tl_plan_edge *edge) {
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
-    (void)fprintf(output, "  search  %s; at most %" PRIu32 " evaluations a stroke, over as many cycles as they take\n",
-                  facts->algorithm, config->budget_evaluations);
-    (void)fprintf(output, "  stroke  from %s%s to %s%s, at most %g s; J over T_F = %" PRId64 " steps around its end\n",
-                  edge_name(&event->start), event->start.signal, edge_name(&event->end), event->end.signal,
-                  tl_seconds(event->longest), 2 * half);
     (void)fprintf(output,
-                  "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
-                  "at tick i + %" PRIu32 "\n",
+                  "  search  %s; at most %" PRIu32 " evaluations a stroke,\n          in as many cycles as they need\n",
+                  facts->algorithm, config->budget_evaluations);
+    (void)fprintf(
+        output, "  stroke  from %s%s to %s%s, at most %g s;\n          J over T_F = %" PRId64 " steps around its end\n",
+        edge_name(&event->start), event->start.signal, edge_name(&event->end), event->end.signal,
+        tl_seconds(event->longest), 2 * half);
+    (void)fprintf(output,
+                  "  timing  measurements %s: a search begins %" PRId64 " steps after the end;\n"
+                  "          step i is computed at tick i + %" PRIu32 "\n",
                   tl_pairing_names[config->measurements], config->measurements == TL_HOLD ? 0 : half, facts->lead);
 }
 
@@ -281,18 +286,19 @@ static void print_wait(const tl_config *config, const char *what, bool inputs, i
         any = any || (waits && inputs == signal->feeds);
     }
     if (any) {
-        (void)fprintf(output, "  between %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,
+        (void)fprintf(output, "  wait    %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,
                       ticks == 1 ? "" : "s");
     }
 }
 
 static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
     const tl_plan_adjust *adjust = &assembly->config.adjust[index];
+    const char *unit = tl_twin_adjust_unit(assembly->twin, index);
     (void)fprintf(output, "  adjust  %s", adjust->variable);
     if (!tl_twin_get_adjusted(assembly->twin, index).is_real) {
         (void)fprintf(output, ", off or on");
     } else if (adjust->step > 0.0) {
-        (void)fprintf(output, ", first step %g %s", adjust->step, tl_twin_adjust_unit(assembly->twin, index));
+        (void)fprintf(output, ", first step %g%s%s", adjust->step, unit[0] != '\0' ? " " : "", unit);
     }
     if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
         (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
@@ -360,8 +366,8 @@ static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognos
                   prognosis->next);
     (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
                   (double)prognosis->next / plain);
-    (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
-                "  then: of each later one; the FMUs' states are not in KiB\n",
+    (void)fputs("  plain: without saving; first: at most, in the first evaluation of a step;\n"
+                "  then: at most, in each later one; cache KiB: without the states of the FMUs\n",
                 output);
 }
 
@@ -406,7 +412,7 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
     if (largest.state_size != 0) {
         (void)fputs("  states       ", output);
         print_size(output, (double)facts.state_memory);
-        (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
+        (void)fprintf(output, " at most for FMU states; one of %s has ", largest.name);
         print_size(output, (double)largest.state_size);
         (void)fputs("\n", output);
     }
@@ -419,20 +425,21 @@ static void print_replay(const tl_config *config, const tl_twin_ledger *entry, t
     const tl_fmi2_replay *replay = &entry->replay;
     tl_time longest = replay->beginning + each * (tl_time)replay->most;
     (void)fprintf(output,
-                  "  replay       %s is rolled back within %" PRIu32 " steps of its beginning, %g s of plant time, and "
-                  "runs free\n               afterwards; its inputs take ",
+                  "  replay       %s is rolled back in its first %" PRIu32 " steps,\n"
+                  "               %g s of plant time, and then runs free;\n"
+                  "               its inputs take ",
                   entry->name, replay->most, tl_seconds(config->step * (tl_time)replay->most));
     print_size(output, (double)replay->bytes);
     if (each != 0) {
-        (void)fprintf(output, ", a rollback %.4g \302\265s there", tl_seconds(longest) * 1e6);
+        (void)fprintf(output, ", the longest rollback %.4g \302\265s", tl_seconds(longest) * 1e6);
     }
     if (each == 0 || longest <= config->budget_time) {
         (void)fputs("\n", output);
         return;
     }
-    tl_time left = config->budget_time - replay->beginning;
-    tl_time fitting = left > 0 ? left / each : 0;
-    (void)fprintf(output, ":\n               from %g s on one takes longer than the budget of %g ms\n",
+    tl_time remaining = config->budget_time - replay->beginning;
+    tl_time fitting = remaining > 0 ? remaining / each : 0;
+    (void)fprintf(output, ";\n               from %g s on longer than the budget of %g ms\n",
                   tl_seconds(config->step * fitting), tl_seconds(config->budget_time) * 1e3);
 }
 
@@ -465,11 +472,11 @@ static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *progno
 
 /* Prints the memory that `run` needs for a live plant. */
 static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
-    print_block("mail", blocks->sample_memory, "for the plant's newest readings, in `run`", output);
-    print_block("outbox", blocks->queue, "for what waits for the recorder, in `run`", output);
-    print_block("checkpoint", blocks->checkpoints, "for the saved twin, in `run`", output);
-    print_block("past", blocks->resume, "at most, while `run` goes on with an earlier one", output);
-    print_block("shadow", blocks->shadow, "more, at most, for a second twin beside that of `run`", output);
+    print_block("samples", blocks->sample_memory, "in `run`, for the newest readings of the plant", output);
+    print_block("record queue", blocks->queue, "in `run`, for results that are not recorded yet", output);
+    print_block("checkpoint", blocks->checkpoints, "in `run`, for saved states of the twin", output);
+    print_block("resume", blocks->resume, "in `run`, at most, while it resumes an earlier run", output);
+    print_block("second twin", blocks->shadow, "in `run`, at most, while `reload` tests a second twin", output);
 }
 
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_live_blocks *blocks,
@@ -485,7 +492,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     if (tl_twin_get_facts(assembly->twin).has_free_twin) {
         (void)fprintf(output,
                       "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
-                      "               searched: in that time\n",
+                      "               searched; included in the time above\n",
                       prognosis->step);
     }
     if (config->event.start.signal != NULL) {
@@ -493,56 +500,59 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     } else if (config->adjust_count != 0) {
         print_worst(config, prognosis, output);
     }
-    (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
+    (void)fprintf(output, "  memory       %.1f KiB for the twin, allocated at the start\n",
                   (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
-                  config->realtime_lock_memory ? ", all of it resident in `run`" : "");
+                  config->realtime_lock_memory ? "; `run` locks both in RAM" : "");
     print_states(assembly, output);
     print_replays(assembly, prognosis, output);
     if (config->source_count != 0) {
         print_blocks(blocks, output);
     }
     if (prognosis->steps != 0) {
-        (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
+        (void)fprintf(output, "  measured by %zu free steps with the plant's initial values, without a search\n",
                       prognosis->steps);
     } else {
-        (void)fputs("  time is not told: the FMUs cannot step with the plant's initial values\n", output);
+        (void)fputs("  not measured: an FMU failed in the dry run; see the warnings below\n", output);
     }
 }
 
 /* Prints the limits of the FMUs, and the paths that they may read in addition to those of all
  * programs. */
-static void print_places(const tl_assembly *assembly, uint64_t memory, FILE *output) {
+static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *output) {
     tl_twin_places places = {.count = 0};
-    (void)fprintf(output, "  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
+    (void)fprintf(output,
+                  "limits of the FMUs\n  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
                   memory >> 20, TL_TWIN_FOLDER_MIB, TL_TWIN_THREADS);
     tl_twin_places_find(assembly, &places);
     for (size_t i = 0; i < places.count; i++) {
         char clean[PATH_MAX];
         (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
-        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "",
-                      clean);
+        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may also read\n" : "", clean);
     }
     tl_twin_places_free(&places);
     if (geteuid() == 0) {
-        (void)fputs("  FMUs stay root, without capabilities: TMPDIR is closed to other users\n", output);
+        (void)fputs("  FMUs run as root, without capabilities: TMPDIR is closed to other users,\n"
+                    "  or this container has no user for them\n",
+                    output);
     }
 }
 
-/* Prints how the rollback was proved and verified. In a brief check (of a trial, whose caller
- * waits) there is only the proof. */
-static void print_far_look(const tl_assembly *assembly, const tl_far_look *look, FILE *output) {
+/* Prints how rollback was tested: by the proof at the start, and later. A brief check (of a trial,
+ * whose caller waits) has only the proof. */
+static void print_rollback_test(const tl_assembly *assembly, const tl_far_look *test, FILE *output) {
     tl_time step = assembly->config.step;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     if (facts.proved_executions != 0) {
-        (void)fprintf(output, "rollback\n  proved at the start by %" PRIu64 " executions, which no other count has\n",
+        (void)fprintf(output,
+                      "rollback\n  tested at the start by %" PRIu64 " executions, which no other count includes\n",
                       facts.proved_executions);
     }
-    if (look->times != 0) {
-        (void)fprintf(output, "  looked at %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n", look->times,
-                      tl_seconds(tl_time_of_step(0, step, look->first)),
-                      tl_seconds(tl_time_of_step(0, step, look->first + look->steps)),
-                      look->news.found ? "not exact" : "exact");
+    if (test->times != 0) {
+        (void)fprintf(output, "  tested %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n", test->times,
+                      tl_seconds(tl_time_of_step(0, step, test->first)),
+                      tl_seconds(tl_time_of_step(0, step, test->first + test->steps)),
+                      test->news.found ? "not exact" : "exact");
     }
 }
 
@@ -555,13 +565,13 @@ static const char *describe_read_back(const tl_read_back_component *found) {
     case TL_READ_BACK_IS_REFUSED:
         return "refused";
     case TL_READ_BACK_IS_OTHER:
-        return "loaded, and goes on otherwise";
+        return "loaded, but then gives other values";
     case TL_READ_BACK_NOR_HERE:
-        return "goes on otherwise, and so it does in the process that has saved it";
+        return "gives other values after loading, also in the process that saved it";
     case TL_READ_BACK_UNKNOWN:
         break;
     }
-    return "not known: it could not be tried";
+    return "unknown: not tested";
 }
 
 /* Prints whether saved states can be loaded by another process, if that was tried. */
@@ -579,7 +589,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_live_blocks blocks;
-    tl_far_look look = {.times = 0};
+    tl_far_look rollback = {.times = 0};
     tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -591,20 +601,20 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     print_components(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
-    tl_delay_page_print(config, output);
+    print_delays(config, output);
     print_needs(assembly, &prognosis, output);
     tl_live_blocks_of(config, saved_size(assembly, &prognosis), &blocks);
     print_costs(assembly, &prognosis, &blocks, output);
     if (prognosis.steps != 0 && !job->brief) {
-        tl_far_look_take(assembly, prognosis.next_tick, &look);
+        tl_far_look_take(assembly, prognosis.next_tick, &rollback);
     }
-    print_far_look(assembly, &look, output);
+    print_rollback_test(assembly, &rollback, output);
     tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, &states);
     print_read_back(assembly, &states, output);
     if (!job->unconfined) {
-        print_places(assembly, job->memory, output);
+        print_limits(assembly, job->memory, output);
     }
-    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
+    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &rollback, &states, output);
     found->least = prognosis.step_time;
     found->worst = prognosis.worst_time;
     found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.queue + blocks.checkpoints;

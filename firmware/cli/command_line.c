@@ -63,8 +63,8 @@ static int run_program(char **argv) {
     } else {
         (void)execvp(PROGRAM, argv);
     }
-    tl_log(TL_LOG_ERROR, "`twinlock %s` is the program %s, which is not here: %s; install the package twinlock-serve",
-           argv[1], PROGRAM, strerror(errno));
+    tl_log(TL_LOG_ERROR, "`twinlock %s`: program %s: %s; install the package twinlock-serve", argv[1], PROGRAM,
+           strerror(errno));
     return tl_exit_code(TL_BAD_USAGE);
 }
 
@@ -128,7 +128,7 @@ static int refuse_verb(const char *name) {
     if (nearest.best != NULL) {
         (void)fprintf(stderr, ": did you mean %s?", nearest.best);
     } else if (name[0] == '-') {
-        (void)fputs(": options come behind the verb", stderr);
+        (void)fputs(": options follow the verb", stderr);
     }
     (void)fputs("\n\n", stderr);
     print_usage(stderr);

@@ -41,7 +41,7 @@ struct tl_emulation {
     /* from a recording */
     tl_csv_reader *reader;
     tl_time first; /* time of its first row */
-    bool begun;
+    bool has_begun;
     /* from FMUs */
     const tl_config *config;
     tl_recording *driving;
@@ -58,7 +58,7 @@ tl_status tl_emulation_open_recording(const char *path, const tl_config *config,
                                       tl_error *error) {
     tl_emulation *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
     }
     opened->column_count = config->signal_count;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -85,8 +85,8 @@ static tl_status next_recorded(tl_emulation *emulation, tl_emulation_row *row, b
     if (status != TL_OK || *end) {
         return status;
     }
-    if (!emulation->begun) {
-        emulation->begun = true;
+    if (!emulation->has_begun) {
+        emulation->has_begun = true;
         emulation->first = read.time;
     }
     row->time = read.time - emulation->first;
@@ -104,7 +104,7 @@ tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char
     const tl_config *config = model->config;
     tl_emulation *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the emulated plant");
+        return tl_fail(error, TL_TRY_AGAIN, "emulated plant: out of memory");
     }
     tl_status status = tl_recording_open(driving, config, &opened->driving, error);
     if (status == TL_OK) {

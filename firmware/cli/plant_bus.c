@@ -168,22 +168,24 @@ static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) 
     (void)snprintf(path, sizeof path, "/sys/devices/virtual/net/%s", bus->interface);
     bus->socket = open_socket(bus);
     if (bus->socket < 0) {
-        return tl_fail(error, TL_TRY_AGAIN,
-                       "CAN interface %s cannot be used: %s; a virtual one is made by `ip link add "
-                       "%s type vcan` and `ip link set %s up`",
-                       bus->interface, tl_can_interface_failure(errno), bus->interface, bus->interface);
+        return tl_fail(
+            error, TL_TRY_AGAIN,
+            "CAN interface %s: %s; for a virtual one, run `ip link add %s type vcan` and `ip link set %s up`",
+            bus->interface, tl_can_interface_failure(errno), bus->interface, bus->interface);
     }
     if (!real && access(path, F_OK) != 0) {
-        return tl_fail(error, TL_BAD_USAGE,
-                       "CAN interface %s is hardware, and what is sent there reaches whatever is on "
-                       "its bus: use a virtual interface (vcan), or say --real-bus where that is meant",
-                       bus->interface);
+        return tl_fail(
+            error, TL_BAD_USAGE,
+            "CAN interface %s is hardware: the frames would reach all devices on its bus. Use a virtual interface "
+            "(vcan), or permit it with --real-bus",
+            bus->interface);
     }
     if (needs_fd && !(tl_can_interface_probe(bus->socket, bus->interface, &state) && state.fd)) {
-        return tl_fail(error, TL_TRY_AGAIN,
-                       "CAN interface %s does not take frames of CAN FD: for a virtual one, "
-                       "`ip link set %s mtu 72` while it is down",
-                       bus->interface, bus->interface);
+        return tl_fail(
+            error, TL_TRY_AGAIN,
+            "CAN interface %s does not support CAN FD: for a virtual one, run `ip link set %s mtu 72` while it is "
+            "down",
+            bus->interface, bus->interface);
     }
     return TL_OK;
 }

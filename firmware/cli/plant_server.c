@@ -143,7 +143,7 @@ static size_t put_values(const region *own, size_t first, size_t count, uint8_t 
 }
 
 /* Returns the exception code that rejects the request, or 0 if it is valid. */
-static uint8_t objection(const tl_plant_server *server, const uint8_t *request, size_t size) {
+static uint8_t find_exception(const tl_plant_server *server, const uint8_t *request, size_t size) {
     uint8_t unit_id = request[HEADER - 1];
     uint8_t function = request[HEADER];
     if (find_region(server, unit_id, ANY_TABLE) == NULL) {
@@ -172,7 +172,7 @@ static size_t answer(tl_plant_server *server, const uint8_t *request, size_t siz
     uint8_t function = request[HEADER];
     size_t end = HEADER + 1;
     (void)pthread_mutex_lock(&server->lock);
-    uint8_t exception = objection(server, request, size);
+    uint8_t exception = find_exception(server, request, size);
     memcpy(reply, request, HEADER + 1);
     if (exception != 0) {
         reply[HEADER] = (uint8_t)(function | 0x80);
@@ -189,16 +189,16 @@ static size_t answer(tl_plant_server *server, const uint8_t *request, size_t siz
     return end;
 }
 
-/* Returns the size of the first request in the frame, 0 if it is not complete. *sound is false if
- * the bytes cannot be a request. */
-static size_t measure(const client *from, bool *sound) {
-    *sound = true;
+/* Returns the size of the first request in the frame, 0 if it is not complete. *is_valid is false
+ * if the bytes cannot be a request. */
+static size_t measure(const client *from, bool *is_valid) {
+    *is_valid = true;
     if (from->used < PREFIX) {
         return 0;
     }
     size_t size = PREFIX + word_at(from->frame + 4);
-    *sound = word_at(from->frame + 2) == 0 && size > HEADER && size <= FRAME;
-    return *sound && from->used >= size ? size : 0;
+    *is_valid = word_at(from->frame + 2) == 0 && size > HEADER && size <= FRAME;
+    return *is_valid && from->used >= size ? size : 0;
 }
 
 /* Receives bytes and answers complete requests. Returns false to disconnect the client. */
@@ -208,8 +208,8 @@ static bool serve(tl_plant_server *server, client *from) {
         return count < 0 && (errno == EAGAIN || errno == EINTR);
     }
     from->used += (size_t)count;
-    bool sound = true;
-    for (size_t size = measure(from, &sound); size > 0; size = measure(from, &sound)) {
+    bool is_valid = true;
+    for (size_t size = measure(from, &is_valid); size > 0; size = measure(from, &is_valid)) {
         uint8_t reply[FRAME];
         size_t length = answer(server, from->frame, size, reply);
         if (send(from->socket, reply, length, MSG_NOSIGNAL) != (ssize_t)length) {
@@ -218,24 +218,24 @@ static bool serve(tl_plant_server *server, client *from) {
         from->used -= size;
         memmove(from->frame, from->frame + size, from->used);
     }
-    return sound;
+    return is_valid;
 }
 
 /* ---- the thread ---- */
 
-static void welcome(tl_plant_server *server) {
+static void accept_client(tl_plant_server *server) {
     int one = 1;
-    int guest = accept4(server->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
-    if (guest < 0) {
+    int socket = accept4(server->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (socket < 0) {
         (void)poll(NULL, 0, 10); /* no descriptors left, perhaps: avoids a busy loop */
         return;
     }
     if (server->client_count == TL_PLANT_SERVER_CLIENTS) {
-        (void)close(guest);
+        (void)close(socket);
         return;
     }
-    (void)setsockopt(guest, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-    server->clients[server->client_count].socket = guest;
+    (void)setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    server->clients[server->client_count].socket = socket;
     server->clients[server->client_count].used = 0;
     server->client_count++;
 }
@@ -267,7 +267,7 @@ static void *run(void *context) {
             }
         }
         if (ready[1].revents != 0) {
-            welcome(server);
+            accept_client(server);
         }
     }
 }
@@ -282,7 +282,7 @@ static tl_status open_listener(tl_plant_server *server, const tl_plant_server_se
     (void)snprintf(service, sizeof service, "%u", (unsigned)settings->port);
     int resolved = getaddrinfo(settings->host, service, &hints, &addresses);
     if (resolved != 0) {
-        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: %s is no address to listen at: %s", settings->host,
+        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: cannot listen at %s: %s", settings->host,
                        gai_strerror(resolved));
     }
     server->listener = tl_tcp_listen(addresses->ai_addr, addresses->ai_addrlen, TL_PLANT_SERVER_CLIENTS, &server->port);
@@ -291,7 +291,7 @@ static tl_status open_listener(tl_plant_server *server, const tl_plant_server_se
     if (server->listener < 0) {
         return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: cannot listen at %s port %u: %s%s", settings->host,
                        (unsigned)settings->port, strerror(failure),
-                       failure == EACCES ? "; ports below 1024 are for root" : "");
+                       failure == EACCES ? "; ports below 1024 need root: use a higher port in the configuration" : "");
     }
     return TL_OK;
 }
@@ -302,7 +302,7 @@ static tl_status start_thread(tl_plant_server *server, tl_error *error) {
         failure = tl_side_thread_start(&server->thread, 0, run, server);
     }
     if (failure != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: no thread: %s", strerror(failure));
+        return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: cannot start its thread: %s", strerror(failure));
     }
     (void)pthread_setname_np(server->thread, "modbus device");
     return TL_OK;

@@ -21,7 +21,7 @@
 #include "firmware/base/os.h"
 #include "master/base/signal.h"
 
-#define PATIENCE (TL_SECOND / 20)
+#define TIMEOUT (TL_SECOND / 20)
 
 enum { NUMBER = 32, ROW = NUMBER * (TL_MAX_SIGNALS + 2) }; /* bytes of a cell with its comma, and of a row */
 
@@ -84,16 +84,16 @@ static size_t format_row(const tl_plant_stream *stream, tl_time time, const doub
 
 /* ---- writing ---- */
 
-static void lose_reader(tl_plant_stream *stream) {
+static void close_fifo(tl_plant_stream *stream) {
     (void)close(stream->file);
     stream->file = -1;
 }
 
 /* Waits until more can be written. Returns false if the deadline is reached. */
-static bool wait_for_room(const tl_plant_stream *stream, tl_time deadline) {
-    tl_time left = deadline - tl_clock_now(NULL);
-    struct pollfd room = {.fd = stream->file, .events = POLLOUT};
-    return left > 0 && poll(&room, 1, (int)(left / 1000000) + 1) != 0;
+static bool wait_writable(const tl_plant_stream *stream, tl_time deadline) {
+    tl_time remaining = deadline - tl_clock_now(NULL);
+    struct pollfd writable = {.fd = stream->file, .events = POLLOUT};
+    return remaining > 0 && poll(&writable, 1, (int)(remaining / 1000000) + 1) != 0;
 }
 
 /* Returns false if not everything could be written before the deadline. If the write fails, a FIFO
@@ -104,13 +104,13 @@ static bool write_text(tl_plant_stream *stream, const char *text, size_t size, t
         if (count >= 0) {
             sent += (size_t)count;
         } else if (errno == EAGAIN) {
-            if (!wait_for_room(stream, deadline)) {
+            if (!wait_writable(stream, deadline)) {
                 return false;
             }
         } else if (errno != EINTR) {
             stream->failure = stream->is_fifo ? 0 : errno;
             if (stream->is_fifo) {
-                lose_reader(stream);
+                close_fifo(stream);
             }
             return false;
         }
@@ -119,12 +119,12 @@ static bool write_text(tl_plant_stream *stream, const char *text, size_t size, t
 }
 
 /* Each new reader first gets the header. */
-static bool has_reader(tl_plant_stream *stream, tl_time deadline) {
+static bool open_reader(tl_plant_stream *stream, tl_time deadline) {
     if (stream->file < 0 && stream->is_fifo) {
         stream->file = open(stream->path, O_WRONLY | O_NONBLOCK | O_CLOEXEC);
         if (stream->file >= 0 && !write_text(stream, stream->header, stream->header_size, deadline) &&
             stream->file >= 0) {
-            lose_reader(stream);
+            close_fifo(stream);
         }
     }
     return stream->file >= 0;
@@ -132,8 +132,8 @@ static bool has_reader(tl_plant_stream *stream, tl_time deadline) {
 
 bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present) {
     char text[ROW];
-    tl_time deadline = tl_clock_now(NULL) + PATIENCE;
-    bool written = has_reader(stream, deadline) &&
+    tl_time deadline = tl_clock_now(NULL) + TIMEOUT;
+    bool written = open_reader(stream, deadline) &&
                    write_text(stream, text, format_row(stream, time, values, present, text), deadline);
     stream->counts.written += written ? 1 : 0;
     stream->counts.dropped += written ? 0 : 1;
@@ -142,7 +142,7 @@ bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *va
 
 tl_status tl_plant_stream_check(const tl_plant_stream *stream, tl_error *error) {
     return stream->failure == 0 ? TL_OK
-                                : tl_fail(error, TL_TRY_AGAIN, "%s: cannot be written: %s (rows before: %" PRIu64 ")",
+                                : tl_fail(error, TL_TRY_AGAIN, "%s: cannot be written: %s (after %" PRIu64 " rows)",
                                           stream->path, strerror(stream->failure), stream->counts.written);
 }
 
@@ -153,21 +153,21 @@ tl_plant_stream_counts tl_plant_stream_count(const tl_plant_stream *stream) {
 /* ---- open and close ---- */
 
 static tl_status open_path(tl_plant_stream *stream, const tl_plant_stream_settings *settings, tl_error *error) {
-    struct stat what;
+    struct stat about;
     if (settings->make_fifo && mkfifo(settings->path, 0666) != 0 && errno != EEXIST) {
-        return tl_fail(error, TL_BAD_DATA, "%s: no FIFO can be made: %s", settings->path, strerror(errno));
+        return tl_fail(error, TL_BAD_DATA, "%s: cannot create the FIFO: %s", settings->path, strerror(errno));
     }
-    bool is_there = stat(settings->path, &what) == 0;
-    stream->is_fifo = is_there && S_ISFIFO(what.st_mode);
+    bool exists = stat(settings->path, &about) == 0;
+    stream->is_fifo = exists && S_ISFIFO(about.st_mode);
     if (stream->is_fifo) {
         return TL_OK; /* opened with the first row for which there is a reader */
     }
     stream->file = open(settings->path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (stream->file < 0) {
         return tl_fail(error, TL_BAD_DATA, "%s cannot be written: %s%s", settings->path, strerror(errno),
-                       is_there && S_ISREG(what.st_mode) ? "; remove it, or make a FIFO of that name with mkfifo"
-                       : is_there                        ? "; give the name of a file that is not there yet"
-                                                         : "");
+                       exists && S_ISREG(about.st_mode) ? "; remove it, or create a FIFO of this name with mkfifo"
+                       : exists                         ? "; give the name of a file that does not exist yet"
+                                                        : "");
     }
     (void)write_text(stream, stream->header, stream->header_size, 0);
     return tl_plant_stream_check(stream, error);

@@ -31,6 +31,6 @@ int tl_roles_run(const char *title) {
             return ROLES[i].run != NULL ? ROLES[i].run() : ROLES[i].run_tasks(&tl_roles_twin_tasks);
         }
     }
-    (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
+    (void)fprintf(stderr, "twinlock: unknown role \"%s\"\n", title);
     return tl_exit_code(TL_BAD_USAGE);
 }

@@ -18,14 +18,14 @@
 static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *output) {
     enum { INDENT = 2, LONGEST = sizeof pair->text + 400 };
     char text[LONGEST];
-    const char *where = pair->component[0] != '\0' ? "." : "";
+    const char *dot = pair->component[0] != '\0' ? "." : "";
     bool is_one = pair->kind == TL_PAIR_ONE_PER_PROCESS;
     if (pair->kind == TL_PAIR_UNKNOWN && pair->text[0] == '\0') {
         return;
     }
     switch (pair->kind) {
     case TL_PAIR_UNKNOWN:
-        (void)snprintf(text, sizeof text, "not looked at, since there is no second instance here: %s", pair->text);
+        (void)snprintf(text, sizeof text, "not tested: no second instance could be started: %s", pair->text);
         break;
     case TL_PAIR_SAME:
         (void)snprintf(text, sizeof text, "two instances have the same values in %" PRIu32 " step%s", pair->steps,
@@ -33,12 +33,12 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
         break;
     case TL_PAIR_NOT_DETERMINISTIC:
     case TL_PAIR_ONE_PER_PROCESS:
-        (void)snprintf(text, sizeof text, "components%s%s: %s: %s; %s", where, pair->component,
-                       is_one ? "one per process" : "not deterministic", pair->text,
-                       is_one
-                           ? "alone it does not do so, but beside another instance of it: use it in one component only"
-                           : "what it was given leads it elsewhere the next time, so that neither replaying a run nor "
-                             "rolling back by replay can be exact");
+        (void)snprintf(
+            text, sizeof text, "components%s%s: %s: %s; %s", dot, pair->component,
+            is_one ? "one per process" : "not deterministic", pair->text,
+            is_one ? "this happens only beside another instance of it: use it in one component only"
+                   : "the same inputs give other values the next time, so neither replaying a run nor rollback by "
+                     "replay can be exact");
         (*warnings)++;
         break;
     }
@@ -50,7 +50,7 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
 
 /* If a check failed because a component cannot be rolled back exactly: logs which other rollback
  * method is exact. Errors: TL_INTERRUPTED. */
-static tl_status log_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
+static tl_status log_other_methods(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
     tl_other_way found[TL_RECORDER_COMPONENTS];
     char text[TL_OTHER_WAY_TEXT];
     const tl_twin_child_settings settings = tl_verb_job_settings(job, NULL);
@@ -69,16 +69,16 @@ static tl_status check(tl_verb_job *job) {
     job->order.reads_back = true;
     job->order.variables = job->options->variables;
     tl_twin_check found = {.warnings = 0};
-    tl_twin_ways ways = {.cannot_return = 0};
+    tl_twin_ways methods = {.cannot_return = 0};
     tl_pair_verdict pair;
     tl_status status = tl_verb_job_start(job, job->output);
     if (status == TL_OK) {
         status = tl_twin_child_check(job->child, &found, &job->error);
-        tl_twin_child_ways(job->child, &ways);
+        tl_twin_child_ways(job->child, &methods);
     }
-    if (status != TL_OK && status != TL_INTERRUPTED && ways.cannot_return != 0) {
+    if (status != TL_OK && status != TL_INTERRUPTED && methods.cannot_return != 0) {
         tl_error interrupted; /* only used if interrupted; otherwise the error of the check stays */
-        if (log_other_ways(job, &ways, &interrupted) != TL_OK) {
+        if (log_other_methods(job, &methods, &interrupted) != TL_OK) {
             status = TL_INTERRUPTED;
             job->error = interrupted;
         }
@@ -98,7 +98,7 @@ static tl_status check(tl_verb_job *job) {
         if (found.warnings > 0) {
             (void)fprintf(job->output, ", %" PRIu32 " warning%s", found.warnings, found.warnings == 1 ? "" : "s");
         }
-        (void)fputc('\n', job->output);
+        (void)fputs(" in configuration or FMUs; the plant was not asked\n", job->output);
     }
     return status;
 }
@@ -112,8 +112,9 @@ static tl_status check_readings(const tl_config *config, const char *path, const
         const tl_survey_signal *signal = &survey->signals[proposal->match[i].signal];
         if (signal->good < TL_SURVEY_LEAST) {
             return tl_fail(error, TL_BAD_DATA,
-                           "%s: %s has %" PRIu64 " good readings, at least %d are needed to tell its noise", path,
-                           config->match[i].to, signal->good, (int)TL_SURVEY_LEAST);
+                           "%s: %s has %" PRIu64
+                           " good readings (expected at least %d, to estimate its noise): take a longer recording",
+                           path, config->match[i].to, signal->good, (int)TL_SURVEY_LEAST);
         }
     }
     return TL_OK;

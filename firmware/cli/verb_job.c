@@ -30,23 +30,23 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
     return status;
 }
 
-static tl_status check_taken(const char *option, const char *path, const char *taken, tl_error *error) {
-    return path == NULL || taken == NULL || path == taken || !tl_new_file_is(path, taken)
+static tl_status check_one(const char *option, const char *path, const char *used, tl_error *error) {
+    return path == NULL || used == NULL || path == used || !tl_new_file_is(path, used)
                ? TL_OK
-               : tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give it another name", option, path, taken);
+               : tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give another name", option, path, used);
 }
 
 tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, const char *path, const char *recording,
                                    tl_error *error) {
-    const char *const taken[] = {job->options->subject, recording, job->options->database, job->options->trajectory};
+    const char *const used[] = {job->options->subject, recording, job->options->database, job->options->trajectory};
     tl_status status = TL_OK;
-    for (size_t i = 0; i < sizeof taken / sizeof taken[0] && status == TL_OK; i++) {
-        status = check_taken(option, path, taken[i], error);
+    for (size_t i = 0; i < sizeof used / sizeof used[0] && status == TL_OK; i++) {
+        status = check_one(option, path, used[i], error);
     }
     for (size_t i = 0; i < job->config.component_count && status == TL_OK; i++) {
         char fmu[PATH_MAX];
         bool is_found = tl_config_fmu_path(&job->config, job->config.components[i].fmu, fmu, sizeof fmu);
-        status = is_found ? check_taken(option, path, fmu, error) : TL_OK;
+        status = is_found ? check_one(option, path, fmu, error) : TL_OK;
     }
     return status;
 }
@@ -89,12 +89,12 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
         status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;
     }
     if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_said_error()) {
-        tl_log(TL_LOG_ERROR, "the process of the FMUs has failed, and does not say why");
+        tl_log(TL_LOG_ERROR, "the FMU process failed without a message: run `twinlock check` on the configuration");
     }
     if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
-        tl_log(TL_LOG_NOTICE,
-               "if the FMU needs what it was refused, and is trusted, --unconfined permits it, or \"unconfined\": true "
-               "in its component");
+        tl_log(TL_LOG_WARNING,
+               "a denied system call may be the cause: if you trust the FMU, permit it with --unconfined, or with "
+               "\"unconfined\": true in its component");
     }
     tl_twin_child_close(job->child);
     tl_config_free(&job->config);

@@ -74,7 +74,8 @@ static tl_status find_signals(const player *self, const tl_config *listener, siz
         }
         size_t column = find_column(self->emulation, signal->column);
         if (column == SIZE_MAX) {
-            return tl_fail(error, TL_BAD_DATA, "plant.%s is read from column \"%s\", which this plant does not have",
+            return tl_fail(error, TL_BAD_DATA,
+                           "plant.%s: this plant has no column \"%s\": correct the column, or give another --recording",
                            signal->plan.name, signal->column);
         }
         served->columns[served->channel_count] = column;
@@ -133,7 +134,7 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
     }
     void *channels = tl_driver_gather(source->driver, listener, signals, served->channel_count);
     status = channels != NULL ? open_source(self, source, channels, served, error)
-                              : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the signals of %s", source->name);
+                              : tl_fail(error, TL_TRY_AGAIN, "signals of %s: out of memory", source->name);
     free(channels);
     self->served_count += status == TL_OK ? 1 : 0;
     return status;
@@ -145,10 +146,8 @@ static tl_status open_servers(player *self, const tl_config *listener, tl_error 
         status = serve_source(self, listener, i, error);
     }
     if (status == TL_OK && self->served_count == 0) {
-        return tl_fail(
-            error, TL_BAD_USAGE,
-            "%s reads nothing by Modbus TCP or CAN: name a configuration that does with --for, or use --fifo or --record",
-            listener->path);
+        return tl_fail(error, TL_BAD_USAGE,
+                       "%s reads nothing by Modbus TCP or CAN: use --for CONFIG2, --fifo or --record", listener->path);
     }
     return status;
 }
@@ -256,7 +255,7 @@ static void close_all(player *self) {
     if (self->stream != NULL) {
         tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
         if (self->job->options->fifo != NULL) {
-            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped without a reader", counts.written,
                    counts.dropped);
         } else {
             tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written", counts.written);
@@ -284,7 +283,8 @@ static tl_status run_for_listener(player *self, const tl_config *config, tl_erro
     tl_problems_init(&problems, self->job->options->listener);
     tl_status status = tl_config_read(self->job->options->listener, &self->listener, &problems.report);
     if (status != TL_OK) {
-        return tl_fail(error, status, "%s cannot be used with --for", self->job->options->listener);
+        return tl_fail(error, status, "--for %s: invalid configuration, see the errors above",
+                       self->job->options->listener);
     }
     status = run(self, config, &self->listener, error);
     tl_config_free(&self->listener);

@@ -16,7 +16,7 @@
 typedef struct reload {
     const tl_options *options;
     bool is_input; /* the configuration is read from standard input */
-    tl_control_client_settings talk;
+    tl_control_client_settings client;
     char path[PATH_MAX]; /* of the control socket */
     char text[TL_CONTROL_MOST + 1];
     size_t size;
@@ -27,8 +27,8 @@ typedef struct reload {
 
 static tl_status read_subject(reload *self, tl_error *error) {
     if (self->is_input && isatty(STDIN_FILENO) == 1) {
-        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
-                       self->talk.subject);
+        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe): add `< FILE`",
+                       self->client.subject);
     }
     int file = self->is_input ? STDIN_FILENO : open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
     ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, self->text, sizeof self->text);
@@ -37,10 +37,10 @@ static tl_status read_subject(reload *self, tl_error *error) {
         (void)close(file);
     }
     if (size < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->talk.subject, strerror(cause));
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->client.subject, strerror(cause));
     }
     if (size == 0 || size > TL_CONTROL_MOST) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->talk.subject,
+        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->client.subject,
                        size == 0 ? "is empty" : "is too large", (int)TL_CONTROL_MOST);
     }
     self->size = (size_t)size;
@@ -83,20 +83,21 @@ int tl_verb_reload(const tl_options *options) {
     tl_control_result result = TL_CONTROL_FAILED;
     tl_error error;
     self = (reload){.options = options, .is_input = strcmp(options->subject, TL_CONTROL_CLIENT_INPUT) == 0};
-    self.talk = (tl_control_client_settings){
+    self.client = (tl_control_client_settings){
         .path = self.path, .output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
     tl_status status = tl_control_client_find(options->subject, options->control, self.path, &error);
     fill_request(&self);
-    bool takes = self.request.verb == TL_CONTROL_TAKE;
-    if (status == TL_OK && takes) {
+    bool sends = self.request.verb == TL_CONTROL_TAKE;
+    if (status == TL_OK && sends) {
         status = read_subject(&self, &error);
     }
     if (status == TL_OK) {
-        status = tl_control_client_run(&self.talk, &self.request, takes ? self.text : NULL, self.size, &result, &error);
+        status =
+            tl_control_client_run(&self.client, &self.request, sends ? self.text : NULL, self.size, &result, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    status = tl_output_finish(self.talk.output, status);
+    status = tl_output_finish(self.client.output, status);
     return status == TL_OK ? tl_control_exit_code(result) : tl_exit_code(status);
 }

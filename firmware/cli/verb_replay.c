@@ -24,7 +24,7 @@ typedef struct replayer {
     tl_recording *recording;
     tl_journal journal; /* passes events to the database and the report */
     tl_watch watch;
-    tl_lock_monitor judge;
+    tl_lock_monitor lock_monitor;
     tl_twin_record record;
     tl_summary summary;
     tl_replay_report report;
@@ -68,8 +68,8 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
         status = tl_trajectory_open(options->trajectory, self->job->output, config, &replay->trajectory, error);
     }
     tl_watch_init(&self->watch, config, &self->journal);
-    tl_lock_monitor_init(&self->judge, config, &self->account);
-    replay->judge = &self->judge;
+    tl_lock_monitor_init(&self->lock_monitor, config, &self->account);
+    replay->judge = &self->lock_monitor;
     replay->watch = &self->watch;
     return status;
 }
@@ -111,7 +111,7 @@ static void warn(void *context, const char *text) {
 }
 
 /* Prints and records the result of a run that was completed or interrupted. */
-static tl_status tell(replayer *self, tl_status status, tl_error *error) {
+static tl_status report_result(replayer *self, tl_status status, tl_error *error) {
     tl_recorder *recorder = self->replay.recorder;
     tl_twin_look_news news;
     tl_error later;
@@ -131,7 +131,7 @@ static tl_status tell(replayer *self, tl_status status, tl_error *error) {
 
 /* ---- the process with the FMUs ---- */
 
-static void hear_refusal(void *context, const char *text) {
+static void log_refusal(void *context, const char *text) {
     replayer *self = context;
     tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "twin", "%s", text);
 }
@@ -139,7 +139,7 @@ static void hear_refusal(void *context, const char *text) {
 /* Records rejected calls, and the failure of an FMU process that has ended. The process may also
  * have ended without an error, after the run. */
 static void note_child(replayer *self, tl_status status, const tl_error *error) {
-    tl_twin_child_tell(self->job->child, hear_refusal, self);
+    tl_twin_child_tell(self->job->child, log_refusal, self);
     bool failed = status != TL_OK && status != TL_INTERRUPTED && tl_twin_child_is_gone(self->job->child);
     if (failed && self->replay.recorder != NULL) {
         tl_recorder_event(self->replay.recorder, -1, TL_EVENT_ERROR, "twin", error->text);
@@ -161,7 +161,7 @@ static tl_status run(replayer *self, tl_error *error) {
         }
         note_child(self, status, error);
         if (status == TL_OK || status == TL_INTERRUPTED) {
-            status = tell(self, status, error);
+            status = report_result(self, status, error);
         }
     }
     bool is_whole = status == TL_OK;
@@ -172,7 +172,7 @@ static tl_status run(replayer *self, tl_error *error) {
 }
 
 /* Passes the FMU process the beginning of the recorded run: its tick and checkpoint. */
-static tl_status order_beginning(tl_verb_job *job, tl_recording *recording) {
+static tl_status set_beginning(tl_verb_job *job, tl_recording *recording) {
     const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
     if (beginning == NULL) {
         return TL_OK;
@@ -203,7 +203,7 @@ static tl_status open_recording(replayer *self) {
     const tl_recording_tunings tunings = tl_recording_get_tunings(self->recording);
     job->order.tunings = (const unsigned char *)tunings.list;
     job->order.tunings_size = tunings.count * sizeof *tunings.list;
-    return order_beginning(job, self->recording);
+    return set_beginning(job, self->recording);
 }
 
 /* Starts the FMU process even if the recording cannot be opened, so that an error of the FMUs is

@@ -10,7 +10,7 @@
 #include "firmware/retune/version_start.h"
 
 /* Runs the role in a forked process that cannot execute the program again. */
-static int be(const char *title, void *context) {
+static int run_role(const char *title, void *context) {
     (void)context;
     return tl_roles_run(title);
 }
@@ -55,13 +55,13 @@ static int run(const tl_options *options, const tl_config *config, tl_process_tr
         .watchdog = options->watchdog,
         .watchdog_s = (int)options->watchdog_s,
         .tasks = &tl_roles_twin_tasks,
-        .be = be,
+        .be = run_role,
     };
     return tl_process_tree_run(&settings, end);
 }
 
 int tl_verb_run(const tl_options *options) {
-    const tl_version_start start = {.state = options->state, .path = options->subject, .be = be};
+    const tl_version_start start = {.state = options->state, .path = options->subject, .be = run_role};
     tl_config config;
     tl_status status = read_config(options, &start, &config);
     tl_process_tree_end end = {.is_failure = status != TL_OK};
@@ -69,12 +69,12 @@ int tl_verb_run(const tl_options *options) {
     tl_config_free(&config);
     if (options->control != NULL && end.is_failure &&
         (code == tl_exit_code(TL_BAD_DATA) || code == tl_exit_code(TL_FMU_FAILED))) {
-        end.again = tl_version_start_failed(&start, "a run with it ended with an error");
+        end.again = tl_version_start_failed(&start, "its run ended with an error");
     }
     if (end.again) {
-        tl_log(TL_LOG_NOTICE, "the run begins anew");
+        tl_log(TL_LOG_NOTICE, "the run restarts");
         tl_role_restart();
-        tl_log(TL_LOG_ERROR, "the program cannot be executed anew: start it again");
+        tl_log(TL_LOG_ERROR, "the run could not restart: start it again");
         return tl_exit_code(TL_TRY_AGAIN);
     }
     return code;

@@ -15,7 +15,7 @@ static int64_t step_at(double seconds, tl_time step) {
 }
 
 /* Selects a time before the end: steps before the last tick, events before the last commit. */
-static tl_status go_back(tl_show_request *request, double seconds, tl_error *error) {
+static tl_status select_last(tl_show_request *request, double seconds, tl_error *error) {
     int64_t last = -1;
     int64_t committed = 0;
     tl_status status = tl_history_last_step(request->history, request->run, &last, error);
@@ -35,12 +35,12 @@ static tl_status choose_since(tl_show_request *request, const tl_options_since *
         return TL_OK;
     }
     if (!since->is_date) {
-        return go_back(request, since->back_s, error);
+        return select_last(request, since->back_s, error);
     }
     if (!tl_show_is_live(request->run)) {
         return tl_fail(
             error, TL_BAD_USAGE,
-            "--since %s: run %lld is a replay, its steps have no date; say how far back from its end, such as 90s",
+            "--since %s: run %lld is a replay, its steps have no date: give a time before its end, for example 90s",
             since->text, (long long)request->run->run);
     }
     (void)tl_utc_parse(request->run->started, &started);

@@ -43,7 +43,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     static const tl_config_number version_rule = {.need = TL_CONFIG_REQUIRED,
                                                   .minimum = 1,
                                                   .maximum = 1,
-                                                  .expected = "1, the version of the format that this program reads",
+                                                  .expected = "1, the format version of this program",
                                                   .example = "\"twinlock\": 1"};
     double version = 0;
     const char *schema = NULL; /* for editors */
@@ -71,12 +71,12 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
 /* ---- the text ---- */
 
 static tl_status out_of_memory(tl_report *report) {
-    tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for a configuration");
+    tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the configuration; free memory and try again");
     return TL_TRY_AGAIN;
 }
 
 static tl_status too_large(tl_report *report) {
-    tl_report_add(report, TL_BAD_DATA, "", "found more than 256 KiB, expected a configuration of at most that");
+    tl_report_add(report, TL_BAD_DATA, "", "found more than 256 KiB, expected at most 256 KiB");
     return TL_BAD_DATA;
 }
 
@@ -128,9 +128,9 @@ static tl_status report_file(const char *path, tl_report *report) {
     }
     bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
-    const char *why = strerror(errno);
+    const char *cause = strerror(errno);
     char other[TL_OTHER_CASE_TEXT];
-    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", why, tl_other_case(path, other));
+    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", cause, tl_other_case(path, other));
     return status;
 }
 
@@ -162,9 +162,9 @@ size_t tl_config_line(const tl_config *config, const char *where) {
 /* Writes folder/name. If it does not fit, returns false and writes "", so that no other file is
  * opened. */
 static bool join(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
-    bool here = folder_size == 0 || (folder_size == 1 && folder[0] == '.');
-    bool slash = !here && folder[folder_size - 1] != '/';
-    int length = snprintf(path, size, "%.*s%s%s", here ? 0 : (int)folder_size, folder, slash ? "/" : "", name);
+    bool is_current = folder_size == 0 || (folder_size == 1 && folder[0] == '.');
+    bool slash = !is_current && folder[folder_size - 1] != '/';
+    int length = snprintf(path, size, "%.*s%s%s", is_current ? 0 : (int)folder_size, folder, slash ? "/" : "", name);
     bool fits = length >= 0 && (size_t)length < size;
     if (!fits && size > 0) {
         path[0] = '\0';
@@ -194,7 +194,7 @@ static bool is_file_in(const char *folder, size_t folder_size, const char *name,
 
 /* Searches `folder`, relative to the running program: the build tree, or the installation. Returns
  * false if the path of the program is unknown. */
-static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
+static bool find_near_program(const char *folder, const char *fmu, char *path, size_t size) {
     char program[4096] = "";
     char whole[4096 + 32];
     ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
@@ -204,9 +204,9 @@ static bool is_beside_program(const char *folder, const char *fmu, char *path, s
 
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size) {
     bool is_absolute = fmu[0] == '/';
-    const char *beside = is_absolute ? "" : config->directory;
-    (void)join(beside, strlen(beside), fmu, path, size); /* result if the file is not found */
-    bool is_found = is_file_in(beside, strlen(beside), fmu, path, size);
+    const char *start_folder = is_absolute ? "" : config->directory;
+    (void)join(start_folder, strlen(start_folder), fmu, path, size); /* result if the file is not found */
+    bool is_found = is_file_in(start_folder, strlen(start_folder), fmu, path, size);
     if (is_found || is_absolute) {
         return is_found;
     }
@@ -218,7 +218,7 @@ bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, si
         }
         folder += length;
     }
-    return is_beside_program("../fmus", fmu, path, size) || is_beside_program("../lib/twinlock/fmus", fmu, path, size);
+    return find_near_program("../fmus", fmu, path, size) || find_near_program("../lib/twinlock/fmus", fmu, path, size);
 }
 
 /* ---- values that a running twin can change ---- */
@@ -262,7 +262,7 @@ tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning 
     tl_config config;
     tl_report report = {.add = NULL};
     if (tl_config_read_text(own->path, text, strlen(text), &config, &report) != TL_OK) {
-        return tl_fail(error, TL_BAD_DATA, "its text is no configuration");
+        return tl_fail(error, TL_BAD_DATA, "its text is not a valid configuration");
     }
     tl_config_tuning(&config, tuning);
     tl_config_free(&config);
@@ -286,7 +286,7 @@ static void describe_range(const tl_config_signal *signal, double value, char te
     if (!is_below && !(value > signal->maximum) && signal->plan.type == TL_REAL) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%s", tl_quality_name(TL_OUT_OF_RANGE));
     } else if (!is_below && !(value > signal->maximum)) {
-        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is no %s", value, tl_type_name(signal->plan.type));
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is not of type %s", value, tl_type_name(signal->plan.type));
     } else if (isfinite(signal->minimum) && isfinite(signal->maximum)) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is outside %.6g \342\200\246 %.6g", value, space, unit,
                        signal->minimum, signal->maximum);
@@ -338,7 +338,7 @@ size_t tl_problems_take_line(const char **text) {
     return line;
 }
 
-static void say(void *context, tl_status status, const char *where, const char *text) {
+static void log_problem(void *context, tl_status status, const char *where, const char *text) {
     (void)status;
     const tl_problems *problems = context;
     size_t line = problems->config == NULL ? tl_problems_take_line(&text) : tl_config_line(problems->config, where);
@@ -351,5 +351,5 @@ static void say(void *context, tl_status status, const char *where, const char *
 }
 
 void tl_problems_init(tl_problems *problems, const char *file) {
-    *problems = (tl_problems){.report = {.add = say, .context = problems}, .file = file};
+    *problems = (tl_problems){.report = {.add = log_problem, .context = problems}, .file = file};
 }

@@ -33,7 +33,7 @@ static void read_source(tl_config_object *object, tl_config_source *source) {
 /* ---- plant.NAME.can ---- */
 
 /* Accepts a number or a hexadecimal text. */
-static bool understand_id(const cJSON *item, double *id) {
+static bool parse_id(const cJSON *item, double *id) {
     if (cJSON_IsNumber(item)) {
         *id = item->valuedouble;
         return *id == floor(*id);
@@ -52,11 +52,11 @@ static void read_id(tl_config_object *object, tl_can_channel *channel) {
     static const char *const example = "\"0x18FEF100\"";
     double id = 0;
     const cJSON *item = tl_config_get(object, "id", TL_CONFIG_REQUIRED, expected, example);
-    bool understood = item != NULL && understand_id(item, &id) && id >= 0 && id <= 0x1FFFFFFF;
-    if (item != NULL && !understood) {
+    bool is_valid = item != NULL && parse_id(item, &id) && id >= 0 && id <= 0x1FFFFFFF;
+    if (item != NULL && !is_valid) {
         tl_config_wrong(object, "id", NULL, expected, example);
     }
-    channel->id = understood ? (uint32_t)id : 0;
+    channel->id = is_valid ? (uint32_t)id : 0;
     channel->extended = channel->id > 0x7FF;
     if (tl_config_get_boolean(object, "extended", &channel->extended) && !channel->extended && channel->id > 0x7FF) {
         tl_config_wrong(object, "extended", NULL, "true, because the id has more than 11 bits", NULL);
@@ -69,9 +69,9 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
                                           .maximum = TL_CAN_BYTES,
                                           .expected = "a length of a frame: 1 to 8, 12, 16, 20, 24, 32, 48 or 64",
                                           .example = "8"};
-    bool given = tl_config_get(object, "bytes", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    bool has_bytes = tl_config_get(object, "bytes", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
     double bytes =
-        given ? TL_CAN_BYTES : 8; /* if the length is invalid, all bits are accepted: one mistake, one problem */
+        has_bytes ? TL_CAN_BYTES : 8; /* if the length is invalid, all bits are accepted: one mistake, one problem */
     if (tl_config_get_number(object, "bytes", &rule, &bytes) && !tl_can_is_length((unsigned)bytes)) {
         tl_config_wrong(object, "bytes", NULL, rule.expected, rule.example);
         bytes = TL_CAN_BYTES;
@@ -98,10 +98,10 @@ static bool read_field(tl_config_object *object, size_t most, size_t length, siz
     double start = 0;
     double bits = length == 0 ? 1 : (double)length;
     size_t order = 0;
-    bool placed = tl_config_get_number(object, "start", &start_rule, &start);
-    bool known = tl_config_get_number(object, "length", &length_rule, &bits) || length != 0;
+    bool has_start = tl_config_get_number(object, "start", &start_rule, &start);
+    bool has_length = tl_config_get_number(object, "length", &length_rule, &bits) || length != 0;
     if (length != 0 && bits != (double)length) {
-        (void)snprintf(expected, sizeof expected, "%zu, because that is what a number of its type has", length);
+        (void)snprintf(expected, sizeof expected, "%zu, the number of bits of its type", length);
         tl_config_wrong(object, "length", NULL, expected, NULL);
         bits = (double)length;
     }
@@ -109,14 +109,13 @@ static bool read_field(tl_config_object *object, size_t most, size_t length, siz
     *field = (tl_can_field){
         .start = (uint16_t)start, .length = (uint16_t)bits, .order = order == 0 ? TL_CAN_INTEL : TL_CAN_MOTOROLA};
     size_t needed = tl_can_field_bytes(field);
-    if (placed && needed > bytes) {
-        (void)snprintf(
-            expected, sizeof expected,
-            "a start from which all %u bits (%s) are within the frame's %zu bytes, not reaching into byte %zu",
-            (unsigned)field->length, orders[order], bytes, needed);
+    if (has_start && needed > bytes) {
+        (void)snprintf(expected, sizeof expected,
+                       "a start with which all %u bits (%s) fit into the frame's %zu bytes (now they need %zu)",
+                       (unsigned)field->length, orders[order], bytes, needed);
         tl_config_wrong(object, "start", NULL, expected, NULL);
     }
-    return known;
+    return has_length;
 }
 
 static void read_type(tl_config_object *object, tl_can_channel *channel) {
@@ -170,13 +169,13 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
         }
         object = &levels[i];
         tl_can_condition *condition = &channel->conditions[i];
-        bool known = read_field(object, TL_CAN_MULTIPLEXOR_BITS, 0, channel->bytes, &condition->field);
-        read_values(object, known ? condition->field.length : TL_CAN_MULTIPLEXOR_BITS, condition);
+        bool has_length = read_field(object, TL_CAN_MULTIPLEXOR_BITS, 0, channel->bytes, &condition->field);
+        read_values(object, has_length ? condition->field.length : TL_CAN_MULTIPLEXOR_BITS, condition);
         channel->condition_count = i + 1;
     }
     if (channel->condition_count == TL_CAN_CONDITIONS &&
         tl_config_get(object, "multiplex", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
-        tl_config_wrong(object, "multiplex", NULL, "at most 4 multiplexors above each other", NULL);
+        tl_config_wrong(object, "multiplex", NULL, "at most 4 nested multiplexors", NULL);
     }
     for (size_t i = 0; i < channel->condition_count; i++) {
         tl_config_done(&levels[i]);

@@ -24,7 +24,8 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
     char *copy = names != NULL ? strndup(text, length) : NULL;
     allowed->names = names != NULL ? names : allowed->names;
     if (copy == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "not enough memory for the list of allowed names; free memory and try again");
     }
     allowed->names[allowed->count++] = (struct tl_allowed_name){kind, copy};
     return TL_OK;
@@ -48,8 +49,8 @@ static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t le
     size_t letters = strcspn(line, " \t\n");
     size_t name = letters + strspn(line + letters, " \t");
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
-        bool is_it = strlen(kinds[i].word) == letters && strncmp(line, kinds[i].word, letters) == 0;
-        if (is_it && name < length) {
+        bool is_kind = strlen(kinds[i].word) == letters && strncmp(line, kinds[i].word, letters) == 0;
+        if (is_kind && name < length) {
             return add(allowed, kinds[i].kind, line + name, length - name, error);
         }
     }
@@ -70,14 +71,14 @@ tl_status tl_allowed_names_add_list(tl_allowed_names *allowed, const char *text,
 
 /* ---- a configuration ---- */
 
-typedef struct name_search {
+typedef struct name_collection {
     tl_allowed_names *allowed;
     tl_status status;
     tl_error error;
-} name_search;
+} name_collection;
 
 static void collect(const tl_json_difference *difference, void *context) {
-    name_search *c = context;
+    name_collection *c = context;
     tl_change_needs needs = tl_change_needs_of(difference);
     if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && cJSON_IsString(difference->after)) {
         const char *text = difference->after->valuestring;
@@ -88,7 +89,7 @@ static void collect(const tl_json_difference *difference, void *context) {
 tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const char *text, tl_error *error) {
     const tl_json_source nothing = {"{}", strlen("{}"), "nothing"};
     const tl_json_source all = {text, strlen(text), "a configuration"};
-    name_search c = {.allowed = allowed, .status = TL_OK};
+    name_collection c = {.allowed = allowed, .status = TL_OK};
     tl_status status = tl_json_compare(&nothing, &all, collect, &c, error);
     return status != TL_OK ? status : c.status == TL_OK ? TL_OK : tl_fail(error, c.status, "%s", c.error.text);
 }
@@ -130,7 +131,7 @@ static void name(const cJSON *after, tl_change_named what, tl_change_needs *need
 }
 
 /* A text in `set` may be the name of a file, which the FMU could then read. */
-static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_set(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after)) {
         name(after, TL_NAMES_FILE, needs);
@@ -141,7 +142,7 @@ static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *
 
 /* A plain name is searched among the installed FMUs, and its hash identifies the file. A path could
  * be any file. */
-static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_fmu(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
         name(after, TL_NAMES_FMU, needs);
@@ -149,31 +150,31 @@ static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *
 }
 
 /* If the key is left out, the value comes from the FMU, and only a new twin reads it. */
-static void judge_given(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_presence(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     if (before == NULL || after == NULL) {
         needs->kind = TL_CHANGE_NEW_TWIN;
     }
 }
 
-static double number_of(const cJSON *value, double otherwise) {
+static double number_of(const cJSON *value, double standard) {
     if (value == NULL) {
-        return otherwise;
+        return standard;
     }
     return cJSON_IsNumber(value) ? value->valuedouble : (double)NAN;
 }
 
 /* A weight of 0 removes an output from the match, which may change the necessary length of the
  * horizon. */
-static void judge_weight(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
-    const double usual = 1.0;
-    if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
+static void needs_of_weight(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+    const double standard = 1.0;
+    if (!(number_of(before, standard) > 0.0 && number_of(after, standard) > 0.0)) {
         needs->kind = TL_CHANGE_NEW_TWIN;
     }
 }
 
 /* With a huber of at least 1 tolerance, J is below 1 for the same errors as without it. A smaller
  * one would count larger errors as within tolerance. */
-static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_huber(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double least = 1.0;
     (void)before;
     if (!(number_of(after, least) >= least)) {
@@ -182,10 +183,10 @@ static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs
 }
 
 /* A twin has memory for its initial number of evaluations, and at least for TL_TUNING_ROOM. */
-static void judge_evaluations(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
-    const double usual = TL_TUNING_ROOM;
-    double most = fmax(usual, number_of(before, usual));
-    if (!(number_of(after, usual) <= most)) {
+static void needs_of_evaluations(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+    const double standard = TL_TUNING_ROOM;
+    double most = fmax(standard, number_of(before, standard));
+    if (!(number_of(after, standard) <= most)) {
         needs->kind = TL_CHANGE_NEW_TWIN;
     }
 }
@@ -195,7 +196,7 @@ static bool has_sibling(const cJSON *before, const cJSON *after, const char *key
 }
 
 /* io detects repeated polls with this value (tl_config_repeats()), so io must restart. */
-static void judge_polls(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_polled(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if ((*row)->is_polled && has_sibling(before, after, (*row)->signal_key)) {
             needs->kind = TL_CHANGE_RESTART;
@@ -203,9 +204,9 @@ static void judge_polls(const cJSON *before, const cJSON *after, tl_change_needs
     }
 }
 
-static void judge_stale(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+static void needs_of_stale(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     if (has_sibling(before, after, "every_s")) {
-        judge_polls(before, after, needs);
+        needs_of_polled(before, after, needs);
     }
 }
 
@@ -237,10 +238,10 @@ const tl_change_rule tl_change_rules[] = {
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.fmu", NEW_TWIN_COMMISSIONED, judge_fmu},
+    {"components.*.fmu", NEW_TWIN_COMMISSIONED, needs_of_fmu},
     {"components.*.sha256", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*.set", NEW_TWIN, NULL},
-    {"components.*.set.*", NEW_TWIN, judge_set},
+    {"components.*.set.*", NEW_TWIN, needs_of_set},
     {"components.*.keep", NEW_TWIN, NULL},
     {"components.*.rollback", NEW_TWIN, NULL},
     {"components.*.replay_steps", NEW_TWIN, NULL},
@@ -262,9 +263,9 @@ const tl_change_rule tl_change_rules[] = {
     {"plant.*.unit", NEW_TWIN, NULL},
     {"plant.*.min", NEW_TWIN_COMMISSIONED, NULL}, /* a value out of range is not compared */
     {"plant.*.max", NEW_TWIN_COMMISSIONED, NULL},
-    {"plant.*.stale_s", NEW_TWIN_COMMISSIONED, judge_stale},
+    {"plant.*.stale_s", NEW_TWIN_COMMISSIONED, needs_of_stale},
     {"plant.*.between", NEW_TWIN, NULL},
-    {"plant.*.every_s", NEW_TWIN, judge_polls},
+    {"plant.*.every_s", NEW_TWIN, needs_of_polled},
     {"plant.*.initial", NEW_TWIN, NULL},
     {"recording", RESTART, NULL},
     {"recording.file", RESTART_COMMISSIONED, NULL},
@@ -276,7 +277,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.adjust", NEW_TWIN, NULL},
     {"synchronise.adjust.*", NEW_TWIN, NULL},
     {"synchronise.adjust.*.step", NEW_TWIN, NULL},
-    {"synchronise.adjust.*.nominal", IN_PLACE, judge_given},
+    {"synchronise.adjust.*.nominal", IN_PLACE, needs_of_presence},
     {"synchronise.adjust.*.min", IN_PLACE, NULL},
     {"synchronise.adjust.*.max", IN_PLACE, NULL},
     {"synchronise.adjust.*.penalty", IN_PLACE, NULL},
@@ -287,9 +288,9 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.match.*", NEW_TWIN, NULL},
     {"synchronise.match.*.to", NEW_TWIN, NULL},
     {"synchronise.match.*.between", NEW_TWIN, NULL},
-    {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
-    {"synchronise.match.*.weight", IN_PLACE, judge_weight},
-    {"synchronise.match.*.huber", IN_PLACE, judge_huber},
+    {"synchronise.match.*.tolerance", IN_PLACE, needs_of_presence},
+    {"synchronise.match.*.weight", IN_PLACE, needs_of_weight},
+    {"synchronise.match.*.huber", IN_PLACE, needs_of_huber},
     {"synchronise.match.*.condition.**", NEW_TWIN_COMMISSIONED, NULL}, /* a filter changes the measurement */
     {"synchronise.epsilon", NEW_TWIN, NULL},
     {"synchronise.horizon.event.**", NEW_TWIN_COMMISSIONED, NULL},
@@ -303,7 +304,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.saving.**", NEW_TWIN, NULL},
     {"synchronise.margin", IN_PLACE, NULL},
     {"synchronise.budget", IN_PLACE, NULL},
-    {"synchronise.budget.evaluations", IN_PLACE, judge_evaluations},
+    {"synchronise.budget.evaluations", IN_PLACE, needs_of_evaluations},
     {"synchronise.budget.time_s", IN_PLACE, NULL},
     {"delays.**", NEW_TWIN, NULL},
     /* the database, the process, the emulated plant */
@@ -364,12 +365,12 @@ static tl_change_needs needs_of_order(const tl_change_rule *rule) {
     static const struct {
         const char *pattern;
         tl_change_kind kind;
-    } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
-                 {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
-                 {"plant", TL_CHANGE_RESTART}};
+    } order_kinds[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
+                       {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
+                       {"plant", TL_CHANGE_RESTART}};
     tl_change_needs needs = {TL_CHANGE_NONE, TL_RIGHT_RETUNE, TL_NAMES_NOTHING};
-    for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
-        needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
+    for (size_t i = 0; rule != NULL && i < sizeof order_kinds / sizeof order_kinds[0]; i++) {
+        needs.kind = strcmp(rule->pattern, order_kinds[i].pattern) == 0 ? order_kinds[i].kind : needs.kind;
     }
     return needs;
 }
@@ -411,7 +412,7 @@ static bool is_worse(tl_change_needs needs, tl_change_needs other) {
 }
 
 /* Index of the last edit with the mildest requirements. */
-static size_t find_mildest(const tl_config_change *change) {
+static size_t find_least(const tl_config_change *change) {
     size_t mildest = 0;
     for (size_t i = 1; i < change->listed; i++) {
         mildest = is_worse(change->edits[i].needs, change->edits[mildest].needs) ? mildest : i;
@@ -419,10 +420,10 @@ static size_t find_mildest(const tl_config_change *change) {
     return mildest;
 }
 
-static void list(tl_config_change *change, const tl_config_edit *edit) {
+static void add_edit(tl_config_change *change, const tl_config_edit *edit) {
     change->count++;
     if (change->listed == TL_CONFIG_EDITS) {
-        size_t at = find_mildest(change);
+        size_t at = find_least(change);
         if (!is_worse(edit->needs, change->edits[at].needs)) {
             return;
         }
@@ -432,14 +433,14 @@ static void list(tl_config_change *change, const tl_config_edit *edit) {
     change->edits[change->listed++] = *edit;
 }
 
-static void list_last(collection *c) {
+static void add_last_edit(collection *c) {
     if (c->has_edit) {
-        list(c->change, &c->edit);
+        add_edit(c->change, &c->edit);
     }
     c->has_edit = false;
 }
 
-static void bar(tl_config_change *change, const tl_json_difference *difference, tl_change_named names) {
+static void add_barred(tl_config_change *change, const tl_json_difference *difference, tl_change_named names) {
     size_t number = change->barred++;
     if (number < TL_CONFIG_BARRED) {
         tl_config_barred *barred = &change->bar[number];
@@ -461,7 +462,7 @@ static tl_change_needs needs_of(collection *c, const tl_json_difference *differe
     if (is_allowed) {
         needs.right = TL_RIGHT_COMMISSION;
     } else {
-        bar(c->change, difference, needs.names);
+        add_barred(c->change, difference, needs.names);
     }
     return needs;
 }
@@ -477,7 +478,7 @@ static void collect_change(const tl_json_difference *difference, void *context) 
         raise_needs(&c->edit.needs, needs);
         return;
     }
-    list_last(c);
+    add_last_edit(c);
     c->has_edit = true;
     c->edit.needs = needs;
     tl_json_way_path(c->edit.path, difference->way, difference->depth);
@@ -494,12 +495,12 @@ tl_status tl_config_change_find(const char *in_force, size_t in_force_size, cons
                                 size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
                                 tl_error *error) {
     collection c = {.change = change, .allowed = allowed};
-    tl_json_source before = {in_force, in_force_size, "the configuration in force"};
+    tl_json_source before = {in_force, in_force_size, "the running configuration"};
     tl_json_source after = {candidate, candidate_size, "the new configuration"};
     *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     tl_status status = tl_json_compare(&before, &after, collect_change, &c, error);
     if (status == TL_OK) {
-        list_last(&c);
+        add_last_edit(&c);
     } else {
         *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     }

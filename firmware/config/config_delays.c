@@ -8,7 +8,7 @@
 #include "firmware/config/config_reader.h"
 #include "master/plan/plan.h"
 
-enum { FOUND = 128, EXPECTED = 320, NOBODY = TL_CONFIG_PARTICIPANTS };
+enum { FOUND = 128, EXPECTED = 320, NO_PARTICIPANT = TL_CONFIG_PARTICIPANTS };
 
 /* ---- participants ---- */
 
@@ -56,7 +56,7 @@ static size_t find_participant(const tl_config_object *object, const cJSON *item
     }
     tl_config_list_names("the name of a participant", participants, NULL, expected, sizeof expected);
     tl_config_wrong_item(object->reader, item, path, NULL, expected, NULL);
-    return NOBODY;
+    return NO_PARTICIPANT;
 }
 
 /* ---- synchronous ---- */
@@ -65,17 +65,17 @@ static size_t find_participant(const tl_config_object *object, const cJSON *item
 static void join_group(const tl_config_object *object, const cJSON *item, const char *path, size_t *first,
                        bool *grouped, tl_config_delays *delays) {
     size_t index = find_participant(object, item, path, delays);
-    if (index == NOBODY) {
+    if (index == NO_PARTICIPANT) {
         return;
     }
     if (grouped[index]) {
         tl_config_wrong_item(object->reader, item, path, NULL,
-                             "each participant at most once: what is synchronous to one of a group is so to all of it",
+                             "each participant in at most one group (all participants of a group are synchronous)",
                              NULL);
         return;
     }
     grouped[index] = true;
-    *first = *first == NOBODY ? index : *first;
+    *first = *first == NO_PARTICIPANT ? index : *first;
     delays->participants[index].base = *first;
 }
 
@@ -90,8 +90,8 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
     tl_json_member_path(path, object->path, "synchronous");
     cJSON_ArrayForEach(group, groups) {
         char group_path[TL_JSON_PATH];
-        size_t first = NOBODY;
-        size_t place = 0;
+        size_t first = NO_PARTICIPANT;
+        size_t position = 0;
         const cJSON *item = NULL;
         tl_json_element_path(group_path, path, number++);
         if (!cJSON_IsArray(group) || cJSON_GetArraySize(group) < 2) {
@@ -101,7 +101,7 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
         }
         cJSON_ArrayForEach(item, group) {
             char item_path[TL_JSON_PATH];
-            tl_json_element_path(item_path, group_path, place++);
+            tl_json_element_path(item_path, group_path, position++);
             join_group(object, item, item_path, &first, grouped, delays);
         }
     }
@@ -113,13 +113,13 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
 static bool read_parts(const tl_config_object *object, const cJSON *array, const char *path,
                        const tl_config_delays *delays, tl_config_chain *chain) {
     const cJSON *item = NULL;
-    size_t place = 0;
+    size_t position = 0;
     bool right = true;
     cJSON_ArrayForEach(item, array) {
         char item_path[TL_JSON_PATH];
-        tl_json_element_path(item_path, path, place++);
+        tl_json_element_path(item_path, path, position++);
         size_t index = find_participant(object, item, item_path, delays);
-        right = right && index != NOBODY;
+        right = right && index != NO_PARTICIPANT;
         if (right) {
             chain->parts[chain->length++] = index;
         }
@@ -149,7 +149,7 @@ static bool read_chain(tl_config_object *object, const char *key, const char *ex
     if (!tl_delay_of_chain(delays->participants, chain->parts, chain->length, &chain->density)) {
         (void)snprintf(expected, sizeof expected, "at most %d links between participants that are not synchronous",
                        (int)TL_DELAY_LINKS);
-        tl_config_wrong(object, key, "a chain with more", expected, NULL);
+        tl_config_wrong(object, key, "a chain with more links", expected, NULL);
         return false;
     }
     return true;
@@ -171,9 +171,9 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
         return false;
     }
     if (cJSON_IsNumber(item)) { /* the delay itself, for example a measured one */
-        bool is_right = tl_config_get_number(object, key, &seconds_rule, &seconds);
+        bool is_valid = tl_config_get_number(object, key, &seconds_rule, &seconds);
         pair->delay = tl_time_of_seconds(seconds);
-        return is_right;
+        return is_valid;
     }
     if (!cJSON_IsObject(item)) {
         tl_config_wrong(object, key, NULL, expected, example);
@@ -208,7 +208,7 @@ static void check_near(const tl_config_object *object, const char *key, tl_time 
  * shifted by less. */
 static void find_shifts(const tl_config_object *object, tl_time step, tl_config_delays *delays) {
     const tl_config_chain *last = &delays->output.plant;
-    tl_time renewed = step;
+    tl_time cycle = step;
     if (step <= 0) {
         return; /* invalid; reported before */
     }
@@ -216,10 +216,10 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
         check_near(object, "input", delays->input.delay, 0, step);
     }
     if (delays->has_output) {
-        renewed = last->length > 0 ? delays->participants[last->parts[last->length - 1]].cycle : step;
+        cycle = last->length > 0 ? delays->participants[last->parts[last->length - 1]].cycle : step;
         delays->shift = (delays->has_input ? delays->input.delay : 0) - delays->output.delay;
     }
-    delays->wait = (delays->has_output || delays->measure) && delays->next ? renewed : 0;
+    delays->wait = (delays->has_output || delays->measure) && delays->next ? cycle : 0;
     check_near(object, "output", delays->shift, delays->wait, step);
 }
 
@@ -268,8 +268,7 @@ static void read_object(tl_config_object *root, tl_config_object *object, tl_tim
     delays->next = take == 0;
     read_measure(object, step, delays);
     if (input == NULL && output == NULL && !delays->measure) {
-        tl_config_wrong(root, "delays", "nothing to make up for", "\"input\", \"output\" or \"measure\"",
-                        "{\"measure\": true}");
+        tl_config_wrong(root, "delays", "no delay", "\"input\", \"output\" or \"measure\"", "{\"measure\": true}");
     }
     tl_config_done(object);
 }

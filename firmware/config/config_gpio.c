@@ -28,7 +28,7 @@ static void read_line(tl_config_object *object, const cJSON *source, tl_gpio_cha
         const cJSON *chip = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(source, "gpio"), "chip");
         channel->offset = (unsigned)offset;
         if (source != NULL && chip == NULL && !by_name) {
-            tl_config_wrong(object, "offset", NULL, "line, or a source with a chip", NULL);
+            tl_config_wrong(object, "offset", NULL, "\"line\", or a source with \"chip\"", NULL);
         }
     }
 }
@@ -43,7 +43,7 @@ static void read_bias(tl_config_object *object, tl_gpio_channel *channel) {
 }
 
 /* Returns true if both are NULL or equal. */
-static bool is_same(const char *a, const char *b) {
+static bool same_text(const char *a, const char *b) {
     return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
 }
 
@@ -60,12 +60,12 @@ static void check_once(const tl_config_object *object, const tl_config_signal *s
     for (const tl_config_signal *other = config->signals; other < signal; other++) {
         const tl_gpio_channel *line = other->channel;
         if (other->source < config->source_count && config->sources[other->source].driver == source->driver &&
-            is_same(chip_of(&config->sources[other->source]), chip_of(source)) && is_same(line->line, own->line) &&
+            same_text(chip_of(&config->sources[other->source]), chip_of(source)) && same_text(line->line, own->line) &&
             line->offset == own->offset) {
             char found[TL_JSON_PATH + 32];
             (void)snprintf(found, sizeof found, "the line of %s", other->plan.where);
             tl_config_wrong(object, own->line != NULL ? "line" : "offset", found,
-                            "a line that no other signal has: it can be requested once", NULL);
+                            "a line that no other signal uses (the kernel grants each line once)", NULL);
             return;
         }
     }

@@ -29,9 +29,9 @@ static const char PLANT[] = "plant.";
 size_t tl_config_signal_of(const tl_config *config, const char *reference) {
     size_t found = SIZE_MAX;
     for (size_t i = 0; reference != NULL && found == SIZE_MAX && i < config->signal_count; i++) {
-        bool is_it = strncmp(reference, PLANT, strlen(PLANT)) == 0 &&
-                     strcmp(reference + strlen(PLANT), config->signals[i].plan.name) == 0;
-        found = is_it ? i : found;
+        bool is_signal = strncmp(reference, PLANT, strlen(PLANT)) == 0 &&
+                         strcmp(reference + strlen(PLANT), config->signals[i].plan.name) == 0;
+        found = is_signal ? i : found;
     }
     return found;
 }
@@ -101,8 +101,8 @@ tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signa
         return 0;
     }
     tl_time period = tl_time_of_seconds(config->sources[signal->source].period_s);
-    tl_time soon = tl_time_of_seconds(signal->stale_s) / 2; /* polls may be late */
-    tl_time due = soon > 0 && soon < signal->every ? soon : signal->every;
+    tl_time half_stale = tl_time_of_seconds(signal->stale_s) / 2; /* polls may be late */
+    tl_time due = half_stale > 0 && half_stale < signal->every ? half_stale : signal->every;
     return due > period ? due - period : 0;
 }
 
@@ -135,40 +135,40 @@ static void look_up_as_output(const tl_config *config, tl_config_signal *signal)
 /* Returns the object at a path of the file. */
 static tl_config_object object_at(const tl_config_object *root, const char *where) {
     const char *path = where != NULL ? where : ""; /* memory was out when the path was copied */
-    tl_config_object place = {.reader = root->reader, .json = tl_json_nearest(root->json, path)};
-    (void)snprintf(place.path, sizeof place.path, "%s", path);
-    return place;
+    tl_config_object object = {.reader = root->reader, .json = tl_json_nearest(root->json, path)};
+    (void)snprintf(object.path, sizeof object.path, "%s", path);
+    return object;
 }
 
-/* Checks the requirements for a look-up between two readings, which `place` requests. */
-static void check_wait(const tl_config_object *root, const tl_config_object *place, const tl_config *config,
+/* Checks the requirements for a look-up between two readings, which `object` requests. */
+static void check_wait(const tl_config_object *root, const tl_config_object *object, const tl_config *config,
                        const tl_config_signal *signal) {
-    static const char *const no_more = "at most 1000 times step_s";
+    static const char *const limit = "at most 1000 times step_s";
     const tl_config_object own = object_at(root, signal->plan.where);
     if (signal->plan.type != TL_REAL) {
-        tl_config_wrong(place, "between", NULL,
-                        "\"last\": between two readings of an Integer or Boolean signal there is nothing", NULL);
+        tl_config_wrong(object, "between", NULL,
+                        "\"last\" (an Integer or Boolean signal has no value between two readings)", NULL);
         return;
     }
     if (signal->every == 0) {
-        tl_config_wrong(&own, "every_s", "none",
-                        "the longest time from one reading to the next, for which a step waits", "0.04");
+        tl_config_wrong(&own, "every_s", "nothing",
+                        "the longest time from one reading to the next, in s (a step waits that long)", "0.04");
     } else if (config->step > 0 && signal->every > TL_CONFIG_LONGEST_SHIFT * config->step) {
-        tl_config_wrong(&own, "every_s", NULL, no_more, NULL);
+        tl_config_wrong(&own, "every_s", NULL, limit, NULL);
     }
 }
 
 static void check_input(const tl_config_object *root, const tl_config *config, const tl_config_signal *signal) {
-    const tl_config_object place = object_at(root, signal->plan.where);
+    const tl_config_object object = object_at(root, signal->plan.where);
     if (signal->as_input == TL_BETWEEN_LAST) {
         return;
     }
     if (!signal->feeds) {
-        tl_config_wrong(&place, "between", "a signal that feeds no input",
-                        "no such key: of a signal that is matched it stands beside its \"to\"", NULL);
+        tl_config_wrong(&object, "between", "a signal that feeds no input",
+                        "no \"between\" here (for a matched signal: in its match, next to \"to\")", NULL);
         return;
     }
-    check_wait(root, &place, config, signal);
+    check_wait(root, &object, config, signal);
 }
 
 /* A reading is conditioned once for all its matches. */
@@ -196,7 +196,7 @@ tl_time tl_config_condition_lag(const tl_config *config, size_t match) {
 }
 
 /* Checks the condition beside a "to"; `signal` is the target. */
-static void check_condition(const tl_config_object *place, const tl_config *config, size_t index,
+static void check_condition(const tl_config_object *object, const tl_config *config, size_t index,
                             const tl_config_signal *signal) {
     const tl_condition *own = &config->conditions[index];
     tl_time longest = TL_CONFIG_LONGEST_SHIFT * config->step;
@@ -204,27 +204,27 @@ static void check_condition(const tl_config_object *place, const tl_config *conf
                      tl_config_signal_of(config, config->event.end.signal) != SIZE_MAX && config->event.window > 0 &&
                      config->event.longest > 0;
     if (has_event && config->match[index].weight > 0) {
-        tl_config_wrong(place, "condition", "a condition beside horizon.event",
-                        "none of both: the instant of the event would be blurred", NULL);
+        tl_config_wrong(object, "condition", "a condition together with horizon.event",
+                        "no condition (it would move the instant of the event)", NULL);
     } else if (!is_same_condition(own, &signal->matched_condition)) {
-        tl_config_wrong(place, "condition", "another condition than that of an earlier match with the same signal",
-                        "one for all of them: a reading is conditioned once", NULL);
+        tl_config_wrong(object, "condition", "another condition than that of an earlier match with the same signal",
+                        "the same condition in all matches of a signal", NULL);
     } else if (own->low_pass > 0 && signal->plan.type != TL_REAL) {
-        tl_config_wrong(place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
+        tl_config_wrong(object, "condition", "a low-pass on a signal that is not Real", "\"median\" or \"gate\"", NULL);
     } else if (wait_of_condition(config, signal) > longest) {
-        tl_config_wrong(place, "condition", "a condition for which a step waits longer than 1000 times step_s",
+        tl_config_wrong(object, "condition", "a condition for which a step waits longer than 1000 times step_s",
                         "a shorter median or low-pass, or a smaller every_s of the signal", NULL);
     }
 }
 
 static void check_matched(const tl_config_object *root, const tl_config *config, size_t index) {
-    const tl_config_object place = object_at(root, config->match[index].where);
+    const tl_config_object object = object_at(root, config->match[index].where);
     size_t at = tl_config_signal_of(config, config->match[index].to);
     if (at != SIZE_MAX && config->matched_between[index] != TL_BETWEEN_LAST) {
-        check_wait(root, &place, config, &config->signals[at]);
+        check_wait(root, &object, config, &config->signals[at]);
     }
     if (at != SIZE_MAX && config->step > 0 && tl_condition_is_needed(&config->conditions[index])) {
-        check_condition(&place, config, index, &config->signals[at]);
+        check_condition(&object, config, index, &config->signals[at]);
     }
 }
 
@@ -233,11 +233,11 @@ static tl_time longer(tl_time a, tl_time b) {
 }
 
 /* A look-up that is too long was reported before; then none is used. */
-static tl_delay_lookup place(tl_time shift, tl_time wait, tl_time step) {
+static tl_delay_lookup make_lookup(tl_time shift, tl_time wait, tl_time step) {
     tl_time longest = (tl_time)2 * TL_CONFIG_LONGEST_SHIFT * step;
-    bool is_wrong = step <= 0 || shift > longest || shift < -longest || wait > longest;
+    bool is_invalid = step <= 0 || shift > longest || shift < -longest || wait > longest;
     static const tl_delay_lookup none = {0};
-    return is_wrong ? none : tl_delay_look_up(shift, wait, step);
+    return is_invalid ? none : tl_delay_look_up(shift, wait, step);
 }
 
 static void find_lookups(tl_config_object *root, tl_config *config) {
@@ -257,8 +257,8 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
     for (size_t i = 0; i < config->match_count; i++) {
         check_matched(root, config, i);
     }
-    config->input_lookup = place(shifts_inputs ? delays->input.delay : 0, input_wait, config->step);
-    config->output_lookup = place(delays != NULL ? delays->shift : 0, output_wait, config->step);
+    config->input_lookup = make_lookup(shifts_inputs ? delays->input.delay : 0, input_wait, config->step);
+    config->output_lookup = make_lookup(delays != NULL ? delays->shift : 0, output_wait, config->step);
 }
 
 /* ---- look-ups ---- */
@@ -313,8 +313,8 @@ static void add_readings(tl_config_reader *reader, tl_config *config) {
     size_t count = config->signal_count + config->second_count;
     for (size_t i = 0; i < count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        bool is_otherwise = signal->between != TL_BETWEEN_LAST || tl_condition_is_needed(&signal->condition);
-        if (signal->is_matched && !signal->feeds && is_otherwise &&
+        bool is_changed = signal->between != TL_BETWEEN_LAST || tl_condition_is_needed(&signal->condition);
+        if (signal->is_matched && !signal->feeds && is_changed &&
             config->signal_count + config->second_count < TL_MAX_SIGNALS) {
             add_reading(reader, config, i);
         }
@@ -329,8 +329,7 @@ static void check_count(const tl_config_object *root, const tl_config *config) {
                        config->signal_count, config->second_count);
         tl_config_wrong(
             root, config->delays != NULL ? "delays" : "plant", found,
-            "at most 64 together: with delays, a \"between\" or a \"condition\" such a signal is looked up twice, and "
-            "counts twice",
+            "at most 64 in all (with \"delays\", \"between\" or \"condition\", a signal with both uses counts twice)",
             NULL);
     }
 }
@@ -354,11 +353,11 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     }
     note_uses(config);
     find_lookups(root, config);
-    bool is_as_read = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0;
+    bool is_unchanged = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0;
     for (size_t i = 0; i < config->match_count; i++) {
-        is_as_read = is_as_read && !tl_condition_is_needed(&config->conditions[i]);
+        is_unchanged = is_unchanged && !tl_condition_is_needed(&config->conditions[i]);
     }
-    if (config->delays == NULL && is_as_read) {
+    if (config->delays == NULL && is_unchanged) {
         return;
     }
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -377,9 +376,9 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
 const char *tl_config_reading_of(const tl_config *config, size_t match) {
     size_t at = tl_config_signal_of(config, config->matched_as[match]);
     const tl_config_signal *signal = at != SIZE_MAX ? &config->signals[at] : NULL;
-    bool is_as_read =
+    bool is_unchanged =
         signal == NULL || (signal->between == TL_BETWEEN_LAST && !tl_condition_is_needed(&signal->condition));
-    return config->reading_as[match] != NULL ? config->reading_as[match] : is_as_read ? NULL : "";
+    return config->reading_as[match] != NULL ? config->reading_as[match] : is_unchanged ? NULL : "";
 }
 
 void tl_config_use_lookups(tl_config *config) {

@@ -45,7 +45,8 @@ static void read_device(tl_config_object *object, tl_config_source *source) {
         if (other->driver == source->driver && strcmp(device_of(other), device_of(source)) == 0) {
             char found[TL_JSON_PATH + 32];
             (void)snprintf(found, sizeof found, "the device of %s", other->where);
-            tl_config_wrong(object, "device", found, "a line of its own: one source reads all units of a line", NULL);
+            tl_config_wrong(object, "device", found,
+                            "a device that no other source uses (one source reads all units of a line)", NULL);
             return;
         }
     }
@@ -60,17 +61,17 @@ static void read_baud(tl_config_object *object, tl_modbus_line *line) {
     }
     const tl_config_number rule = {
         .whole = true, .minimum = 1200, .maximum = 1000000, .expected = expected, .example = "19200"};
-    double given = 19200;
+    double value = 19200;
     const uint32_t *known = tl_modbus_bauds;
-    if (tl_config_get_number(object, "baud", &rule, &given)) {
-        while (*known != 0 && *known != (uint32_t)given) {
+    if (tl_config_get_number(object, "baud", &rule, &value)) {
+        while (*known != 0 && *known != (uint32_t)value) {
             known++;
         }
         if (*known == 0) {
             tl_config_wrong(object, "baud", NULL, expected, "19200");
         }
     }
-    line->baud = (uint32_t)given;
+    line->baud = (uint32_t)value;
 }
 
 static void read_rtu_source(tl_config_object *object, tl_config_source *source) {
@@ -103,7 +104,8 @@ static void read_unit_id(tl_config_object *object, const cJSON *source, tl_modbu
         if (unit_id > 247 && unit_id < 255) {
             tl_config_wrong(object, "unit_id", NULL, rule.expected, rule.example);
         } else if ((unit_id < 1 || unit_id > 247) && source != NULL && tl_config_is_of_kind(source, line)) {
-            tl_config_wrong(object, "unit_id", NULL, "a unit of a line, a whole number from 1 to 247", rule.example);
+            tl_config_wrong(object, "unit_id", NULL, "a whole number from 1 to 247 (modbus_rtu has no 0 and 255)",
+                            rule.example);
         }
     }
     channel->unit_id = (uint8_t)unit_id;
@@ -172,7 +174,7 @@ static const tl_time RESOLVE = 60 * TL_SECOND;
 
 /* Time-outs of a poll between two readings: one to connect, three for a request that the device
  * rejects in three forms. */
-enum { WAITS = 4 };
+enum { POLL_TIMEOUTS = 4 };
 
 /* Bits of the longest request and its response on a serial line. */
 enum { LINE_BITS = 264 * 12 };
@@ -183,13 +185,14 @@ static void reach_server(const tl_config_source *source, tl_source_reach *reach)
     reach->port = settings->port;
     reach->names =
         inet_pton(AF_INET, settings->host, address) != 1 && inet_pton(AF_INET6, settings->host, address) != 1;
-    reach->wait = WAITS * tl_time_of_seconds(settings->timeout_s) + (reach->names ? RESOLVE : 0);
+    reach->wait = POLL_TIMEOUTS * tl_time_of_seconds(settings->timeout_s) + (reach->names ? RESOLVE : 0);
 }
 
 static void reach_line(const tl_config_source *source, tl_source_reach *reach) {
     const tl_modbus_settings *settings = source->settings;
     reach->write = settings->line.device;
-    reach->wait = WAITS * (tl_time_of_seconds(settings->timeout_s) + LINE_BITS * TL_SECOND / settings->line.baud);
+    reach->wait =
+        POLL_TIMEOUTS * (tl_time_of_seconds(settings->timeout_s) + LINE_BITS * TL_SECOND / settings->line.baud);
 }
 
 /* TCP: `path` is NULL. */

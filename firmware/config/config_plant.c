@@ -156,7 +156,7 @@ static void read_channel(tl_config_object *entry, const tl_driver *row, tl_confi
     }
     if (is_further) {
         char found[128];
-        (void)snprintf(found, sizeof found, "%s beside another live source", row->signal_key);
+        (void)snprintf(found, sizeof found, "%s in addition to another live source", row->signal_key);
         tl_config_wrong(entry, row->signal_key, found, "at most one live source", NULL);
     }
     target->channel = tl_config_take(entry->reader, 1, row->channel_bytes);
@@ -219,13 +219,13 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     static const char *const types[] = {"real", "integer", "boolean", NULL};
     static const tl_type type_of[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN};
     size_t type = 0;
-    bool given = tl_config_get(entry, "type", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    bool understood = tl_config_get_choice(entry, "type", TL_CONFIG_OPTIONAL, types, &type) || !given;
+    bool has_type = tl_config_get(entry, "type", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    bool is_valid = tl_config_get_choice(entry, "type", TL_CONFIG_OPTIONAL, types, &type) || !has_type;
     signal->plan.type = type_of[type];
     (void)tl_config_get_text(entry, "unit", TL_CONFIG_MAY_BE_EMPTY, "\"rad/s\"", &signal->plan.unit);
     read_limits(entry, signal);
     read_between(entry, signal);
-    if (understood) {
+    if (is_valid) {
         read_initial(entry, &signal->plan);
     } else { /* the type is invalid, so `initial` cannot be checked */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);

@@ -77,7 +77,7 @@ static void check_known(const tl_config_reader *reader, const char *path, size_t
     char variable[TL_JSON_SHOWN];
     char expected[EXPECTED];
     char example[EXPECTED];
-    const char *what = signal ? "a signal that \"plant\" has" : "a variable of one of \"components\"";
+    const char *what = signal ? "a signal of \"plant\"" : "a variable of one of \"components\"";
     const char *dot = strchr(text, '.');
     const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, signal ? "plant" : "components");
     (void)snprintf(name, sizeof name, "%.*s", signal ? NAME_CHARS : (int)(dot - text), signal ? dot + 1 : text);
@@ -118,7 +118,7 @@ void tl_config_check_reference(const tl_config_reader *reader, const char *path,
         report_reference(reader, path, line, text, shapes[target],
                          target == TL_CONFIG_SIGNAL ? "\"plant.omega\"" : "\"motor.omega\"");
     } else if (target == TL_CONFIG_VARIABLE && signal) {
-        report_reference(reader, path, line, text, "component.variable (the plant is only listened to)",
+        report_reference(reader, path, line, text, "component.variable (twinlock cannot write to the plant)",
                          "\"motor.omega\"");
     } else {
         check_known(reader, path, line, text, signal);

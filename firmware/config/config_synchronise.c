@@ -93,8 +93,8 @@ static void read_tolerance(tl_config_object *entry, double general, tl_plan_matc
     tl_config_number tolerance = {.above = true, .maximum = HUGE_VAL, .example = "0.5"};
     (void)tl_config_get_number(entry, "weight", &weight, &match->weight);
     if (general > 0 && tl_config_get(entry, "tolerance", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
-        tl_config_wrong(entry, "tolerance", "a tolerance beside synchronise.epsilon",
-                        "one of them: epsilon is the square of every match's tolerance", NULL);
+        tl_config_wrong(entry, "tolerance", "a tolerance together with synchronise.epsilon",
+                        "only one of them (epsilon is the square of every match's tolerance)", NULL);
     } else if (general > 0) {
         match->tolerance = general;
     } else {
@@ -171,8 +171,8 @@ void tl_config_read_compare(tl_config_object *root, tl_config *config) {
     bool both = cJSON_GetObjectItemCaseSensitive(root->json, "compare") != NULL &&
                 cJSON_GetObjectItemCaseSensitive(root->json, "synchronise") != NULL;
     if (both) {
-        tl_config_wrong(root, "compare", "compare beside synchronise",
-                        "one of them: in synchronise.match, weight 0 means compared only", NULL);
+        tl_config_wrong(root, "compare", "compare together with synchronise",
+                        "only one of them (in synchronise.match, weight 0 compares without correcting)", NULL);
     }
     match_list list = {.config = config, .example = "{\"to\": \"plant.omega\"}"};
     read_match(root, "compare", &COMPARE, &list);
@@ -236,8 +236,7 @@ static void check_weights(const tl_config_object *object, const tl_config *confi
         any = any || config->match[i].weight > 0;
     }
     if (!any) {
-        tl_config_wrong(object, "match", "weight 0 everywhere",
-                        "at least one weight above 0 (it is 1 where none is given)", NULL);
+        tl_config_wrong(object, "match", "weight 0 in every match", "at least one weight above 0 (default: 1)", NULL);
     }
 }
 
@@ -257,15 +256,15 @@ static const char *solver_of(const cJSON *item) {
         return tl_twin_solver_named(item->valuestring);
     }
     double number = cJSON_IsNumber(item) ? item->valuedouble : 0;
-    bool possible = number >= 1 && number <= INT_MAX && number == floor(number);
-    return possible ? tl_twin_solver_numbered((int)number) : NULL;
+    bool is_number = number >= 1 && number <= INT_MAX && number == floor(number);
+    return is_number ? tl_twin_solver_numbered((int)number) : NULL;
 }
 
 /* Returns NULL if no solver is given. */
 static const char *read_solver(tl_config_object *object, const char *key) {
     static const char *const example = "\"secant\"";
     char expected[256];
-    (void)snprintf(expected, sizeof expected, "one of %s, or the thesis's number 1, 100 or 1000",
+    (void)snprintf(expected, sizeof expected, "one of %s, or the dissertation's number 1, 100 or 1000",
                    tl_twin_solver_names());
     const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
     const char *solver = solver_of(item);
@@ -281,7 +280,7 @@ static void read_solvers(tl_config_object *object, tl_config *config) {
     config->fallback = read_solver(object, "fallback");
     if (config->algorithm != NULL && config->fallback != NULL && strcmp(config->algorithm, config->fallback) == 0) {
         char expected[64];
-        (void)snprintf(expected, sizeof expected, "another than algorithm, which is \"%s\"", config->algorithm);
+        (void)snprintf(expected, sizeof expected, "another solver than algorithm, which is \"%s\"", config->algorithm);
         tl_config_wrong(object, "fallback", NULL, expected, NULL);
     }
     (void)tl_config_get_count(object, "stagnation", &rule, &config->stagnation);
@@ -315,14 +314,15 @@ static void read_budget(tl_config_object *object, tl_config *config) {
 }
 
 static void read_free_twin(tl_config_object *object, tl_config *config) {
-    const char *why = config->event.start.signal != NULL ? "false: not with horizon.event" : NULL;
-    for (size_t i = 0; i < config->component_count && why == NULL; i++) {
-        why = config->components[i].keep == TL_KEEP_OUTPUTS
-                  ? "false: not with a component whose states are not kept (keep \"outputs\")"
-                  : NULL;
+    const char *fault =
+        config->event.start.signal != NULL ? "false (free_twin does not work with horizon.event)" : NULL;
+    for (size_t i = 0; i < config->component_count && fault == NULL; i++) {
+        fault = config->components[i].keep == TL_KEEP_OUTPUTS
+                    ? "false (free_twin needs the states of all components: no \"keep\": \"outputs\")"
+                    : NULL;
     }
-    if (tl_config_get_boolean(object, "free_twin", &config->free_twin) && config->free_twin && why != NULL) {
-        tl_config_wrong(object, "free_twin", NULL, why, NULL);
+    if (tl_config_get_boolean(object, "free_twin", &config->free_twin) && config->free_twin && fault != NULL) {
+        tl_config_wrong(object, "free_twin", NULL, fault, NULL);
     }
 }
 

@@ -95,7 +95,7 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
     tl_config_emulated *emulated = &config->emulated[index];
     tl_config_object entry;
     if (item->string[0] == '\0' || !tl_text_is_plain(item->string)) {
-        tl_config_wrong(map, item->string, "an unusable name", "the name of a column", "\"omega\"");
+        tl_config_wrong(map, item->string, "an empty name or a control character", "the name of a column", "\"omega\"");
     }
     emulated->column = item->string;
     if (tl_config_entry(map, item, "{\"from\": \"motor.omega\"}", &entry)) {
@@ -164,7 +164,8 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
             tl_config_wrong(&map, item->string, NULL, "a number, true, false or a text", "0.0515");
         }
         if (item->string[0] == '\0' || !tl_text_is_plain(item->string)) {
-            tl_config_wrong(&map, item->string, "an unusable name", "the name of a variable of the FMU", "\"J\"");
+            tl_config_wrong(&map, item->string, "an empty name or a control character",
+                            "the name of a variable of the FMU", "\"J\"");
         }
         set++;
     }
@@ -187,8 +188,8 @@ typedef struct names_key {
     const char *key;
     const char *expected; /* by the array, */
     const char *example;
-    const char *one; /* and by an element */
-    const char *one_example;
+    const char *element_expected; /* and by an element */
+    const char *element_example;
 } names_key;
 
 /* Reads all names. Returns their number. */
@@ -210,7 +211,7 @@ static size_t read_names(tl_config_object *entry, const names_key *key, tl_confi
         if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
             (*names)[i].name = item->valuestring;
         } else {
-            tl_config_wrong_item(entry->reader, item, path, NULL, key->one, key->one_example);
+            tl_config_wrong_item(entry->reader, item, path, NULL, key->element_expected, key->element_example);
         }
         i++;
     }
@@ -226,16 +227,16 @@ static const names_key READS = {"read", "an array of names of files and folders"
 static void read_states(tl_config_object *entry, tl_config_component *component) {
     static const char *const keeps[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
     static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
-    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
+    static const tl_rollback methods[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
     static const tl_config_number steps = {.whole = true, .minimum = 1, .maximum = 1e5, .example = "1000"};
     size_t keep = TL_KEEP_STATES;
-    size_t chosen = 0;
+    size_t method = 0;
     component->replay_steps = TL_REPLAY_STEPS;
     (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, keeps, &keep);
-    (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
+    (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &method);
     (void)tl_config_get_count(entry, "replay_steps", &steps, &component->replay_steps);
     component->keep = (tl_keep)keep;
-    component->rollback = ways[chosen];
+    component->rollback = methods[method];
 }
 
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
@@ -244,7 +245,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
     tl_config_object entry;
     tl_config_check_name(map, item, "\"motor\"");
     if (strcmp(item->string, "plant") == 0) {
-        tl_config_wrong(map, item->string, "the name \"plant\"", "another: that name means the plant itself",
+        tl_config_wrong(map, item->string, "the name \"plant\"", "another name (\"plant\" is the plant itself)",
                         "\"motor\"");
     }
     component->name = item->string;
@@ -325,9 +326,9 @@ static void check_targets(tl_config_reader *reader, const tl_config *config) {
             char found[128];
             tl_json_element_path(path, sorted[i]->where, 1);
             tl_text_for_people(sorted[i]->to, shown, sizeof shown);
-            (void)snprintf(found, sizeof found, "\"%s\", which %s leads to already", shown, sorted[i - 1]->where);
+            (void)snprintf(found, sizeof found, "\"%s\", which %s already connects", shown, sorted[i - 1]->where);
             tl_config_wrong_item(reader, tl_json_nearest(reader->root, path), path, found,
-                                 "each input to be connected at most once", NULL);
+                                 "at most one connection per input", NULL);
         }
     }
 }

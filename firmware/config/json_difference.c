@@ -13,7 +13,7 @@
 /* ---- the documents ---- */
 
 /* cJSON's convention: `prev` of the first item is the last one. */
-static void link_again(cJSON *object, cJSON **items, size_t count) {
+static void relink_items(cJSON *object, cJSON **items, size_t count) {
     for (size_t i = 0; i < count; i++) {
         items[i]->next = i + 1 < count ? items[i + 1] : NULL;
         items[i]->prev = items[i > 0 ? i - 1 : count - 1];
@@ -24,15 +24,15 @@ static void link_again(cJSON *object, cJSON **items, size_t count) {
 /* Replaces `valueint`, the line, by the position in the text. */
 static bool sort_all_keys(cJSON *root) {
     tl_json_walk walk = {.depth = 0};
-    int place = 0;
+    int position = 0;
     for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
-        item->valueint = place++;
+        item->valueint = position++;
     }
     for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
         size_t count = 0;
         cJSON **items = cJSON_IsObject(item) ? tl_json_sorted(item, &count) : NULL;
         if (items != NULL) {
-            link_again(item, items, count);
+            relink_items(item, items, count);
         } else if (cJSON_IsObject(item)) {
             return false; /* out of memory */
         }
@@ -48,7 +48,7 @@ static tl_status read_sorted(const tl_json_source *source, cJSON **root, tl_erro
     tl_status status = tl_json_parse(source->text, source->size, &scratch, &report, root);
     tl_arena_release(&scratch);
     if (status == TL_BAD_DATA) {
-        return tl_fail(error, status, "%s: is no JSON, or has a key twice", source->called);
+        return tl_fail(error, status, "%s: not valid JSON, or a key occurs twice", source->called);
     }
     return status == TL_OK && sort_all_keys(*root)
                ? TL_OK
@@ -90,7 +90,7 @@ static bool are_same(cJSON *a, cJSON *b) {
     return same;
 }
 
-/* The first item is found by cJSON's convention: see link_again(). */
+/* The first item is found by cJSON's convention: see relink_items(). */
 bool tl_json_has_sibling(const cJSON *item, const char *key) {
     while (item != NULL && item->prev != NULL && item->prev->next != NULL) {
         item = item->prev;
@@ -143,7 +143,7 @@ static cJSON *find_last(side *s) {
 }
 
 /* Skips equal elements at the start and at the end of two arrays. */
-static void trim(side *before, side *after) {
+static void trim_equal(side *before, side *after) {
     while (before->item != NULL && after->item != NULL && are_same(before->item, after->item)) {
         *before = (side){before->item->next, before->index + 1, SIZE_MAX};
         *after = (side){after->item->next, after->index + 1, SIZE_MAX};
@@ -163,7 +163,7 @@ typedef struct pair {
     int before, after;
 } pair;
 
-static int by_place(const void *left, const void *right) {
+static int by_position(const void *left, const void *right) {
     const pair *a = left;
     const pair *b = right;
     return (a->before > b->before) - (a->before < b->before);
@@ -186,7 +186,7 @@ static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) 
         a = order <= 0 ? a->next : a;
         b = order >= 0 ? b->next : b;
     }
-    qsort(pairs, count, sizeof *pairs, by_place);
+    qsort(pairs, count, sizeof *pairs, by_position);
     for (size_t i = 1; i < count; i++) {
         in_order = in_order && pairs[i].after > pairs[i - 1].after;
     }
@@ -197,7 +197,7 @@ static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) 
 static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
     level next = {side_of(before), side_of(after), depth, within};
     if (cJSON_IsArray(before) && cJSON_IsArray(after)) {
-        trim(&next.before, &next.after);
+        trim_equal(&next.before, &next.after);
     }
     if (c->count < LEVELS && depth <= TL_JSON_MAX_DEPTH) {
         c->levels[c->count++] = next;
@@ -205,7 +205,7 @@ static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t
 }
 
 /* Compares two values at the same path; one may be NULL. */
-static void look_at(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
+static void compare_values(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
     tl_json_difference difference = {c->way, depth, before, after, within, false};
     if (have_same_type(before, after) && is_container(before)) {
         difference.is_order = cJSON_IsObject(before) && !is_in_order(c, before, after);
@@ -237,7 +237,7 @@ static cJSON *take(side *s) {
 }
 
 /* Compares the next items of the innermost level. Returns false at its end. */
-static bool go_on(comparison *c) {
+static bool compare_next(comparison *c) {
     level *l = &c->levels[c->count - 1];
     cJSON *a = first_of(&l->before);
     cJSON *b = first_of(&l->after);
@@ -250,7 +250,7 @@ static bool go_on(comparison *c) {
     c->way[l->depth] = (tl_json_step){has_after ? b->string : a->string, has_after ? l->after.index : l->before.index};
     a = has_before ? take(&l->before) : NULL;
     b = has_after ? take(&l->after) : NULL;
-    look_at(c, a, b, l->depth + 1, l->within);
+    compare_values(c, a, b, l->depth + 1, l->within);
     return true;
 }
 
@@ -265,9 +265,9 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
         status = read_sorted(after, &b, error);
     }
     if (status == TL_OK) {
-        look_at(&c, a, b, 0, false);
+        compare_values(&c, a, b, 0, false);
         while (c.count > 0) {
-            c.count -= go_on(&c) ? 0 : 1;
+            c.count -= compare_next(&c) ? 0 : 1;
         }
     }
     if (c.out_of_memory) {

@@ -106,7 +106,7 @@ const cJSON *tl_json_nearest(const cJSON *root, const char *path) {
 
 /* ---- duplicate keys ---- */
 
-static int by_key_then_place(const void *left, const void *right) {
+static int by_key_then_position(const void *left, const void *right) {
     const cJSON *a = *(cJSON *const *)left;
     const cJSON *b = *(cJSON *const *)right;
     int order = strcmp(a->string, b->string);
@@ -121,17 +121,17 @@ cJSON **tl_json_sorted(const cJSON *object, size_t *count) {
         cJSON_ArrayForEach(member, object) {
             members[(*count)++] = member;
         }
-        qsort(members, *count, sizeof *members, by_key_then_place);
+        qsort(members, *count, sizeof *members, by_key_then_position);
     }
     return members;
 }
 
-static void report_duplicate(const cJSON *first, const cJSON *again, tl_report *report) {
+static void report_duplicate(const cJSON *first, const cJSON *second, tl_report *report) {
     char key[TL_JSON_SHOWN];
-    tl_text_for_people(again->string, key, sizeof key);
+    tl_text_for_people(second->string, key, sizeof key);
     tl_report_add(report, TL_BAD_DATA, "",
                   "line %zu: found the key \"%s\" again, expected it once; the first is on line %zu",
-                  tl_json_line(again), key, tl_json_line(first));
+                  tl_json_line(second), key, tl_json_line(first));
 }
 
 /* Reports keys that appear twice. Returns false if memory is out. */

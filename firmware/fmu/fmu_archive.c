@@ -31,11 +31,12 @@ typedef struct unpacking {
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-static tl_status refuse(const unpacking *work, const char *name, const char *why) {
+static tl_status reject_entry(const unpacking *work, const char *name, const char *reason) {
     char shown[NAME_SHOWN + 1];
     (void)tl_clean_text(name, strlen(name), shown, sizeof shown);
-    return tl_fail(work->error, TL_BAD_DATA, "%s: entry \"%s\" is refused: %s; this FMU is broken or hostile",
-                   work->label, shown, why);
+    return tl_fail(work->error, TL_BAD_DATA,
+                   "%s: entry \"%s\" is rejected: %s; the FMU is damaged or malicious: export it again", work->label,
+                   shown, reason);
 }
 
 /* Returns why a path is rejected; NULL: it is valid. */
@@ -60,7 +61,7 @@ static const char *path_fault(const char *name) {
 static tl_status safe_path(const unpacking *work, const char *name, char path[TL_FMU_ENTRY_PATH + 2]) {
     const char *fault = path_fault(name);
     if (fault != NULL) {
-        return refuse(work, name, fault);
+        return reject_entry(work, name, fault);
     }
     char copy[TL_FMU_ENTRY_PATH + 1];
     char *rest = NULL;
@@ -76,12 +77,12 @@ static tl_status safe_path(const unpacking *work, const char *name, char path[TL
             continue;
         }
         if (strcmp(part, "..") == 0) {
-            return refuse(work, name, "its path leads out of the FMU by \"..\"");
+            return reject_entry(work, name, "its path leaves the FMU (\"..\")");
         }
         if (length > NAME_MAX || depth == TL_FMU_ENTRY_DEPTH) {
-            return refuse(work, name,
-                          length > NAME_MAX ? "a part of its path is longer than 255 bytes"
-                                            : "it is in more than 64 nested folders");
+            return reject_entry(work, name,
+                                length > NAME_MAX ? "a part of its path is longer than 255 bytes"
+                                                  : "it is in more than 64 nested folders");
         }
         memcpy(path + end, part, length);
         end += length;
@@ -96,7 +97,7 @@ static tl_status safe_path(const unpacking *work, const char *name, char path[TL
 
 static tl_status fail_system(const unpacking *work, const char *path, const char *doing, int code) {
     if (code == EEXIST || code == ENOTDIR || code == ELOOP || code == EISDIR) {
-        return refuse(work, path, "another entry has the same name");
+        return reject_entry(work, path, "another entry has the same name");
     }
     return tl_fail(work->error, TL_TRY_AGAIN, "%s: entry \"%.*s\" cannot be %s: %s; %s", work->label, NAME_SHOWN, path,
                    doing, strerror(code),
@@ -132,13 +133,14 @@ static int open_folders(int root, const char *path, const char **last) {
 static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, uint64_t more) {
     work->written += more;
     if (entry > TL_FMU_ENTRY_BYTES) {
-        return refuse(work, path, "it unpacks to more than 512 MiB");
+        return reject_entry(work, path, "it unpacks to more than 512 MiB");
     }
     if (work->written > TL_FMU_TOTAL_BYTES) {
-        return refuse(work, path, "with it, the FMU unpacks to more than 1 GiB");
+        return reject_entry(work, path, "with it, the FMU unpacks to more than 1 GiB");
     }
     if (work->written > TL_FMU_RATIO_FROM_BYTES && work->written / TL_FMU_RATIO > work->file_bytes) {
-        return refuse(work, path, "with it, the FMU unpacks to more than 200 times its size, as compression bombs do");
+        return reject_entry(work, path,
+                            "with it, the FMU unpacks to more than 200 times its size, as compression bombs do");
     }
     return TL_OK;
 }
@@ -234,9 +236,9 @@ static tl_status check_entry(const unpacking *work, zip_uint64_t index, const ch
         fault = "it is encrypted";
     } else if ((facts.valid & ZIP_STAT_COMP_METHOD) != 0 && facts.comp_method != ZIP_CM_STORE &&
                facts.comp_method != ZIP_CM_DEFLATE) {
-        fault = "it is neither stored nor deflated, as FMI demands";
+        fault = "its compression is neither \"stored\" nor \"deflated\", as FMI requires";
     }
-    return fault != NULL ? refuse(work, name, fault) : TL_OK;
+    return fault != NULL ? reject_entry(work, name, fault) : TL_OK;
 }
 
 static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
@@ -258,12 +260,13 @@ static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
 static tl_status unpack_all(unpacking *work) {
     zip_int64_t count = zip_get_num_entries(work->zip, 0);
     if (count > TL_FMU_ENTRIES) {
-        return tl_fail(work->error, TL_BAD_DATA, "%s: %lld entries, an FMU may have %d; this is no FMU", work->label,
+        return tl_fail(work->error, TL_BAD_DATA,
+                       "%s: the archive has %lld entries, more than the limit of %d: this is not an FMU", work->label,
                        (long long)count, (int)TL_FMU_ENTRIES);
     }
     work->buffer = malloc(BUFFER);
     if (work->buffer == NULL) {
-        return tl_fail(work->error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", work->label);
+        return tl_fail(work->error, TL_TRY_AGAIN, "%s: not enough memory; free memory and try again", work->label);
     }
     tl_status status = TL_OK;
     for (zip_int64_t i = 0; i < count && status == TL_OK; i++) {
@@ -286,7 +289,7 @@ static tl_status open_file(const char *path, int opened, unpacking *work, int *f
     if (fstat(*file, &status) != 0 || !S_ISREG(status.st_mode)) {
         fault = "is not a file; give the .fmu file itself, not an unpacked one";
     } else if (status.st_size > TL_FMU_FILE_BYTES) {
-        fault = "is larger than 1 GiB; this is no FMU";
+        fault = "is larger than 1 GiB: this is not an FMU";
     }
     if (fault != NULL) {
         (void)close(*file);
@@ -309,7 +312,7 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
         zip_error_init_with_code(&problem, code);
         status = zip_status(code);
         (void)tl_fail(work->error, status,
-                      status == TL_BAD_DATA ? "%s: no readable ZIP archive: %s; copy or export the FMU again"
+                      status == TL_BAD_DATA ? "%s: not a readable ZIP archive: %s; copy or export the FMU again"
                                             : "%s: cannot be read: %s; free memory or descriptors and try again",
                       work->label, zip_error_strerror(&problem));
         zip_error_fini(&problem);

@@ -39,19 +39,19 @@ static const char *python_version(void *handle) {
 
 /* Global symbols are those of the library that was opened first. */
 static tl_status check_python(const char *path, void *opened, tl_error *error) {
-    void *everybody = dlopen(NULL, RTLD_NOW);
+    void *all_loaded = dlopen(NULL, RTLD_NOW);
     const char *own = python_version(opened);
-    const char *seen = everybody == NULL ? NULL : python_version(everybody);
+    const char *loaded = all_loaded == NULL ? NULL : python_version(all_loaded);
     tl_status status = TL_OK;
-    if (own != NULL && seen != NULL && dlsym(opened, "Py_GetVersion") != dlsym(everybody, "Py_GetVersion")) {
-        status =
-            tl_fail(error, TL_BAD_DATA,
-                    "\"%.200s\" is Python %.*s, and Python %.*s is open already: one program runs one Python; name the "
-                    "same library in all components",
-                    path, (int)strcspn(own, " "), own, (int)strcspn(seen, " "), seen);
+    if (own != NULL && loaded != NULL && dlsym(opened, "Py_GetVersion") != dlsym(all_loaded, "Py_GetVersion")) {
+        status = tl_fail(
+            error, TL_BAD_DATA,
+            "\"%.200s\" is Python %.*s, but Python %.*s is already loaded, and a process can run only one: name the "
+            "same library in all components",
+            path, (int)strcspn(own, " "), own, (int)strcspn(loaded, " "), loaded);
     }
-    if (everybody != NULL) {
-        (void)dlclose(everybody);
+    if (all_loaded != NULL) {
+        (void)dlclose(all_loaded);
     }
     return status;
 }
@@ -61,23 +61,24 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
 /* The text of dlerror() begins with the name of the library. */
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
     static const char python[] = "libpython";
-    const char *said = reason == NULL ? path : reason;
-    if (tl_shortage_is_told(said)) {
-        return tl_fail(error, TL_TRY_AGAIN, "the library cannot be opened: %.240s; try again", said);
+    const char *text = reason == NULL ? path : reason;
+    if (tl_shortage_is_told(text)) {
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "the library cannot be opened: %.240s; free memory or descriptors and try again", text);
     }
     if (strncmp(path, python, strlen(python)) == 0) {
         int length = (int)(strstr(path, ".so") == NULL ? strlen(path) : (size_t)(strstr(path, ".so") - path));
         return tl_fail(
             error, TL_BAD_DATA,
-            "the library cannot be opened: %.240s; install it (in Debian it is the package %.*s), or name the "
-            "one that is there (ldconfig -p | grep libpython)",
-            said, length < 40 ? length : 40, path);
+            "the library cannot be opened: %.240s; install it (Debian package %.*s), or name the installed one "
+            "(ldconfig -p | grep libpython)",
+            text, length < 40 ? length : 40, path);
     }
     return tl_fail(
         error, TL_BAD_DATA,
-        "the library cannot be opened: %.240s; install it, or give the path of the file, which starts at the "
-        "configuration's folder and has a slash, for example \"./libmodel.so\"",
-        said);
+        "the library cannot be opened: %.240s; install it, or give its path relative to the configuration, with a "
+        "slash, for example \"./libmodel.so\"",
+        text);
 }
 
 tl_status tl_library_open(const char *path, tl_error *error) {
@@ -167,7 +168,8 @@ static tl_status check_elf(const char *path, const char *shown, const char *labe
     Elf32_Ehdr head;
     bool is_elf = read_elf(path, &head);
     if (!is_elf && tl_shortage_is(errno)) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; try again", label, shown, strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; free memory or descriptors and try again",
+                       label, shown, strerror(errno));
     }
     if (!is_elf) {
         return tl_fail(error, TL_BAD_DATA, "%s: %s is not an ELF shared object; export the FMU for Linux on %s", label,
@@ -213,8 +215,37 @@ static void list_platforms(const char *folder, char *text, size_t size) {
     (void)closedir(binaries);
 }
 
+/* Finds the first library, by name, in a folder for this machine. Returns that folder, or NULL. */
+static const char *find_misnamed(const char *folder, char name[NAME_MAX + 1]) {
+    const char *found = NULL;
+    for (size_t i = 0; i < FOLDER_COUNT && found == NULL; i++) {
+        char path[PATH_MAX];
+        int length = snprintf(path, sizeof path, "%s/binaries/%s", folder, folder_names[i]);
+        DIR *entries = length > 0 && (size_t)length < sizeof path ? opendir(path) : NULL;
+        for (struct dirent *entry = NULL; entries != NULL && (entry = readdir(entries)) != NULL;) {
+            const char *end = strrchr(entry->d_name, '.');
+            if (end != NULL && strcmp(end, ".so") == 0 && (found == NULL || strcmp(entry->d_name, name) < 0)) {
+                (void)snprintf(name, NAME_MAX + 1, "%s", entry->d_name);
+                found = folder_names[i];
+            }
+        }
+        if (entries != NULL) {
+            (void)closedir(entries);
+        }
+    }
+    return found;
+}
+
 static tl_status fail_missing(const char *folder, const tl_model *model, const char *label, tl_error *error) {
     char found[160];
+    char name[NAME_MAX + 1];
+    const char *platform = find_misnamed(folder, name);
+    if (platform != NULL) {
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: binaries/%s has %.100s, but modelIdentifier is %.100s: rename the file in the FMU, or export it again",
+            label, platform, name, model->identifier);
+    }
     list_platforms(folder, found, sizeof found);
     return tl_fail(error, TL_BAD_DATA,
                    "%s: there is no binaries/%s/%.100s.so for this machine (%s); binaries/ has %s; export the FMU for "
@@ -253,7 +284,7 @@ typedef struct symbol {
     need need;
 } symbol;
 
-static const symbol symbols[] = {
+static const symbol fmi_symbols[] = {
     {"fmi2GetTypesPlatform", offsetof(tl_fmi2, get_types_platform), ALWAYS},
     {"fmi2GetVersion", offsetof(tl_fmi2, get_version), ALWAYS},
     {"fmi2Instantiate", offsetof(tl_fmi2, instantiate), ALWAYS},
@@ -280,25 +311,27 @@ static const symbol symbols[] = {
     {"fmi2DoStep", offsetof(tl_fmi2, do_step), ALWAYS},
 };
 
-static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
+static tl_status resolve_symbols(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions,
+                                 tl_error *error) {
     memset(functions, 0, sizeof *functions);
-    for (size_t i = 0; i < sizeof symbols / sizeof symbols[0]; i++) {
-        bool is_claimed = symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
-                                                       : model->capabilities.can_serialize_state;
-        if (symbols[i].need != ALWAYS && !is_claimed) {
+    for (size_t i = 0; i < sizeof fmi_symbols / sizeof fmi_symbols[0]; i++) {
+        bool is_claimed = fmi_symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
+                                                           : model->capabilities.can_serialize_state;
+        if (fmi_symbols[i].need != ALWAYS && !is_claimed) {
             continue;
         }
-        void *address = dlsym(handle, symbols[i].name);
+        void *address = dlsym(handle, fmi_symbols[i].name);
         if (address == NULL) {
-            (void)tl_fail(
-                error, TL_BAD_DATA, "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
-                symbols[i].name,
-                symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
+            (void)tl_fail(error, TL_BAD_DATA,
+                          "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
+                          fmi_symbols[i].name,
+                          fmi_symbols[i].need == ALWAYS ? "requires of all FMUs"
+                                                        : "requires because modelDescription.xml claims it");
             return TL_BAD_DATA;
         }
         /* dlsym() returns an object pointer, and ISO C has no cast from it to a function pointer.
          */
-        memcpy((char *)functions + symbols[i].offset, &address, sizeof address);
+        memcpy((char *)functions + fmi_symbols[i].offset, &address, sizeof address);
     }
     return TL_OK;
 }
@@ -311,11 +344,13 @@ static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, co
     const char *version = functions->get_version();
     tl_fmu_guard_leave(guard);
     if (platform == NULL || strcmp(platform, fmi2TypesPlatform) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: the binary's types are those of platform \"%.40s\", not \"%s\"", label,
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: the binary is for the types platform \"%.40s\", not \"%s\"; export the FMU again", label,
                        platform == NULL ? "" : platform, fmi2TypesPlatform);
     }
     if (version == NULL || strcmp(version, "2.0") != 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: the binary is FMI %.20s although its description says 2.0", label,
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: the binary is FMI %.20s, but modelDescription.xml says 2.0; export the FMU again", label,
                        version == NULL ? "?" : version);
     }
     return TL_OK;
@@ -327,8 +362,8 @@ static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, co
  */
 static bool needs_python(const char *path, const char *reason) {
     const char *found = strstr(reason, path);
-    const char *said = found == NULL ? reason : found + strlen(path);
-    return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
+    const char *text = found == NULL ? reason : found + strlen(path);
+    return strstr(text, " Py") != NULL || strstr(text, " _Py") != NULL;
 }
 
 /* The text of dlerror() names the file, and the missing library or symbol. */
@@ -338,17 +373,18 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
         strstr(reason, "static TLS") != NULL) { /* the size of this block is fixed at the start of the process */
         return tl_fail(
             error, TL_BAD_DATA,
-            "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
-            "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
-            "environment (of a service: systemctl edit, [Service] Environment=)",
+            "%s: the binary cannot be opened: cannot allocate memory in static TLS block (earlier FMUs use all of "
+            "it); start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its environment "
+            "(service: systemctl edit, [Service] Environment=)",
             label);
     }
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
     /* The loader may report a failed mapping without a cause. By far the most likely cause is
      * missing memory. */
     bool shortage = reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
-    const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
-                         "\"libraries\" of the component";
+    const char *advice =
+        "install the missing library, export the FMU with it, or name the library that has the symbol in "
+        "\"libraries\" of the component";
     if (no_programs) {
         advice = "the folder is mounted noexec; set TMPDIR to one that is not";
     } else if (shortage) {
@@ -380,7 +416,7 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (opened == NULL) {
         return fail_open_binary(path, label, dlerror(), error);
     }
-    status = resolve(opened, model, label, &functions, error);
+    status = resolve_symbols(opened, model, label, &functions, error);
     if (status == TL_OK) {
         status = check_version(guard, &functions, label, error);
     }

@@ -100,27 +100,27 @@ fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state
 /* ---- states as copies of memory: no call of the FMU ---- */
 
 /* A fallback exists only while the rollback is being proved. */
-static bool may_descend(const tl_fmu_guarded *self) {
+static bool has_fallback(const tl_fmu_guarded *self) {
     return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
 }
 
 /* Only a warning if there is another rollback method. */
-static void say_why_not(tl_fmu_guarded *self, const char *text) {
-    tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
+static void log_failure(tl_fmu_guarded *self, const char *text) {
+    tl_log_level level = has_fallback(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
     tl_fmu_logger_say(&self->guard->logger, level, text);
 }
 
 /* The FMU has side effects that no copy contains. Logged once; not logged after the proof if the
  * FMU is not rolled back by memory, because then it needs no copy. */
-static fmi2Status refuse_to_copy(tl_fmu_guarded *self) {
+static fmi2Status reject_copy(tl_fmu_guarded *self) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
-    (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back%s",
+    (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s",
                   tl_fmu_memory_left(&self->guard->memory),
-                  was_exact ? "; its own states may: \"rollback\": \"state\"" : "");
-    bool matters = self->guard->by_memory || !self->guard->was_proved;
-    if (matters && !self->guard->was_left_told) {
-        say_why_not(self, error.text);
+                  was_exact ? "; set \"rollback\": \"state\" in its component" : "");
+    bool is_needed = self->guard->by_memory || !self->guard->was_proved;
+    if (is_needed && !self->guard->was_left_told) {
+        log_failure(self, error.text);
         self->guard->was_left_told = true;
     }
     return fmi2Error;
@@ -130,10 +130,10 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_error error;
     if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
-        return refuse_to_copy(self);
+        return reject_copy(self);
     }
     if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
-        say_why_not(self, error.text);
+        log_failure(self, error.text);
         return fmi2Error;
     }
     return fmi2OK;
@@ -142,13 +142,13 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
     if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
-        return refuse_to_copy(self);
+        return reject_copy(self);
     }
     tl_fmu_memory_restore(&self->guard->memory, state);
     return fmi2OK;
 }
 
-static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
+static fmi2Status free_memory(fmi2Component component, fmi2FMUstate *state) {
     (void)component;
     tl_fmu_memory_forget(*state);
     *state = NULL;
@@ -173,57 +173,57 @@ static size_t memory_size(fmi2Component component) {
 /* ---- serialising states that are copies of memory ---- */
 
 /* The FMU's own states enlarge its memory; `pass` keeps this out of the size estimate. */
-static bool begin(tl_fmu_guarded *self, void **here) {
-    *here = NULL;
+static bool keep_present(tl_fmu_guarded *self, void **present) {
+    *present = NULL;
     tl_fmu_memory_pass(&self->guard->memory, true);
-    bool is_kept = save_memory(self, here) == fmi2OK;
+    bool is_kept = save_memory(self, present) == fmi2OK;
     if (!is_kept) {
         tl_fmu_memory_pass(&self->guard->memory, false);
     }
     return is_kept;
 }
 
-/* Restores the memory from before begin(). This also removes own states created since. */
-static void leave(tl_fmu_guarded *self, void *here) {
-    tl_fmu_memory_restore(&self->guard->memory, here);
+/* Restores the memory from before keep_present(). This also removes own states created since. */
+static void restore_present(tl_fmu_guarded *self, void *present) {
+    tl_fmu_memory_restore(&self->guard->memory, present);
     tl_fmu_memory_pass(&self->guard->memory, false);
-    tl_fmu_memory_forget(here);
+    tl_fmu_memory_forget(present);
 }
 
 /* Restores a copy and saves the FMU's own state there. */
-static fmi2Status visit(tl_fmu_guarded *self, fmi2FMUstate copy, void **here, fmi2FMUstate *state) {
+static fmi2Status save_own_state(tl_fmu_guarded *self, fmi2FMUstate copy, void **present, fmi2FMUstate *state) {
     *state = NULL;
-    if (!begin(self, here)) {
+    if (!keep_present(self, present)) {
         return fmi2Error;
     }
     tl_fmu_memory_restore(&self->guard->memory, copy);
     fmi2Status status = self->guard->by_states.get_fmu_state(self, state);
     if (status > fmi2Warning) {
-        leave(self, *here);
+        restore_present(self, *present);
     }
     return status;
 }
 
-static fmi2Status tl_fmu_bytes_size(fmi2Component component, fmi2FMUstate copy, size_t *size) {
+static fmi2Status copy_bytes_size(fmi2Component component, fmi2FMUstate copy, size_t *size) {
     tl_fmu_guarded *self = component;
-    void *here;
+    void *present;
     fmi2FMUstate state;
-    fmi2Status status = visit(self, copy, &here, &state);
+    fmi2Status status = save_own_state(self, copy, &present, &state);
     if (status <= fmi2Warning) {
         status = self->guard->by_states.serialized_fmu_state_size(component, state, size);
-        leave(self, here);
+        restore_present(self, present);
     }
     return status;
 }
 
-static fmi2Status tl_fmu_bytes_write(fmi2Component component, fmi2FMUstate copy, fmi2Byte bytes[], size_t size) {
+static fmi2Status copy_bytes_write(fmi2Component component, fmi2FMUstate copy, fmi2Byte bytes[], size_t size) {
     tl_fmu_guarded *self = component;
-    void *here;
+    void *present;
     fmi2FMUstate state;
-    fmi2Status status = visit(self, copy, &here, &state);
+    fmi2Status status = save_own_state(self, copy, &present, &state);
     if (status <= fmi2Warning) {
         status = self->guard->by_states.serialize_fmu_state(component, state, bytes, size);
-        leave(self, here);
+        restore_present(self, present);
     }
     return status;
 }
@@ -241,17 +241,17 @@ static fmi2Status read_state(tl_fmu_guarded *self, const fmi2Byte bytes[], size_
     return status > freed ? status : freed;
 }
 
-static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *copy) {
+static fmi2Status copy_bytes_read(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *copy) {
     tl_fmu_guarded *self = component;
-    void *here;
-    if (!begin(self, &here)) {
+    void *present;
+    if (!keep_present(self, &present)) {
         return fmi2Error;
     }
     fmi2Status status = read_state(self, bytes, size);
     if (status <= fmi2Warning && save_memory(self, copy) != fmi2OK) {
         status = fmi2Error;
     }
-    leave(self, here);
+    restore_present(self, present);
     return status;
 }
 
@@ -269,7 +269,7 @@ static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
                            : self->guard->by_states.set_fmu_state(component, state);
 }
 
-static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) {
+static fmi2Status free_position(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     if (!self->by_replay) {
         return self->guard->by_states.free_fmu_state(component, state);
@@ -280,7 +280,7 @@ static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) 
 
 /* ---- own states, with the last inputs set before them ---- */
 
-static fmi2Status keep_given(fmi2Component component, fmi2FMUstate *state) {
+static fmi2Status keep_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_fmu_given_state *kept = *state != NULL ? *state : tl_fmu_given_make_state(self->given);
     if (kept == NULL) {
@@ -291,7 +291,7 @@ static fmi2Status keep_given(fmi2Component component, fmi2FMUstate *state) {
     return self->guard->by_states.get_fmu_state(component, &kept->own);
 }
 
-static fmi2Status give_again(fmi2Component component, fmi2FMUstate state) {
+static fmi2Status restore_and_set(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
     const tl_fmu_given_state *kept = state;
     fmi2Status status = self->guard->by_states.set_fmu_state(component, kept->own);
@@ -299,7 +299,7 @@ static fmi2Status give_again(fmi2Component component, fmi2FMUstate state) {
                                  : status;
 }
 
-static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
+static fmi2Status free_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     const tl_fmu_guarded *self = component;
     tl_fmu_given_state *kept = *state;
     fmi2Status status = kept->own != NULL ? self->guard->by_states.free_fmu_state(component, &kept->own) : fmi2OK;
@@ -308,7 +308,7 @@ static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
     return status;
 }
 
-static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
+static void end_recording(tl_fmu_guarded *self) {
     free(self->given);
     self->given = NULL;
     if (self->replay != NULL) {
@@ -324,29 +324,29 @@ static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
 static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
                                   .get_fmu_state = save_memory,
                                   .set_fmu_state = restore_memory,
-                                  .free_fmu_state = forget_memory,
+                                  .free_fmu_state = free_memory,
                                   .state_size = memory_size,
                                   .reserve_states = reserve_memory};
-static const tl_fmi2 GIVEN_AGAIN = {
-    .get_fmu_state = keep_given, .set_fmu_state = give_again, .free_fmu_state = forget_given};
+static const tl_fmi2 BY_STATES_AND_INPUTS = {
+    .get_fmu_state = keep_state_and_inputs, .set_fmu_state = restore_and_set, .free_fmu_state = free_state_and_inputs};
 static const tl_fmi2 BY_REPLAY = {.is_unaware = true,
                                   .get_fmu_state = keep_position,
                                   .set_fmu_state = go_to_position,
-                                  .free_fmu_state = forget_position};
+                                  .free_fmu_state = free_position};
 
-static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *way) {
+static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *method) {
     tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = way == &BY_MEMORY;
+    guard->by_memory = method == &BY_MEMORY;
     guard->memory.has_flags = guard->by_memory;
-    functions->is_unaware = way->is_unaware;
-    functions->get_fmu_state = way->get_fmu_state;
-    functions->set_fmu_state = way->set_fmu_state;
-    functions->free_fmu_state = way->free_fmu_state;
-    functions->state_size = way->state_size;
-    functions->reserve_states = way->reserve_states;
-    functions->serialized_fmu_state_size = way->serialized_fmu_state_size;
-    functions->serialize_fmu_state = way->serialize_fmu_state;
-    functions->deserialize_fmu_state = way->deserialize_fmu_state;
+    functions->is_unaware = method->is_unaware;
+    functions->get_fmu_state = method->get_fmu_state;
+    functions->set_fmu_state = method->set_fmu_state;
+    functions->free_fmu_state = method->free_fmu_state;
+    functions->state_size = method->state_size;
+    functions->reserve_states = method->reserve_states;
+    functions->serialized_fmu_state_size = method->serialized_fmu_state_size;
+    functions->serialize_fmu_state = method->serialize_fmu_state;
+    functions->deserialize_fmu_state = method->deserialize_fmu_state;
 }
 
 /* If the FMU's own functions are exact, they are used for serialising: the copy is converted to an
@@ -356,9 +356,9 @@ static void roll_back_by_memory(tl_fmu_guard *guard) {
     roll_back_by(guard, &BY_MEMORY);
     tl_fmu_memory_remeasure(&guard->memory);
     if (guard->is_by_choice && guard->by_states.serialize_fmu_state != NULL) {
-        functions->serialized_fmu_state_size = tl_fmu_bytes_size;
-        functions->serialize_fmu_state = tl_fmu_bytes_write;
-        functions->deserialize_fmu_state = tl_fmu_bytes_read;
+        functions->serialized_fmu_state_size = copy_bytes_size;
+        functions->serialize_fmu_state = copy_bytes_write;
+        functions->deserialize_fmu_state = copy_bytes_read;
     }
 }
 
@@ -371,7 +371,7 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
 /* ---- fallback to the next method ---- */
 
 /* Start of a proof. Replay needs no copy, because it can restore the end of the prologue. */
-static fmi2Status keep_aside(fmi2Component component) {
+static fmi2Status keep_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     if (self->replay != NULL && !guard->was_proved) {
@@ -380,7 +380,7 @@ static fmi2Status keep_aside(fmi2Component component) {
     bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->gives_again &&
                     (guard->by_memory ? tl_fmu_memory_left(&guard->memory) == NULL : true) &&
                     save_memory(component, &guard->aside) == fmi2OK;
-    return has_copy || may_descend(self) ? fmi2OK : fmi2Error;
+    return has_copy || has_fallback(self) ? fmi2OK : fmi2Error;
 }
 
 static void drop_copy(tl_fmu_guard *guard) {
@@ -388,85 +388,86 @@ static void drop_copy(tl_fmu_guard *guard) {
     guard->aside = NULL;
 }
 
-static size_t size_aside(fmi2Component component) {
+static size_t size_start(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     return self->guard->memory.heap != NULL && !self->by_replay && !self->guard->gives_again
                ? tl_fmu_memory_size(&self->guard->memory)
                : 0;
 }
 
-static fmi2Status replay_from_beginning(tl_fmu_guarded *self) {
+static fmi2Status replay_from_start(tl_fmu_guarded *self) {
     return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
                ? tl_fmu_replay_restore_start(self->replay)
                : fmi2Error;
 }
 
-static fmi2Status come_back(fmi2Component component) {
+static fmi2Status restore_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     if (guard->aside != NULL && !self->by_replay) {
         return restore_memory(component, guard->aside);
     }
-    fmi2Status status = guard->was_proved ? fmi2Error : replay_from_beginning(self);
+    fmi2Status status = guard->was_proved ? fmi2Error : replay_from_start(self);
     if (self->replay != NULL && !self->by_replay && !guard->was_proved) {
         self->replay->phase = TL_FMU_REPLAY_WAITS;
     }
     return status;
 }
 
-/* `why`: what was wrong; "": not known. */
-static fmi2Status descend(tl_fmu_guarded *self, const char *otherwise, const char *why, const char *instead) {
+/* `cause`: what was wrong; "": not known. Only replay is so slow that the user may have to act. */
+static fmi2Status log_fallback(tl_fmu_guarded *self, const char *finding, const char *cause, const char *remedy) {
     tl_error text;
-    bool is_known = why[0] != '\0';
-    (void)tl_fail(&text, TL_FMU_FAILED, "does not come back to where it was %s%s%s%s: %s", otherwise,
-                  is_known ? " (" : "", why, is_known ? ")" : "", instead);
-    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, text.text);
+    tl_log_level level = self->by_replay ? TL_LOG_WARNING : TL_LOG_NOTICE;
+    bool is_known = cause[0] != '\0';
+    (void)tl_fail(&text, TL_FMU_FAILED, "%s%s%s%s: %s", finding, is_known ? " (" : "", cause, is_known ? ")" : "",
+                  remedy);
+    tl_fmu_logger_say(&self->guard->logger, level, text.text);
     return fmi2OK;
 }
 
-static void forget_beginning(tl_fmu_guarded *self) {
+static void free_first_state(tl_fmu_guarded *self) {
     if (self->guard->beginning != NULL) {
         (void)self->guard->by_states.free_fmu_state(self, &self->guard->beginning);
         self->guard->beginning = NULL;
     }
 }
 
-static void let_go(fmi2Component component) {
+static void end_proof(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     void *copy = NULL;
     if (guard->beginning !=
         NULL) { /* copies are being proved; this changes the FMU's memory in the same way for all later copies */
         tl_fmu_memory_pass(&guard->memory, true);
-        forget_beginning(self);
+        free_first_state(self);
         (void)save_memory(self, &copy);
         tl_fmu_memory_forget(copy);
         tl_fmu_memory_pass(&guard->memory, false);
     }
     if (guard->gives_again && !guard->was_proved) {
-        (void)descend(self, "by its states alone", "parameters kept",
-                      "it is given again after each restore what it had been given");
+        (void)log_fallback(self, "rollback by its own states is not exact", "parameters kept",
+                           "its inputs and parameters are set again after each restore");
     }
     drop_copy(guard);
     guard->was_proved = true;
     guard->functions.replay.steps = 0;
     if (!self->by_replay && !guard->gives_again) {
-        tl_fmu_ladder_end_notes(self);
+        end_recording(self);
     }
 }
 
 /* Sets inputs again after own states, or else uses replay; if replay itself was wrong, resets by a
  * new instance. */
-static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
+static fmi2Status use_inputs_or_replay(tl_fmu_guarded *self, const char *cause) {
     tl_fmu_guard *guard = self->guard;
-    if (!may_descend(self)) {
+    if (!has_fallback(self)) {
         return fmi2Error;
     }
     if (self->given != NULL && !self->by_replay && !guard->gives_again) {
         drop_copy(guard);
         guard->gives_again = true;
-        roll_back_by(guard, &GIVEN_AGAIN);
-        return come_back(self);
+        roll_back_by(guard, &BY_STATES_AND_INPUTS);
+        return restore_start(self);
     }
     guard->gives_again = false;
     drop_copy(guard);
@@ -474,38 +475,40 @@ static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     if (!self->by_replay) {
         self->by_replay = true;
         roll_back_by_replay(guard);
-        (void)descend(self, "otherwise", why, "it is reset and given its inputs again instead, which is called replay");
+        (void)log_fallback(self, "no faster rollback method works", cause,
+                           "it is rolled back by replay (reset, then its inputs again)");
     }
-    return replay_from_beginning(self);
+    return replay_from_start(self);
 }
 
 /* While copies are proved, the own state from the start of the proof is restored. Later only the
  * copy from then exists. */
-static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
+static fmi2Status use_states_again(tl_fmu_guarded *self, const char *cause) {
     tl_fmu_guard *guard = self->guard;
     fmi2Status status =
-        guard->beginning != NULL ? guard->by_states.set_fmu_state(self, guard->beginning) : come_back(self);
+        guard->beginning != NULL ? guard->by_states.set_fmu_state(self, guard->beginning) : restore_start(self);
     if (status > fmi2Warning) {
         return status;
     }
-    forget_beginning(self);
+    free_first_state(self);
     guard->is_by_choice = false;
     roll_back_by(guard, &guard->by_states);
-    return descend(self, "by its memory", why, "it is rolled back by its own states, which are slower");
+    return log_fallback(self, "rollback by its memory is not exact", cause,
+                        "it is rolled back by its own states, which are slower");
 }
 
-static fmi2Status give_up_states(fmi2Component component, const char *why) {
+static fmi2Status replace_method(fmi2Component component, const char *cause) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     if (guard->is_by_choice) {
-        return return_to_states(self, why);
+        return use_states_again(self, cause);
     }
-    bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
-    if (!may_be_by_memory || come_back(component) != fmi2OK) {
-        return give_up_all_else(self, why);
+    bool has_memory_copy = guard->aside != NULL && !guard->by_memory && !self->by_replay;
+    if (!has_memory_copy || restore_start(component) != fmi2OK) {
+        return use_inputs_or_replay(self, cause);
     }
     roll_back_by_memory(guard);
-    return descend(self, "by its own states", why, "it is rolled back by its memory instead");
+    return log_fallback(self, "rollback by its own states is not exact", cause, "it is rolled back by its memory");
 }
 
 /* ---- choice between two exact methods ---- */
@@ -524,7 +527,7 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     guard->beginning = NULL;
     if (guard->by_states.get_fmu_state(component, &guard->beginning) > fmi2Warning ||
         save_memory(component, &guard->aside) != fmi2OK) {
-        forget_beginning(self);
+        free_first_state(self);
         return fmi2Error;
     }
     guard->is_by_choice = true;
@@ -535,14 +538,14 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
 
 /* ---- first method ---- */
 
-static void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
-    static const tl_fmi2_aside aside = {.keep = keep_aside,
-                                        .come_back = come_back,
-                                        .give_up_states = give_up_states,
-                                        .let_go = let_go,
-                                        .size = size_aside,
-                                        .has_choice = has_choice,
-                                        .prefer_copy = prefer_copy};
+static void choose_first_method(tl_fmu_guard *guard) {
+    static const tl_fmi2_aside fallback = {.keep = keep_start,
+                                           .come_back = restore_start,
+                                           .give_up_states = replace_method,
+                                           .let_go = end_proof,
+                                           .size = size_start,
+                                           .has_choice = has_choice,
+                                           .prefer_copy = prefer_copy};
     guard->by_states = guard->functions;
     if (guard->by_memory) {
         roll_back_by_memory(guard);
@@ -550,7 +553,7 @@ static void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
         roll_back_by_replay(guard);
     }
     if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
-        guard->functions.aside = &aside;
+        guard->functions.aside = &fallback;
     }
 }
 
@@ -560,26 +563,26 @@ typedef tl_fmu_guarded guarded;
 
 /* ---- changes of the process ---- */
 
-/* `told`: changes already logged for this instance or file. `where`: the call; NULL: the present
- * one. */
-static void say_changes(tl_fmu_guard *guard, unsigned *told, unsigned changes, const char *where) {
+/* `reported`: changes already logged for this instance or file. `where`: the call; NULL: the
+ * present one. */
+static void log_changes(tl_fmu_guard *guard, unsigned *reported, unsigned changes, const char *where) {
     char names[TL_HOST_CHANGE_TEXT];
     char text[TL_HOST_CHANGE_TEXT + 160];
     tl_fmu_call call = {.fmu = ""};
-    unsigned fresh = changes & ~*told;
-    if (fresh == 0) {
+    unsigned unreported = changes & ~*reported;
+    if (unreported == 0) {
         return;
     }
-    *told |= fresh;
+    *reported |= unreported;
     (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-    tl_host_state_describe(fresh, names);
-    (void)snprintf(text, sizeof text, "changed %s of the whole process in %s; that was put back, and is said once",
-                   names, where != NULL ? where : call.function);
-    tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, text);
+    tl_host_state_describe(unreported, names);
+    (void)snprintf(text, sizeof text, "changed %s of the whole process in %s: restored (reported once)", names,
+                   where != NULL ? where : call.function);
+    tl_fmu_logger_say(&guard->logger, TL_LOG_NOTICE, text);
 }
 
 /* Not inlined because it is rarely needed. */
-static void __attribute__((noinline, cold)) put_back_some(guarded *self, const char *where) {
+static void __attribute__((noinline, cold)) restore_thread(guarded *self, const char *where) {
     unsigned changes = 0;
     if (tl_fp_control_get() != self->control) {
         tl_fp_control_set(self->control);
@@ -589,12 +592,12 @@ static void __attribute__((noinline, cold)) put_back_some(guarded *self, const c
         (void)uselocale(self->locale);
         changes |= TL_HOST_LOCALE;
     }
-    say_changes(self->guard, &self->told, changes, where);
+    log_changes(self->guard, &self->told, changes, where);
 }
 
 /* ---- around a call ---- */
 
-static bool holds_all(const guarded *self) {
+static bool is_unchanged(const guarded *self) {
     return tl_fp_control_get() == self->control && uselocale((locale_t)0) == self->locale;
 }
 
@@ -606,7 +609,7 @@ static inline void enter(const guarded *self, tl_fmu_function function) {
 }
 
 /* Must be the first action after a call, because later allocations do not belong to the FMU. */
-static inline void leave_memory(const guarded *self) {
+static inline void leave_heap(const guarded *self) {
     if (self->heap != NULL) {
         tl_fmu_memory_leave(&self->guard->memory);
     }
@@ -614,18 +617,18 @@ static inline void leave_memory(const guarded *self) {
 
 /* After an ordinary call: must not need a system call. */
 static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
-    leave_memory(self);
-    if (!holds_all(self)) {
-        put_back_some(self, NULL);
+    leave_heap(self);
+    if (!is_unchanged(self)) {
+        restore_thread(self, NULL);
     }
     tl_fmu_call_end();
     return status;
 }
 
 /* After a call that may change any process state. */
-static fmi2Status leave_slowly(guarded *self, fmi2Status status) {
-    leave_memory(self);
-    say_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
+static fmi2Status leave_fully(guarded *self, fmi2Status status) {
+    leave_heap(self);
+    log_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
     return status;
 }
@@ -641,14 +644,14 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     if (guard->memory.heap != NULL) {
         tl_fmu_memory_leave(&guard->memory);
     }
-    say_changes(guard, &guard->told, tl_host_state_put_back(), NULL);
+    log_changes(guard, &guard->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
 }
 
 /* ---- noting calls ---- */
 
-static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const fmi2ValueReference references[],
-                               size_t count, const void *values, fmi2Status status) {
+static inline fmi2Status note_call(guarded *self, tl_fmu_prologue_kind kind, const fmi2ValueReference references[],
+                                   size_t count, const void *values, fmi2Status status) {
     if (self->replay != NULL) {
         tl_fmu_replay_note(self->replay, kind, references, count, values, status);
     }
@@ -658,40 +661,40 @@ static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const f
     return status;
 }
 
-static void free_own(guarded *self) {
+static void free_fmu(guarded *self) {
     if (self->instance != NULL) { /* NULL if a new instance could not be created */
         enter(self, TL_FMU_FREE_INSTANCE);
         self->own->free_instance(self->instance);
-        (void)leave_slowly(self, fmi2OK);
+        (void)leave_fully(self, fmi2OK);
     }
 }
 
 /* Frees the FMU's instance and creates a new one. */
-static fmi2Status renew(guarded *self) {
+static fmi2Status replace_instance(guarded *self) {
     const struct begun *begun = &self->begun;
-    free_own(self);
+    free_fmu(self);
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = self->own->instantiate(begun->name, begun->type, begun->guid, begun->resources,
                                             &self->guard->given, begun->visible, begun->logging);
-    return leave_slowly(self, self->instance != NULL ? fmi2OK : fmi2Error);
+    return leave_fully(self, self->instance != NULL ? fmi2OK : fmi2Error);
 }
 
 /* Resets the FMU so that it can be initialised. If fmi2Reset fails once, a new instance is created
  * from then on. */
-static fmi2Status lead_to_start(fmi2Component component) {
+static fmi2Status reset_to_start(fmi2Component component) {
     guarded *self = component;
     if (!self->guard->renews && self->own->reset != NULL) {
         enter(self, TL_FMU_RESET);
-        fmi2Status status = leave_slowly(self, self->own->reset(self->instance));
+        fmi2Status status = leave_fully(self, self->own->reset(self->instance));
         if (status <= fmi2Warning || status == fmi2Fatal) {
             return status;
         }
     }
     self->guard->renews = true;
-    return renew(self);
+    return replace_instance(self);
 }
 
-static bool begin_notes(guarded *self) {
+static bool begin_recording(guarded *self) {
     self->replay = calloc(1, sizeof *self->replay);
     if (self->replay == NULL) {
         return false;
@@ -701,11 +704,11 @@ static bool begin_notes(guarded *self) {
                                     .told = &self->guard->functions.replay,
                                     .functions = &self->guard->functions,
                                     .instance = self,
-                                    .reset = lead_to_start};
+                                    .reset = reset_to_start};
     return true;
 }
 
-static void know_ports(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs) {
+static void note_ports(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs) {
     guarded *self = component;
     if (self->replay != NULL) {
         self->replay->inputs = inputs;
@@ -724,12 +727,12 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
 static void free_instance(fmi2Component component) {
     guarded *self = component;
     guarded **link = &self->guard->instances;
-    free_own(self);
+    free_fmu(self);
     while (*link != self) {
         link = &(*link)->next;
     }
     *link = self->next;
-    tl_fmu_ladder_end_notes(self);
+    end_recording(self);
     free(self);
 }
 
@@ -749,13 +752,13 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     self->locale = uselocale((locale_t)0);
     self->characters = (const unsigned short *const *)__ctype_b_loc();
     self->table = *self->characters;
-    if (renew(self) != fmi2OK) {
+    if (replace_instance(self) != fmi2OK) {
         free(self);
         return NULL;
     }
     self->next = guard->instances;
     guard->instances = self;
-    if (guard->may_replay && !begin_notes(self)) {
+    if (guard->may_replay && !begin_recording(self)) {
         free_instance(self);
         return NULL;
     }
@@ -766,36 +769,36 @@ static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tole
                                    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     guarded *self = component;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
-    fmi2Status status = leave_slowly(
-        self, self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
+    fmi2Status status =
+        leave_fully(self, self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
     const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
-    return noted(self, TL_PROLOGUE_SETUP, NULL, 1, &setup, status);
+    return note_call(self, TL_PROLOGUE_SETUP, NULL, 1, &setup, status);
 }
 
 static fmi2Status enter_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_ENTER_INITIALIZATION_MODE);
-    fmi2Status status = leave_slowly(self, self->own->enter_initialization_mode(self->instance));
-    return noted(self, TL_PROLOGUE_ENTER_INITIALIZATION, NULL, 0, NULL, status);
+    fmi2Status status = leave_fully(self, self->own->enter_initialization_mode(self->instance));
+    return note_call(self, TL_PROLOGUE_ENTER_INITIALIZATION, NULL, 0, NULL, status);
 }
 
 static fmi2Status exit_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_EXIT_INITIALIZATION_MODE);
-    fmi2Status status = leave_slowly(self, self->own->exit_initialization_mode(self->instance));
-    return noted(self, TL_PROLOGUE_EXIT_INITIALIZATION, NULL, 0, NULL, status);
+    fmi2Status status = leave_fully(self, self->own->exit_initialization_mode(self->instance));
+    return note_call(self, TL_PROLOGUE_EXIT_INITIALIZATION, NULL, 0, NULL, status);
 }
 
 static fmi2Status terminate(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_TERMINATE);
-    return leave_slowly(self, self->own->terminate(self->instance));
+    return leave_fully(self, self->own->terminate(self->instance));
 }
 
 static fmi2Status reset(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_RESET);
-    fmi2Status status = leave_slowly(self, self->own->reset(self->instance));
+    fmi2Status status = leave_fully(self, self->own->reset(self->instance));
     if (self->replay != NULL && status <= fmi2Warning) {
         tl_fmu_replay_begin(self->replay);
     }
@@ -809,7 +812,7 @@ static fmi2Status get_real(fmi2Component component, const fmi2ValueReference ref
     guarded *self = component;
     enter(self, TL_FMU_GET_REAL);
     fmi2Status status = leave_guard(self, self->own->get_real(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_GET_REAL, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_GET_REAL, references, count, values, status);
 }
 
 static fmi2Status get_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -817,7 +820,7 @@ static fmi2Status get_integer(fmi2Component component, const fmi2ValueReference 
     guarded *self = component;
     enter(self, TL_FMU_GET_INTEGER);
     fmi2Status status = leave_guard(self, self->own->get_integer(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_GET_INTEGER, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_GET_INTEGER, references, count, values, status);
 }
 
 static fmi2Status get_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -825,7 +828,7 @@ static fmi2Status get_boolean(fmi2Component component, const fmi2ValueReference 
     guarded *self = component;
     enter(self, TL_FMU_GET_BOOLEAN);
     fmi2Status status = leave_guard(self, self->own->get_boolean(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_GET_BOOLEAN, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_GET_BOOLEAN, references, count, values, status);
 }
 
 static fmi2Status set_real(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -833,7 +836,7 @@ static fmi2Status set_real(fmi2Component component, const fmi2ValueReference ref
     guarded *self = component;
     enter(self, TL_FMU_SET_REAL);
     fmi2Status status = leave_guard(self, self->own->set_real(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_SET_REAL, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_SET_REAL, references, count, values, status);
 }
 
 static fmi2Status set_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -841,7 +844,7 @@ static fmi2Status set_integer(fmi2Component component, const fmi2ValueReference 
     guarded *self = component;
     enter(self, TL_FMU_SET_INTEGER);
     fmi2Status status = leave_guard(self, self->own->set_integer(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_SET_INTEGER, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_SET_INTEGER, references, count, values, status);
 }
 
 static fmi2Status set_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -849,7 +852,7 @@ static fmi2Status set_boolean(fmi2Component component, const fmi2ValueReference 
     guarded *self = component;
     enter(self, TL_FMU_SET_BOOLEAN);
     fmi2Status status = leave_guard(self, self->own->set_boolean(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_SET_BOOLEAN, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_SET_BOOLEAN, references, count, values, status);
 }
 
 static fmi2Status set_string(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -857,7 +860,7 @@ static fmi2Status set_string(fmi2Component component, const fmi2ValueReference r
     guarded *self = component;
     enter(self, TL_FMU_SET_STRING);
     fmi2Status status = leave_guard(self, self->own->set_string(self->instance, references, count, values));
-    return noted(self, TL_PROLOGUE_SET_STRING, references, count, values, status);
+    return note_call(self, TL_PROLOGUE_SET_STRING, references, count, values, status);
 }
 
 /* ---- steps ---- */
@@ -886,10 +889,10 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
  * as long as a step of a small FMU. It checks the effect of the control bits (host_state.h), and
  * the character table, which changes with the locale unless the new locale was made from ours. */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
-    leave_memory(self);
-    bool holds = last ? holds_all(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
+    leave_heap(self);
+    bool holds = last ? is_unchanged(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
     if (!holds) {
-        put_back_some(self, "a step");
+        restore_thread(self, "a step");
     }
     tl_fmu_call_end();
     return status;
@@ -898,13 +901,14 @@ static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status)
 /* Notes the calls set, step and get; the last one made may have failed. */
 static void note_reals(guarded *self, const tl_ports *inputs, const tl_ports *outputs, const tl_fmi2_step *step,
                        unsigned done, fmi2Status status) {
-    (void)noted(self, TL_PROLOGUE_SET_REAL, inputs->real_references, inputs->real_count, inputs->reals,
-                done > 0 ? fmi2OK : status);
+    (void)note_call(self, TL_PROLOGUE_SET_REAL, inputs->real_references, inputs->real_count, inputs->reals,
+                    done > 0 ? fmi2OK : status);
     if (done > 0) {
         note_step(self, step, done > 1 ? fmi2OK : status);
     }
     if (done > 1) {
-        (void)noted(self, TL_PROLOGUE_GET_REAL, outputs->real_references, outputs->real_count, outputs->reals, status);
+        (void)note_call(self, TL_PROLOGUE_GET_REAL, outputs->real_references, outputs->real_count, outputs->reals,
+                        status);
     }
 }
 
@@ -937,8 +941,10 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 /* Otherwise the missing state would be noticed only at a restore. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
     if (status <= fmi2Warning && *state == NULL) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR,
-                          "answered fmi2OK and gave no state (NULL), which is taken for fmi2Error");
+        tl_fmu_logger_say(
+            &self->guard->logger, TL_LOG_ERROR,
+            "returned fmi2OK without a state (NULL), which counts as fmi2Error; set \"rollback\": \"memory\" in its "
+            "component");
         return fmi2Error;
     }
     return status;
@@ -1018,9 +1024,9 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .do_step = do_step,
         .step_reals = step_reals,
     };
-    tl_fmu_ladder_begin(guard);
+    choose_first_method(guard);
     if (guard->may_replay) {
-        guard->functions.know_ports = know_ports;
+        guard->functions.know_ports = note_ports;
     }
 }
 
@@ -1030,7 +1036,7 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
     tl_fmu_memory_give_up_reserve(&guard->memory);
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
-        tl_fmu_ladder_end_notes(self);
+        end_recording(self);
         free(self);
     }
     guard->instances = NULL;
@@ -1038,15 +1044,14 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
 }
 
 void tl_fmu_guard_tick(void) {
-    static unsigned told; /* per process, because the changes affect the process */
+    static unsigned reported; /* per process, because the changes affect the process */
     char names[TL_HOST_CHANGE_TEXT];
-    unsigned fresh = tl_host_state_put_back() & ~told;
-    if (fresh != 0) {
+    unsigned unreported = tl_host_state_put_back() & ~reported;
+    if (unreported != 0) {
         static tl_log_limiter limiter = TL_LOG_LIMITER(1);
-        told |= fresh;
-        tl_host_state_describe(fresh, names);
-        tl_log_limited(&limiter, TL_LOG_WARNING,
-                       "an FMU changed %s of the whole process in its steps; that was put back, and is said once",
-                       names);
+        reported |= unreported;
+        tl_host_state_describe(unreported, names);
+        tl_log_limited(&limiter, TL_LOG_NOTICE,
+                       "an FMU changed %s of the whole process in its steps: restored (reported once)", names);
     }
 }

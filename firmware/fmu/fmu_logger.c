@@ -158,10 +158,11 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
 
 enum { LOGGERS = TL_FMU_CALL_FMUS, WORD_TEXT = 80 };
 
-/* The open loggers, so that an environment is checked before it is used. `unknown` limits messages
- * without a known logger. They are static because the callback has no other context. */
-static tl_fmu_logger *known[LOGGERS];
-static tl_log_limiter unknown = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND);
+/* The open loggers, so that an environment is checked before it is used. `unknown_limiter`
+ * limits messages without a known logger. They are static because the callback has no other
+ * context. */
+static tl_fmu_logger *open_loggers[LOGGERS];
+static tl_log_limiter unknown_limiter = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND);
 
 void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *generator) {
     *logger = (tl_fmu_logger){
@@ -170,8 +171,8 @@ void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *gen
     };
     (void)snprintf(logger->name, sizeof logger->name, "%s", name);
     for (size_t i = 0; i < LOGGERS; i++) {
-        if (known[i] == NULL) {
-            __atomic_store_n(&known[i], logger, __ATOMIC_RELEASE);
+        if (open_loggers[i] == NULL) {
+            __atomic_store_n(&open_loggers[i], logger, __ATOMIC_RELEASE);
             return;
         }
     }
@@ -179,18 +180,18 @@ void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *gen
 
 void tl_fmu_logger_close(tl_fmu_logger *logger) {
     for (size_t i = 0; i < LOGGERS; i++) {
-        if (known[i] == logger) {
-            __atomic_store_n(&known[i], NULL, __ATOMIC_RELEASE);
+        if (open_loggers[i] == logger) {
+            __atomic_store_n(&open_loggers[i], NULL, __ATOMIC_RELEASE);
         }
     }
     tl_log_limiter_end(&logger->limiter);
 }
 
 /* Returns NULL if no open logger has this address. */
-static tl_fmu_logger *find(const void *environment) {
+static tl_fmu_logger *find_logger(const void *environment) {
     tl_fmu_logger *found = NULL;
     for (size_t i = 0; i < LOGGERS && found == NULL && environment != NULL; i++) {
-        tl_fmu_logger *logger = __atomic_load_n(&known[i], __ATOMIC_ACQUIRE);
+        tl_fmu_logger *logger = __atomic_load_n(&open_loggers[i], __ATOMIC_ACQUIRE);
         found = logger == environment ? logger : NULL;
     }
     return found;
@@ -203,7 +204,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     char name[WORD_TEXT];
     char kind[WORD_TEXT];
     tl_fmu_call call;
-    tl_fmu_logger *logger = find(environment);
+    tl_fmu_logger *logger = find_logger(environment);
     if (message == NULL) {
         (void)tl_fmu_allocation_enter(heap);
         return;
@@ -227,7 +228,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
                          : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
                                                                       : TL_LOG_WARNING;
     const char *caller = tl_fmu_calls_look(tl_fmu_calls_here(), &call) ? call.fmu : "(unknown)";
-    tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level, "FMU %s%s%s: %s%s%s%s",
+    tl_log_limited(logger != NULL ? &logger->limiter : &unknown_limiter, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
     (void)tl_fmu_allocation_enter(heap);
@@ -236,5 +237,5 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
 void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text) {
     tl_fmu_call call = {.fmu = ""};
     (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-    tl_log_limited(&logger->limiter, level, "FMU %s %s", call.fmu[0] != '\0' ? call.fmu : logger->name, text);
+    tl_log_limited(&logger->limiter, level, "FMU %s: %s", call.fmu[0] != '\0' ? call.fmu : logger->name, text);
 }

@@ -41,8 +41,9 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
     struct stat status;
     (void)snprintf(path, sizeof path, "%s/resources", fmu->folder.path);
     if (mkdir(path, 0700) != 0 && errno != EEXIST) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
-                       label, strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "%s: the folder for resources cannot be created: %s; free space or set TMPDIR", label,
+                       strerror(errno));
     }
     if (stat(path, &status) != 0 || !S_ISDIR(status.st_mode)) {
         return tl_fail(error, TL_BAD_DATA, "%s: its entry \"resources\" is a file, not a folder; export the FMU again",
@@ -50,7 +51,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
     }
     fmu->resources = file_uri(&fmu->arena, path);
     if (fmu->resources == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory; free memory and try again", label);
     }
     return TL_OK;
 }
@@ -62,8 +63,10 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     FILE *file = fopen(path, "re");
     if (file == NULL) {
         return tl_shortage_is(errno)
-                   ? tl_fail(error, TL_TRY_AGAIN, "%s: resources/slavemodule.txt cannot be opened: %s", label,
-                             strerror(errno))
+                   ? tl_fail(
+                         error, TL_TRY_AGAIN,
+                         "%s: resources/slavemodule.txt cannot be opened: %s; free memory or descriptors and try again",
+                         label, strerror(errno))
                    : TL_OK;
     }
     if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
@@ -124,7 +127,7 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
     char description[PATH_MAX + sizeof "/modelDescription.xml"];
     fmu->path = tl_arena_text(&fmu->arena, path);
     if (fmu->path == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory; free memory and try again", label);
     }
     tl_status status = tl_fmu_archive_unpack(path, opened, label, &fmu->folder, error);
     if (status == TL_OK) {

@@ -18,8 +18,8 @@
 
 /* Interval of checks while waiting (20 ms), and a guard area that a large stack frame cannot skip.
  */
-static const tl_time LOOK = TL_SECOND / 50;
-enum { GUARD = 1024 * 1024 };
+static const tl_time WATCH_PERIOD = TL_SECOND / 50;
+enum { GUARD_BYTES = 1024 * 1024 };
 
 struct tl_fmu_thread {
     pthread_t handle;
@@ -30,7 +30,7 @@ struct tl_fmu_thread {
     void *context;
     bool end;
     tl_fmu_watch watch;
-    tl_fmu_call_timeout patience; /* of the waiting thread, if it checks the duration */
+    tl_fmu_call_timeout timeout; /* of the waiting thread, if it checks the duration */
 };
 
 /* ---- in the thread ---- */
@@ -59,7 +59,7 @@ static void set_job(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
     (void)pthread_mutex_unlock(&thread->lock);
 }
 
-static void *run(void *context) {
+static void *run_jobs(void *context) {
     tl_fmu_thread *thread = context;
     thread->number = (pid_t)syscall(SYS_gettid);
     (void)pthread_setname_np(pthread_self(), "fmus");
@@ -81,43 +81,43 @@ static int make_thread(tl_fmu_thread *thread) {
     if (result != 0) {
         return result;
     }
-    (void)pthread_attr_setstacksize(&attributes, TL_FMU_THREAD_STACK + GUARD);
-    (void)pthread_attr_setguardsize(&attributes, GUARD);
-    result = pthread_create(&thread->handle, &attributes, run, thread);
+    (void)pthread_attr_setstacksize(&attributes, TL_FMU_THREAD_STACK + GUARD_BYTES);
+    (void)pthread_attr_setguardsize(&attributes, GUARD_BYTES);
+    result = pthread_create(&thread->handle, &attributes, run_jobs, thread);
     (void)pthread_attr_destroy(&attributes);
     return result;
 }
 
-static void destroy(tl_fmu_thread *thread) {
+static void destroy_thread(tl_fmu_thread *thread) {
     (void)pthread_cond_destroy(&thread->changed);
     (void)pthread_mutex_destroy(&thread->lock);
     free(thread);
 }
 
 tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_error *error) {
-    tl_fmu_thread *made = calloc(1, sizeof *made);
+    tl_fmu_thread *created = calloc(1, sizeof *created);
     *thread = NULL;
-    if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the thread of the FMUs");
+    if (created == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "FMU thread: not enough memory; free memory and try again");
     }
     pthread_condattr_t attributes;
     struct sigaction action = {.sa_handler = wake_up};
     (void)sigemptyset(&action.sa_mask);
     (void)tl_host_state_handle(SIGUSR1, &action, NULL);
-    (void)pthread_mutex_init(&made->lock, NULL);
+    (void)pthread_mutex_init(&created->lock, NULL);
     (void)pthread_condattr_init(&attributes);
     (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    (void)pthread_cond_init(&made->changed, &attributes);
+    (void)pthread_cond_init(&created->changed, &attributes);
     (void)pthread_condattr_destroy(&attributes);
-    made->watch = watch;
-    int result = make_thread(made);
+    created->watch = watch;
+    int result = make_thread(created);
     if (result != 0) {
-        destroy(made);
+        destroy_thread(created);
         return tl_fail(error, TL_TRY_AGAIN,
-                       "no thread for the FMUs, with %d MiB of stack: %s; free memory, or raise ulimit -v",
+                       "FMU thread: cannot be created with %d MiB of stack: %s; free memory, or raise ulimit -v",
                        TL_FMU_THREAD_STACK >> 20, strerror(result));
     }
-    *thread = made;
+    *thread = created;
     return TL_OK;
 }
 
@@ -127,7 +127,7 @@ void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context) 
 
 /* Waits for LOOK at most. Returns true if the job is done. */
 static bool is_done_soon(tl_fmu_thread *thread) {
-    tl_time until = tl_clock_now(NULL) + LOOK;
+    tl_time until = tl_clock_now(NULL) + WATCH_PERIOD;
     const struct timespec instant = {.tv_sec = (time_t)(until / TL_SECOND), .tv_nsec = (long)(until % TL_SECOND)};
     (void)pthread_mutex_lock(&thread->lock);
     int result = 0;
@@ -141,7 +141,7 @@ static bool is_done_soon(tl_fmu_thread *thread) {
 
 /* Sends no signal during a call of an FMU, because it would interrupt the FMU's system calls too.
  * The signal may arrive just before the thread sleeps, so the caller repeats it. */
-static void wake(const tl_fmu_thread *thread) {
+static void interrupt_sleep(const tl_fmu_thread *thread) {
     tl_fmu_call call;
     if (!tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
         (void)pthread_kill(thread->handle, SIGUSR1);
@@ -154,7 +154,7 @@ static void wait_for_job(tl_fmu_thread *thread) {
     while (!is_done_soon(thread)) {
         tl_fmu_thread_watch(thread);
         if (tl_interrupt_requested() != NULL) {
-            wake(thread);
+            interrupt_sleep(thread);
         }
     }
 }
@@ -162,7 +162,7 @@ static void wait_for_job(tl_fmu_thread *thread) {
 void tl_fmu_thread_hurry(tl_fmu_thread *thread) {
     do {
         tl_fmu_thread_watch(thread);
-        wake(thread);
+        interrupt_sleep(thread);
     } while (!is_done_soon(thread));
 }
 
@@ -181,7 +181,7 @@ void tl_fmu_thread_end(tl_fmu_thread *thread) {
     (void)pthread_cond_broadcast(&thread->changed);
     (void)pthread_mutex_unlock(&thread->lock);
     (void)pthread_join(thread->handle, NULL);
-    destroy(thread);
+    destroy_thread(thread);
 }
 
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {
@@ -199,7 +199,7 @@ tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {
 
 void tl_fmu_thread_watch(tl_fmu_thread *thread) {
     if (thread->watch == TL_FMU_WATCHED_HERE) {
-        tl_fmu_call_timeout_look(&thread->patience);
+        tl_fmu_call_timeout_look(&thread->timeout);
     } else {
         tl_interrupt_reclaim(); /* an FMU in a long call may have installed its own signal handlers */
     }

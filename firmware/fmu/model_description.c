@@ -214,8 +214,9 @@ static unsigned long current_line(const description_parser *parser) {
 
 static void fail_memory(description_parser *parser) {
     if (parser->status == TL_OK) {
-        parser->status = tl_fail(parser->error, TL_TRY_AGAIN,
-                                 "%s: modelDescription.xml: out of memory; free some and try again", parser->label);
+        parser->status =
+            tl_fail(parser->error, TL_TRY_AGAIN,
+                    "%s: modelDescription.xml: not enough memory; free memory and try again", parser->label);
         (void)XML_StopParser(parser->expat, XML_FALSE);
     }
 }
@@ -227,7 +228,7 @@ static void *item_at(const tl_draft_list *list, size_t index) {
 }
 
 /* Returns the newest item. The list must not be empty. */
-static void *last_of(const tl_draft_list *list) {
+static void *last_item(const tl_draft_list *list) {
     return item_at(list, list->count - 1);
 }
 
@@ -245,7 +246,7 @@ static void *append(description_parser *parser, tl_draft_list *list, const char 
         list->capacity = capacity;
     }
     list->count++;
-    tl_draft_item *item = memset(last_of(list), 0, list->size);
+    tl_draft_item *item = memset(last_item(list), 0, list->size);
     *item = (tl_draft_item){name, line};
     return item;
 }
@@ -268,7 +269,7 @@ static void *find_item(const tl_draft_list *list, const char *name) {
 }
 
 /* Sorts the items and reports duplicate names. Drops implied units that exist already. */
-static void settle_names(description_parser *parser, tl_draft_list *list, const char *what) {
+static void sort_names(description_parser *parser, tl_draft_list *list, const char *what) {
     size_t kept = 0;
     if (list->count > 1) {
         qsort(list->items, list->count, list->size, compare_items);
@@ -314,10 +315,10 @@ static const char *keep(description_parser *parser, const char *text) {
     return copy;
 }
 
-/* Returns a copy of the attribute in the arena, or `otherwise` if it is missing. */
-static const char *text_or(description_parser *parser, const xml_tag *tag, const char *name, const char *otherwise) {
+/* Returns a copy of the attribute in the arena, or `standard` if it is missing. */
+static const char *text_or(description_parser *parser, const xml_tag *tag, const char *name, const char *standard) {
     const char *text = attribute(tag, name);
-    return text == NULL ? otherwise : keep(parser, text);
+    return text == NULL ? standard : keep(parser, text);
 }
 
 /* Reports an error if the attribute is missing. It may be empty: some exporters write an empty unit
@@ -325,8 +326,8 @@ static const char *text_or(description_parser *parser, const xml_tag *tag, const
 static const char *mandatory(description_parser *parser, const xml_tag *tag, const char *name) {
     const char *text = attribute(tag, name);
     if (text == NULL) {
-        fail_at(parser, current_line(parser), "<%.60s> has no attribute %s, FMI 2.0 demands it; export the FMU again",
-                tag->name, name);
+        fail_at(parser, current_line(parser),
+                "<%.60s> has no attribute %s, which FMI 2.0 requires; export the FMU again", tag->name, name);
         return "";
     }
     return keep(parser, text);
@@ -405,7 +406,8 @@ static void begin_description(description_parser *parser, const xml_tag *tag) {
     const char *version = mandatory(parser, tag, "fmiVersion");
     if (parser->status == TL_OK && strcmp(version, "2.0") != 0) {
         fail_at(parser, current_line(parser),
-                "this is FMI %.20s, only FMI 2.0 can be run; export the model as FMI 2.0 for Co-Simulation", version);
+                "this is FMI %.20s, but twinlock runs only FMI 2.0: export the model as FMI 2.0 for Co-Simulation",
+                version);
         return;
     }
     model->name = mandatory(parser, tag, "modelName");
@@ -430,7 +432,7 @@ static bool is_file_name(const char *text) {
 
 static void begin_co_simulation(description_parser *parser, const xml_tag *tag) {
     tl_model *model = parser->model;
-    tl_capabilities *can = &model->capabilities;
+    tl_capabilities *capabilities = &model->capabilities;
     if (parser->has_co_simulation) {
         fail_at(parser, current_line(parser), "a second <CoSimulation>; FMI 2.0 allows one");
         return;
@@ -440,9 +442,9 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     if (!is_file_name(model->identifier)) {
         fail_value(parser, tag, "modelIdentifier", model->identifier, "the name of a file");
     }
-    read_boolean(parser, tag, "canBeInstantiatedOnlyOncePerProcess", &can->can_be_instantiated_only_once);
-    read_boolean(parser, tag, "canGetAndSetFMUstate", &can->can_get_and_set_state);
-    read_boolean(parser, tag, "canSerializeFMUstate", &can->can_serialize_state);
+    read_boolean(parser, tag, "canBeInstantiatedOnlyOncePerProcess", &capabilities->can_be_instantiated_only_once);
+    read_boolean(parser, tag, "canGetAndSetFMUstate", &capabilities->can_get_and_set_state);
+    read_boolean(parser, tag, "canSerializeFMUstate", &capabilities->can_serialize_state);
 }
 
 /* ---- Units ----------------------------------------------------------------------------------- */
@@ -456,7 +458,7 @@ static void begin_unit(description_parser *parser, const xml_tag *tag) {
 
 static void begin_base_unit(description_parser *parser, const xml_tag *tag) {
     static const char *const names[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
-    tl_draft_unit *entry = last_of(&parser->units);
+    tl_draft_unit *entry = last_item(&parser->units);
     tl_unit *unit = &entry->unit;
     if (unit->has_base) {
         fail_at(parser, current_line(parser), "a second <BaseUnit> for unit \"%.60s\"", entry->item.name);
@@ -507,12 +509,12 @@ static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
 }
 
 static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
-    tl_draft_type *entry = last_of(&parser->types);
+    tl_draft_type *entry = last_item(&parser->types);
     read_declaration(parser, tag, &entry->declaration);
 }
 
 static void end_simple_type(description_parser *parser) {
-    const tl_draft_type *entry = last_of(&parser->types);
+    const tl_draft_type *entry = last_item(&parser->types);
     if (!entry->declaration.is_given) {
         fail_at(parser, entry->item.line,
                 "type \"%.100s\" has none of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>", entry->item.name);
@@ -588,7 +590,7 @@ static void read_start(description_parser *parser, const xml_tag *tag, tl_variab
 }
 
 static void begin_type_of_variable(description_parser *parser, const xml_tag *tag) {
-    tl_draft_variable *entry = last_of(&parser->variables);
+    tl_draft_variable *entry = last_item(&parser->variables);
     read_declaration(parser, tag, &entry->declaration);
     if (parser->status != TL_OK) {
         return;
@@ -600,7 +602,7 @@ static void begin_type_of_variable(description_parser *parser, const xml_tag *ta
 }
 
 static void end_variable(description_parser *parser) {
-    tl_draft_variable *entry = last_of(&parser->variables);
+    tl_draft_variable *entry = last_item(&parser->variables);
     tl_variable *variable = &entry->variable;
     if (!entry->declaration.is_given) {
         fail_at(parser, entry->item.line,
@@ -674,7 +676,8 @@ static void XMLCALL on_begin(void *context, const XML_Char *name, const XML_Char
     element parent = parser->path[parser->depth];
     const tag_rule *rule = find_rule(parent, name);
     if (rule == NULL && parent == DOCUMENT) {
-        fail_at(parser, current_line(parser), "the root is <%.60s>, not <fmiModelDescription>: this is no FMU", name);
+        fail_at(parser, current_line(parser), "the root is <%.60s>, not <fmiModelDescription>: this is not an FMU",
+                name);
         return;
     }
     parser->depth++;
@@ -708,14 +711,14 @@ static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Ch
     (void)public_id;
     (void)has_internal_subset;
     fail_at(parser, current_line(parser),
-            "<!DOCTYPE %.60s> is refused: an FMU needs no DTD, and one can hide an attack", name);
+            "<!DOCTYPE %.60s> is rejected, because a DTD can hide an attack: export the FMU again", name);
 }
 
 /* ---- The whole document ---------------------------------------------------------------------- */
 
-static double first_given(double own, double inherited, double otherwise) {
+static double first_number(double own, double inherited, double standard) {
     double value = isnan(own) ? inherited : own;
-    return isnan(value) ? otherwise : value;
+    return isnan(value) ? standard : value;
 }
 
 /* Attributes that the variable does not have are inherited from its declared type. */
@@ -729,15 +732,15 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
         if (type == NULL || type->declaration.type != own->type) {
             fail_at(parser, entry->item.line, "declaredType=\"%.100s\" of variable \"%.100s\" is %s",
                     entry->declared_type, variable->name,
-                    type == NULL ? "not in <TypeDefinitions>" : "a type of another kind than the variable");
+                    type == NULL ? "not in <TypeDefinitions>" : "of another type than the variable");
             return;
         }
         inherited = &type->declaration;
     }
     own->unit = own->unit == NULL ? inherited->unit : own->unit;
-    variable->minimum = first_given(own->minimum, inherited->minimum, -(double)INFINITY);
-    variable->maximum = first_given(own->maximum, inherited->maximum, (double)INFINITY);
-    variable->nominal = fabs(first_given(own->nominal, inherited->nominal, 1));
+    variable->minimum = first_number(own->minimum, inherited->minimum, -(double)INFINITY);
+    variable->maximum = first_number(own->maximum, inherited->maximum, (double)INFINITY);
+    variable->nominal = fabs(first_number(own->nominal, inherited->nominal, 1));
     if (variable->nominal == 0) {
         variable->nominal = 1;
     }
@@ -781,17 +784,17 @@ static void copy_to_model(description_parser *parser) {
 
 /* Checks that need the whole document. Lists are sorted once and then searched, so that
  * descriptions with a hundred thousand variables are read quickly. */
-static void settle_description(description_parser *parser) {
-    settle_names(parser, &parser->types, "type");
+static void finish_description(description_parser *parser) {
+    sort_names(parser, &parser->types, "type");
     for (size_t i = 0; i < parser->variables.count && parser->status == TL_OK; i++) {
         inherit(parser, item_at(&parser->variables, i));
     }
     if (parser->status == TL_OK) {
-        settle_names(parser, &parser->units, "unit");
+        sort_names(parser, &parser->units, "unit");
     }
     if (parser->status == TL_OK) {
         copy_to_model(parser);
-        settle_names(parser, &parser->variables, "variable");
+        sort_names(parser, &parser->variables, "variable");
     }
 }
 
@@ -801,9 +804,9 @@ static void check_document(description_parser *parser) {
         fail_at(parser, line, "%s; export the model as FMI 2.0 for Co-Simulation",
                 parser->has_model_exchange ? "the FMU is for Model Exchange only" : "there is no <CoSimulation>");
     } else if (!parser->has_variables) {
-        fail_at(parser, line, "there is no <ModelVariables>, FMI 2.0 demands it; export the FMU again");
+        fail_at(parser, line, "there is no <ModelVariables>, which FMI 2.0 requires; export the FMU again");
     } else {
-        settle_description(parser);
+        finish_description(parser);
     }
 }
 
@@ -820,7 +823,7 @@ static void parse(description_parser *parser, const char *xml, size_t size) {
         if (code == XML_ERROR_NO_MEMORY) {
             fail_memory(parser);
         } else {
-            fail_at(parser, current_line(parser), "no well-formed XML, column %lu: %s",
+            fail_at(parser, current_line(parser), "not well-formed XML, column %lu: %s",
                     (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code));
         }
         return;
@@ -844,7 +847,7 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     if (parser == NULL || expat == NULL) {
         free(parser);
         XML_ParserFree(expat);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory; free memory and try again", label);
     }
     parser->expat = expat;
     parser->label = label;
@@ -869,24 +872,25 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
 
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error) {
-    struct stat about;
+    struct stat facts;
     tl_status status = TL_TRY_AGAIN;
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
         return errno == ENOENT
-                   ? tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is no FMU", label)
+                   ? tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is not an FMU",
+                             label)
                    : tl_fail(error, status, "%s: modelDescription.xml cannot be opened: %s", label, strerror(errno));
     }
-    bool is_file = fstat(file, &about) == 0 && S_ISREG(about.st_mode);
-    bool fits = is_file && about.st_size <= TL_MODEL_DESCRIPTION_BYTES;
-    char *xml = fits ? malloc((size_t)about.st_size + 1) : NULL;
-    ssize_t size = xml != NULL ? tl_file_bytes_read(file, xml, (size_t)about.st_size) : 0;
+    bool is_file = fstat(file, &facts) == 0 && S_ISREG(facts.st_mode);
+    bool fits = is_file && facts.st_size <= TL_MODEL_DESCRIPTION_BYTES;
+    char *xml = fits ? malloc((size_t)facts.st_size + 1) : NULL;
+    ssize_t size = xml != NULL ? tl_file_bytes_read(file, xml, (size_t)facts.st_size) : 0;
     if (!is_file) {
-        status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is no file: this is no FMU", label);
+        status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is not a file: this is not an FMU", label);
     } else if (!fits) {
         status = fail_size(label, error);
     } else if (xml == NULL) {
-        (void)tl_fail(error, status, "%s: out of memory; free some and try again", label);
+        (void)tl_fail(error, status, "%s: not enough memory; free memory and try again", label);
     } else if (size < 0) {
         (void)tl_fail(error, status, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
     } else {

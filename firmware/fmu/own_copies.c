@@ -226,20 +226,20 @@ bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size) {
 
 /* ---- References ------------------------------------------------------------------------------ */
 
-typedef struct visiting {
+typedef struct visit_work {
     const tl_elf_file *file;
     tl_elf_visitor *visitor;
     void *context;
     size_t versions_left;
-} visiting;
+} visit_work;
 
 /* A name outside of the string table is ignored. */
-static bool tell(const visiting *work, tl_elf_kind kind, uint64_t offset) {
+static bool report_name(const visit_work *work, tl_elf_kind kind, uint64_t offset) {
     tl_elf_reference reference = {kind, (size_t)offset};
     return offset >= work->file->strings_size || work->visitor(work->context, reference);
 }
 
-static bool visit_entries(const visiting *work) {
+static bool visit_entries(const visit_work *work) {
     static const struct {
         int64_t tag;
         tl_elf_kind kind;
@@ -249,7 +249,7 @@ static bool visit_entries(const visiting *work) {
     for (size_t i = 0; i < work->file->entry_count; i++) {
         ElfW(Dyn) entry = entry_at(work->file, i);
         for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) {
-            if (entry.d_tag == known[k].tag && !tell(work, known[k].kind, entry.d_un.d_val)) {
+            if (entry.d_tag == known[k].tag && !report_name(work, known[k].kind, entry.d_un.d_val)) {
                 return false;
             }
         }
@@ -265,38 +265,39 @@ typedef struct member_end {
     uint32_t next;
 } member_end;
 
-static member_end end_of(const tl_elf_file *file, size_t member, size_t size) {
+static member_end read_end(const tl_elf_file *file, size_t member, size_t size) {
     member_end end;
     read_at(file, member + size - sizeof end, &end, sizeof end);
     return end;
 }
 
-/* Advances *at by `far` bytes. Returns false if there is no entry within the file. */
-static bool step_on(const tl_elf_file *file, size_t *at, uint64_t far, size_t size) {
-    if (far == 0 || far > file->size || *at > file->size - (size_t)far || file->size - *at - (size_t)far < size) {
+/* Advances *at by `distance` bytes. Returns false if there is no entry within the file. */
+static bool advance_entry(const tl_elf_file *file, size_t *at, uint64_t distance, size_t size) {
+    if (distance == 0 || distance > file->size || *at > file->size - (size_t)distance ||
+        file->size - *at - (size_t)distance < size) {
         return false;
     }
-    *at += (size_t)far;
+    *at += (size_t)distance;
     return true;
 }
 
 /* `kind` belongs to the first name; all others are TL_ELF_OTHER. */
-static bool visit_list(visiting *work, size_t at, uint64_t far, size_t size, tl_elf_kind kind) {
-    for (bool more = step_on(work->file, &at, far, size); more && work->versions_left > 0;) {
-        member_end end = end_of(work->file, at, size);
+static bool visit_list(visit_work *work, size_t at, uint64_t distance, size_t size, tl_elf_kind kind) {
+    for (bool more = advance_entry(work->file, &at, distance, size); more && work->versions_left > 0;) {
+        member_end end = read_end(work->file, at, size);
         work->versions_left--;
-        if (!tell(work, kind, end.inner)) {
+        if (!report_name(work, kind, end.inner)) {
             return false;
         }
         kind = TL_ELF_OTHER;
-        more = step_on(work->file, &at, end.next, size);
+        more = advance_entry(work->file, &at, end.next, size);
     }
     return true;
 }
 
 /* An entry of needed versions contains the name of a library. The base entry of defined versions
  * contains the name of this library. */
-static bool visit_versions(visiting *work, bool needed) {
+static bool visit_versions(visit_work *work, bool needed) {
     size_t size = needed ? sizeof(ElfW(Verneed)) : sizeof(ElfW(Verdef));
     size_t inner_size = needed ? sizeof(ElfW(Vernaux)) : sizeof(ElfW(Verdaux));
     uint64_t address = 0;
@@ -307,26 +308,27 @@ static bool visit_versions(visiting *work, bool needed) {
         return true;
     }
     for (bool more = true; more && work->versions_left > 0;) {
-        member_end end = end_of(work->file, at, size);
+        member_end end = read_end(work->file, at, size);
         ElfW(Verdef) defined;
         read_at(work->file, at, &defined, sizeof defined);
         bool is_base = !needed && (defined.vd_flags & VER_FLG_BASE) != 0;
         work->versions_left--;
-        if ((needed && !tell(work, TL_ELF_VERSION, word_at(work->file, at + offsetof(ElfW(Verneed), vn_file)))) ||
+        if ((needed &&
+             !report_name(work, TL_ELF_VERSION, word_at(work->file, at + offsetof(ElfW(Verneed), vn_file)))) ||
             !visit_list(work, at, end.inner, inner_size, is_base ? TL_ELF_VERSION : TL_ELF_OTHER)) {
             return false;
         }
-        more = step_on(work->file, &at, end.next, size);
+        more = advance_entry(work->file, &at, end.next, size);
     }
     return true;
 }
 
 void tl_elf_visit(const tl_elf_file *file, tl_elf_visitor *visitor, void *context) {
-    visiting work = {.file = file, .visitor = visitor, .context = context, .versions_left = TL_ELF_VERSIONS};
+    visit_work work = {.file = file, .visitor = visitor, .context = context, .versions_left = TL_ELF_VERSIONS};
     bool more = visit_entries(&work) && visit_versions(&work, true) && visit_versions(&work, false);
     for (size_t i = 0; i < file->symbol_count && more; i++) {
         size_t name = tl_elf_symbol_at(file, i).name;
-        more = name == TL_ELF_NO_NAME || tell(&work, TL_ELF_OTHER, name);
+        more = name == TL_ELF_NO_NAME || report_name(&work, TL_ELF_OTHER, name);
     }
 }
 
@@ -403,23 +405,23 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
 
 /* ---- Symbols --------------------------------------------------------------------------------- */
 
-static bool begins_with(const char *text, const char *beginning) {
-    return strncmp(text, beginning, strlen(beginning)) == 0;
+static bool begins_with(const char *text, const char *prefix) {
+    return strncmp(text, prefix, strlen(prefix)) == 0;
 }
 
 /* Reads the mangled name: after prefixes (guard, local of a function, nested name, const) comes
  * std:: or __gnu_cxx::. */
-static bool is_of_language(const char *name) {
+static bool is_language_symbol(const char *name) {
     static const char *const libraries[] = {"St", "Sa", "Ss", "Sb", "Si", "So", "Sd", "9__gnu_cxx", "10__cxxabiv1"};
-    static const char *const said[] = {"GV", "GR", "TV", "TI", "TS", "TT", "Z", "N", "K"};
+    static const char *const prefixes[] = {"GV", "GR", "TV", "TI", "TS", "TT", "Z", "N", "K"};
     if (!begins_with(name, "_Z")) {
         return false;
     }
     const char *rest = name + 2;
-    for (size_t i = 0; i < sizeof said / sizeof said[0];) {
-        bool is_said = begins_with(rest, said[i]);
-        rest += is_said ? strlen(said[i]) : 0;
-        i = is_said ? 0 : i + 1;
+    for (size_t i = 0; i < sizeof prefixes / sizeof prefixes[0];) {
+        bool is_prefix = begins_with(rest, prefixes[i]);
+        rest += is_prefix ? strlen(prefixes[i]) : 0;
+        i = is_prefix ? 0 : i + 1;
     }
     for (size_t i = 0; i < sizeof libraries / sizeof libraries[0]; i++) {
         if (begins_with(rest, libraries[i])) {
@@ -430,19 +432,19 @@ static bool is_of_language(const char *name) {
 }
 
 size_t tl_elf_part_unique(tl_elf_file *file) {
-    size_t parted = 0;
+    size_t changed = 0;
     for (size_t i = 0; i < file->symbol_count; i++) {
         tl_elf_symbol symbol = tl_elf_symbol_at(file, i);
         if (ELF64_ST_BIND(*symbol.info) != STB_GNU_UNIQUE || !symbol.is_defined || symbol.name == TL_ELF_NO_NAME) {
             continue;
         }
         const char *name = tl_elf_text(file, symbol.name);
-        if (name != NULL && !is_of_language(name)) {
+        if (name != NULL && !is_language_symbol(name)) {
             *symbol.info = (uint8_t)ELF64_ST_INFO(STB_GLOBAL, ELF64_ST_TYPE(*symbol.info));
-            parted++;
+            changed++;
         }
     }
-    return parted;
+    return changed;
 }
 
 bool tl_elf_opens_libraries(const tl_elf_file *file) {
@@ -472,16 +474,16 @@ typedef struct fmu_folder {
     char path[];
 } fmu_folder;
 
-typedef struct making {
+typedef struct copy_work {
     const char *folder;
-    fmu_folder *folders; /* subfolders that are still to be searched */
+    fmu_folder *subfolders; /* subfolders that are still to be searched */
     const char *label;
     tl_error *error;
     own_library *libraries; /* the first one is the binary */
     own_library **end;      /* end of that list */
     tl_elf_rename *renames;
     size_t rename_count;
-} making;
+} copy_work;
 
 static bool is_below(const char *path, const char *folder) {
     size_t length = strlen(folder);
@@ -489,23 +491,23 @@ static bool is_below(const char *path, const char *folder) {
 }
 
 /* `path`: of a library, or of the folder if all are affected. */
-static tl_status fail_system(const making *work, const char *path, const char *doing, int code) {
-    const char *shown = is_below(path, work->folder) ? path + strlen(work->folder) + 1 : "in its folder";
+static tl_status fail_system(const copy_work *work, const char *path, const char *doing, int code) {
+    const char *shown = is_below(path, work->folder) ? path + strlen(work->folder) + 1 : "(its folder)";
     return tl_fail(work->error, TL_TRY_AGAIN,
                    "%s: its library %.120s cannot be %s: %s; free memory, descriptors or disk and try again",
                    work->label, shown, doing, strerror(code));
 }
 
-static tl_status fail_memory(const making *work) {
-    return tl_fail(work->error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", work->label);
+static tl_status fail_memory(const copy_work *work) {
+    return tl_fail(work->error, TL_TRY_AGAIN, "%s: not enough memory; free memory and try again", work->label);
 }
 
 /* ---- Folders of FMUs ------------------------------------------------------------------------- */
 
 /* Folders of all FMUs that this process has loaded. */
-static fmu_folder *folders;
+static fmu_folder *fmu_folders;
 
-static bool remember(fmu_folder **list, const char *path) {
+static bool add_folder(fmu_folder **list, const char *path) {
     size_t size = strlen(path) + 1;
     fmu_folder *folder = malloc(sizeof *folder + size);
     if (folder == NULL) {
@@ -519,15 +521,15 @@ static bool remember(fmu_folder **list, const char *path) {
 
 /* ---- Libraries of this one ------------------------------------------------------------------- */
 
-static tl_status map_file(const making *work, own_library *library) {
-    struct stat about;
+static tl_status map_file(const copy_work *work, own_library *library) {
+    struct stat facts;
     tl_status status = TL_OK;
     int file = open(library->path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (file < 0) {
         return fail_system(work, library->path, "opened", errno);
     }
-    if (fstat(file, &about) == 0 && S_ISREG(about.st_mode) && about.st_size > 0) {
-        library->size = (size_t)about.st_size;
+    if (fstat(file, &facts) == 0 && S_ISREG(facts.st_mode) && facts.st_size > 0) {
+        library->size = (size_t)facts.st_size;
         void *bytes = mmap(NULL, library->size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
         if (bytes == MAP_FAILED) {
             status = fail_system(work, library->path, "read", errno);
@@ -539,7 +541,7 @@ static tl_status map_file(const making *work, own_library *library) {
     return status;
 }
 
-static void forget_library(own_library *library) {
+static void free_library(own_library *library) {
     if (library->bytes != NULL) {
         (void)munmap(library->bytes, library->size);
     }
@@ -547,7 +549,7 @@ static void forget_library(own_library *library) {
 }
 
 /* Skips files that are not libraries for the binary's machine. */
-static tl_status add_library(making *work, const char *path) {
+static tl_status add_library(copy_work *work, const char *path) {
     size_t size = strlen(path) + 1;
     own_library *added = calloc(1, sizeof *added + size);
     if (added == NULL) {
@@ -561,32 +563,32 @@ static tl_status add_library(making *work, const char *path) {
         *work->end = added;
         work->end = &added->next;
     } else {
-        forget_library(added);
+        free_library(added);
     }
     return status;
 }
 
 /* Remembers folders for later. Links are not followed. */
-static tl_status add_entry(making *work, const char *folder, const char *name) {
+static tl_status add_entry(copy_work *work, const char *folder, const char *name) {
     char path[PATH_MAX];
-    struct stat about;
+    struct stat facts;
     if (strcmp(name, ".") == 0 || strcmp(name, "..") == 0) {
         return TL_OK;
     }
     if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) {
         return fail_system(work, folder, "found", ENAMETOOLONG);
     }
-    if (lstat(path, &about) != 0) {
+    if (lstat(path, &facts) != 0) {
         return fail_system(work, path, "found", errno);
     }
-    if (S_ISDIR(about.st_mode)) {
-        return remember(&work->folders, path) ? TL_OK : fail_memory(work);
+    if (S_ISDIR(facts.st_mode)) {
+        return add_folder(&work->subfolders, path) ? TL_OK : fail_memory(work);
     }
-    bool is_other = strstr(name, ".so") != NULL && strcmp(path, work->libraries->path) != 0;
-    return is_other && S_ISREG(about.st_mode) ? add_library(work, path) : TL_OK;
+    bool is_library = strstr(name, ".so") != NULL && strcmp(path, work->libraries->path) != 0;
+    return is_library && S_ISREG(facts.st_mode) ? add_library(work, path) : TL_OK;
 }
 
-static tl_status look_into(making *work, const char *folder) {
+static tl_status read_folder(copy_work *work, const char *folder) {
     DIR *entries = opendir(folder);
     if (entries == NULL) {
         return fail_system(work, folder, "found", errno);
@@ -604,22 +606,22 @@ static tl_status look_into(making *work, const char *folder) {
 }
 
 /* Searches the whole folder, because an FMU may have libraries among its resources. */
-static tl_status find_libraries(making *work, const char *binary) {
+static tl_status find_libraries(copy_work *work, const char *binary) {
     tl_status status = add_library(work, binary);
     if (status != TL_OK || work->libraries == NULL) {
         return status;
     }
-    status = look_into(work, work->folder);
-    while (work->folders != NULL) {
-        fmu_folder *folder = work->folders;
-        work->folders = folder->next;
-        status = status == TL_OK ? look_into(work, folder->path) : status;
+    status = read_folder(work, work->folder);
+    while (work->subfolders != NULL) {
+        fmu_folder *folder = work->subfolders;
+        work->subfolders = folder->next;
+        status = status == TL_OK ? read_folder(work, folder->path) : status;
         free(folder);
     }
     return status;
 }
 
-static const own_library *library_called(const making *work, const char *name) {
+static const own_library *find_library(const copy_work *work, const char *name) {
     const own_library *library = work->libraries;
     while (library != NULL && strcmp(library->name, name) != 0) {
         library = library->next;
@@ -645,7 +647,7 @@ static bool is_taken(const char *name) {
     }
     bool taken = false;
     bool is_known = dlinfo(found, RTLD_DI_LINKMAP, &map) == 0 && map != NULL;
-    for (const fmu_folder *folder = folders; folder != NULL && is_known; folder = folder->next) {
+    for (const fmu_folder *folder = fmu_folders; folder != NULL && is_known; folder = folder->next) {
         taken = taken || is_below(map->l_name, folder->path);
     }
     (void)dlclose(found);
@@ -653,7 +655,7 @@ static bool is_taken(const char *name) {
 }
 
 /* Libraries that must exist once per process. */
-static bool is_of_the_system(const char *name) {
+static bool is_system_library(const char *name) {
     static const char *const known[] = {"libc.so",        "libm.so",        "libdl.so",     "librt.so",
                                         "libpthread.so",  "ld-linux",       "libgcc_s.so",  "libstdc++.so",
                                         "libgfortran.so", "libquadmath.so", "libatomic.so", "libgomp.so"};
@@ -665,7 +667,7 @@ static bool is_of_the_system(const char *name) {
     return false;
 }
 
-static bool is_renamed(const making *work, const char *name) {
+static bool is_renamed(const copy_work *work, const char *name) {
     for (size_t i = 0; i < work->rename_count; i++) {
         if (strcmp(work->renames[i].old_name, name) == 0 || strcmp(work->renames[i].new_name, name) == 0) {
             return true;
@@ -676,7 +678,7 @@ static bool is_renamed(const making *work, const char *name) {
 
 /* Replaces the first characters by a number that is free in this process: libtable.so becomes
  * 001table.so. Returns false if none is free. */
-static bool find_name(const making *work, const char *name, char found[TL_ELF_LIBRARY]) {
+static bool find_name(const copy_work *work, const char *name, char found[TL_ELF_LIBRARY]) {
     static const char digits[] = "0123456789abcdefghijklmnopqrstuvwxyz";
     enum { BASE = sizeof digits - 1, WIDTH = 3, MOST = BASE * BASE * BASE };
     static unsigned number;
@@ -693,14 +695,14 @@ static bool find_name(const making *work, const char *name, char found[TL_ELF_LI
         void *loaded = find_loaded(found);
         if (loaded != NULL) {
             (void)dlclose(loaded);
-        } else if (library_called(work, found) == NULL && !is_renamed(work, found)) {
+        } else if (find_library(work, found) == NULL && !is_renamed(work, found)) {
             return true; /* free: neither this FMU nor the loader has it */
         }
     }
     return false;
 }
 
-static tl_status add_rename(making *work, const char *name) {
+static tl_status add_rename(copy_work *work, const char *name) {
     tl_elf_rename *grown = realloc(work->renames, (work->rename_count + 1) * sizeof *grown);
     if (grown == NULL) {
         return fail_memory(work);
@@ -711,7 +713,7 @@ static tl_status add_rename(making *work, const char *name) {
     if (!find_name(work, name, added->new_name)) {
         return tl_fail(
             work->error, TL_BAD_DATA,
-            "%s: another FMU has a library %.120s too, and no name is left for a copy; rename it in one of them",
+            "%s: library %.120s also exists in another FMU, and no free name is left for a copy: rename it in one FMU",
             work->label, name);
     }
     work->rename_count++;
@@ -719,43 +721,44 @@ static tl_status add_rename(making *work, const char *name) {
 }
 
 /* The visit of one library's names. */
-typedef struct looking {
-    making *work;
+typedef struct needed_search {
+    copy_work *work;
     const tl_elf_file *file;
     tl_status status;
-} looking;
+} needed_search;
 
 /* Finds a needed library that the loader would take from another FMU, and that this FMU contains
  * too. A name with a slash is a path and needs no change. */
-static bool look_at(void *context, tl_elf_reference reference) {
-    looking *look = context;
-    const char *name = reference.kind == TL_ELF_NEEDED ? tl_elf_text(look->file, reference.offset) : NULL;
-    if (name == NULL || name[0] == '\0' || strchr(name, '/') != NULL || is_renamed(look->work, name) ||
-        is_of_the_system(name) || !is_taken(name)) {
+static bool check_needed(void *context, tl_elf_reference reference) {
+    needed_search *search = context;
+    const char *name = reference.kind == TL_ELF_NEEDED ? tl_elf_text(search->file, reference.offset) : NULL;
+    if (name == NULL || name[0] == '\0' || strchr(name, '/') != NULL || is_renamed(search->work, name) ||
+        is_system_library(name) || !is_taken(name)) {
         return true;
     }
-    if (library_called(look->work, name) == NULL) {
+    if (find_library(search->work, name) == NULL) {
         tl_log(
             TL_LOG_WARNING, /* no file to copy */
-            "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
-            look->work->label, name);
+            "%s: library %.120s is missing, so the FMU uses that of another FMU and shares its variables: export the "
+            "FMU with this library",
+            search->work->label, name);
         return true;
     }
-    look->status = add_rename(look->work, name);
-    return look->status == TL_OK;
+    search->status = add_rename(search->work, name);
+    return search->status == TL_OK;
 }
 
 /* ---- Changing -------------------------------------------------------------------------------- */
 
-static tl_status change_library(const making *work, own_library *library) {
+static tl_status change_library(const copy_work *work, own_library *library) {
     switch (tl_elf_rename_libraries(&library->file, work->renames, work->rename_count)) {
     case TL_ELF_NO_MEMORY:
         return fail_memory(work);
     case TL_ELF_CONFLICT:
         return tl_fail(
             work->error, TL_BAD_DATA,
-            "%s: its libraries have names that another FMU's have, such as %.80s, and in %.80s another name is part of one of "
-            "them, so that no copy can be made; rename the libraries of one of the FMUs",
+            "%s: library %.80s also exists in another FMU, and cannot be copied because %.80s uses a part of its "
+            "name: rename the libraries of one FMU",
             work->label, work->renames[0].old_name, library->name);
     case TL_ELF_DONE:
         break;
@@ -765,7 +768,7 @@ static tl_status change_library(const making *work, own_library *library) {
 }
 
 /* Writes the copy into the same folder under its new name. */
-static tl_status write_copy(const making *work, const own_library *library, const char *name) {
+static tl_status write_copy(const copy_work *work, const own_library *library, const char *name) {
     char path[PATH_MAX];
     int length = snprintf(path, sizeof path, "%.*s%s", (int)(library->name - library->path), library->path, name);
     int file = length < (int)sizeof path
@@ -780,7 +783,7 @@ static tl_status write_copy(const making *work, const own_library *library, cons
     return done ? TL_OK : fail_system(work, library->path, "copied", code);
 }
 
-static tl_status change_all(making *work) {
+static tl_status change_all(copy_work *work) {
     tl_status status = TL_OK;
     for (own_library *library = work->libraries; library != NULL && status == TL_OK; library = library->next) {
         status = change_library(work, library);
@@ -796,9 +799,9 @@ static tl_status change_all(making *work) {
 /* ---- Undetected sharing -------------------------------------------------------------------- */
 
 /* Returns true if another FMU has had a library at the same relative path. */
-static bool others_have(const making *work, const own_library *library) {
+static bool exists_elsewhere(const copy_work *work, const own_library *library) {
     char path[PATH_MAX];
-    for (const fmu_folder *folder = folders; folder != NULL; folder = folder->next) {
+    for (const fmu_folder *folder = fmu_folders; folder != NULL; folder = folder->next) {
         int length = snprintf(path, sizeof path, "%s%s", folder->path, library->path + strlen(work->folder));
         if (length < (int)sizeof path && access(path, F_OK) == 0) {
             return true;
@@ -808,18 +811,17 @@ static bool others_have(const making *work, const own_library *library) {
 }
 
 /* The binary itself does not count, because no library opens it by a name without a path. */
-static void warn_of_opening(const making *work) {
+static void warn_shared(const copy_work *work) {
     bool opens = false;
     for (const own_library *library = work->libraries; library != NULL && !opens; library = library->next) {
         opens = tl_elf_opens_libraries(&library->file);
     }
     for (const own_library *library = work->libraries; opens && library != NULL; library = library->next) {
-        if (library != work->libraries && others_have(work, library)) {
-            tl_log(
-                TL_LOG_WARNING,
-                "%s can open libraries while it runs (dlopen), and has a %.120s as another FMU has: if it opens that by its bare name, "
-                "both share its variables",
-                work->label, library->name);
+        if (library != work->libraries && exists_elsewhere(work, library)) {
+            tl_log(TL_LOG_WARNING,
+                   "%s: opens libraries at run time (dlopen), and library %.120s also exists in another FMU: if opened "
+                   "by name, both share its variables; rename it in one FMU",
+                   work->label, library->name);
             return;
         }
     }
@@ -827,29 +829,29 @@ static void warn_of_opening(const making *work) {
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-static tl_status make_copies(making *work, const char *binary) {
+static tl_status make_copies(copy_work *work, const char *binary) {
     tl_status status = find_libraries(work, binary);
     for (const own_library *library = work->libraries; library != NULL && status == TL_OK; library = library->next) {
-        looking look = {work, &library->file, TL_OK};
-        tl_elf_visit(look.file, look_at, &look);
-        status = look.status;
+        needed_search search = {work, &library->file, TL_OK};
+        tl_elf_visit(search.file, check_needed, &search);
+        status = search.status;
     }
     if (status == TL_OK) {
         status = change_all(work);
     }
     if (status == TL_OK) {
-        warn_of_opening(work);
+        warn_shared(work);
     }
     return status;
 }
 
 tl_status tl_own_copies_make(const char *folder, const char *binary, const char *label, tl_error *error) {
-    making work = {.folder = folder, .label = label, .error = error, .end = &work.libraries};
-    tl_status status = folders == NULL ? TL_OK : make_copies(&work, binary);
+    copy_work work = {.folder = folder, .label = label, .error = error, .end = &work.libraries};
+    tl_status status = fmu_folders == NULL ? TL_OK : make_copies(&work, binary);
     for (own_library *library = work.libraries, *next = NULL; library != NULL; library = next) {
         next = library->next;
-        forget_library(library);
+        free_library(library);
     }
     free(work.renames);
-    return status == TL_OK && !remember(&folders, folder) ? fail_memory(&work) : status;
+    return status == TL_OK && !add_folder(&fmu_folders, folder) ? fail_memory(&work) : status;
 }

@@ -21,7 +21,7 @@
 /* The thread makes one call, and locked memory is limited. */
 enum { STACK_BYTES = 256 * 1024 };
 
-static void *reap(void *context) {
+static void *reap_child(void *context) {
     pid_t *dead = context;
     siginfo_t info;
     id_t number = (id_t)*dead;
@@ -35,13 +35,16 @@ void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
     int result = ENOMEM;
     if (copy != NULL) {
         *copy = dead;
-        result = tl_side_thread_start(&reaper->thread, STACK_BYTES, reap, copy);
+        result = tl_side_thread_start(&reaper->thread, STACK_BYTES, reap_child, copy);
     }
     reaper->works = result == 0;
     if (result != 0) {
         free(copy);
-        tl_log(TL_LOG_WARNING, "the dead process %d stays in the list of processes until this one ends: %s", (int)dead,
-               strerror(result));
+        tl_log(
+            TL_LOG_WARNING,
+            "process %d has ended, but no thread could be started to reap it: %s; it stays in the process list until this "
+            "program ends",
+            (int)dead, strerror(result));
     }
 }
 
@@ -119,7 +122,7 @@ void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
     }
     child->asking += tl_child_passed(passed);
     if (child->asking > grace) {
-        tl_child_kill(child, grace, "it was told to end, and was still there %.0f s later", tl_seconds(grace));
+        tl_child_kill(child, grace, "killed: still running %.0f s after the request to end", tl_seconds(grace));
     }
 }
 
@@ -149,15 +152,14 @@ void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     if (child->killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", child->fault);
     } else if (!end->known) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended, and nobody knows how");
+        (void)snprintf(reason, TL_RESTARTS_REASON, "ended in an unknown way");
     } else if (end->by_signal) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", end->number,
-                       strsignal(end->number));
+        (void)snprintf(reason, TL_RESTARTS_REASON, "ended by signal %d, %s", end->number, strsignal(end->number));
     } else if (end->farewell == TL_END_CAUSE_ASKED && kept) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it was told to end, and not by its supervisor");
+        (void)snprintf(reason, TL_RESTARTS_REASON, "ended on a request that did not come from its supervisor");
     } else {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended %swith exit code %d",
-                       end->farewell != TL_END_CAUSE_NONE ? "" : "unannounced, ", end->number);
+        (void)snprintf(reason, TL_RESTARTS_REASON, "ended %swith exit code %d",
+                       end->farewell != TL_END_CAUSE_NONE ? "" : "unexpectedly ", end->number);
     }
     if (!kept) {
         append_call(child, reason);
@@ -178,7 +180,7 @@ void tl_child_bury(tl_child *child) {
 enum { STATUS = 1024 };
 
 /* Returns the text after this name, or "". */
-static const char *find(const char *status, const char *name) {
+static const char *find_field(const char *status, const char *name) {
     const char *found = strstr(status, name);
     return found != NULL ? found + strlen(name) : "";
 }
@@ -194,8 +196,8 @@ static bool is_thread_held(int tasks, const char *name) {
         (void)close(file);
     }
     status[length > 0 ? length : 0] = '\0';
-    char state = *find(status, "\nState:\t");
-    return state == 'T' || state == 't' || strtol(find(status, "\nTracerPid:\t"), NULL, 10) != 0;
+    char state = *find_field(status, "\nState:\t");
+    return state == 'T' || state == 't' || strtol(find_field(status, "\nTracerPid:\t"), NULL, 10) != 0;
 }
 
 bool tl_onlooker_holds(pid_t process) {

@@ -87,8 +87,8 @@ void tl_child_prepare(tl_child *child);
 bool tl_child_has_ended(tl_child *child);
 
 /* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor
- * waited; INT64_MAX: no FMU call caused it. The text gives the reason, as a sentence that begins
- * with "it". */
+ * waited; INT64_MAX: no FMU call caused it. The text gives the reason: what follows "the
+ * twin failed: ". */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
 /* Resets the measured silence: the timeouts of all heartbeats start again. */
@@ -105,7 +105,7 @@ tl_time tl_child_passed(tl_time passed);
  * the last call. */
 void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
 
-/* After its end: writes the reason as a sentence that begins with "it". */
+/* After its end: writes the reason, to follow "the twin failed: ". */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
 /* After its end: returns true if the child announced its end and then ended with the announced exit

@@ -12,67 +12,67 @@
 /* Heartbeat timeout: writing one version to a worn memory card may take long. */
 static const tl_time PATIENCE = 60 * TL_SECOND;
 
-typedef struct activator_process {
-    tl_live_given given;
+typedef struct manager_process {
+    tl_live_given setup;
     tl_live_host host;
     tl_activation_host functions;
-    tl_config_manager *activator;
-} activator_process;
+    tl_config_manager *manager;
+} manager_process;
 
-static void open_host(activator_process *self) {
-    tl_live_given *given = &self->given;
+static void open_host(manager_process *self) {
+    tl_live_given *setup = &self->setup;
     tl_live_host *host = &self->host;
-    *host = (tl_live_host){.pulse = given->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes,
-                           .recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes,
-                           .stage = given->blocks[TL_HANDOVER].bytes,
-                           .candidate = given->blocks[TL_LIVE_CANDIDATE].bytes,
-                           .path = given->config.path,
-                           .text = given->config.text,
-                           .text_hash = given->config.hash,
-                           .step = given->config.step,
-                           .journal = &given->journal};
+    *host = (tl_live_host){.pulse = setup->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes,
+                           .recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes,
+                           .stage = setup->blocks[TL_HANDOVER].bytes,
+                           .candidate = setup->blocks[TL_LIVE_CANDIDATE].bytes,
+                           .path = setup->config.path,
+                           .text = setup->config.text,
+                           .text_hash = setup->config.hash,
+                           .step = setup->config.step,
+                           .journal = &setup->journal};
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        host->twins[i] = given->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
-        host->tunings[i] = given->blocks[TL_LIVE_TUNING + i].bytes;
-        memcpy(host->hash[i], given->job.hash[i], sizeof host->hash[i]);
+        host->twins[i] = setup->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        host->tunings[i] = setup->blocks[TL_LIVE_TUNING + i].bytes;
+        memcpy(host->hash[i], setup->job.hash[i], sizeof host->hash[i]);
     }
 }
 
-static tl_status open_activator(activator_process *self, tl_error *error) {
+static tl_status open_manager(manager_process *self, tl_error *error) {
     self->functions = tl_live_host_functions(&self->host);
-    const tl_activation_settings settings = {.plant = self->given.config.name,
-                                             .path = self->given.config.path,
-                                             .allowed = self->given.job.allowed,
-                                             .memory_limit = self->given.job.memory_limit,
-                                             .unconfined = self->given.job.unconfined,
+    const tl_activation_settings settings = {.plant = self->setup.config.name,
+                                             .path = self->setup.config.path,
+                                             .allowed = self->setup.job.allowed,
+                                             .memory_limit = self->setup.job.memory_limit,
+                                             .unconfined = self->setup.job.unconfined,
                                              .host = &self->functions};
-    return tl_config_manager_open(TL_LIVE_KNOCKER, self->given.job.state, &settings, &self->activator, error);
+    return tl_config_manager_open(TL_LIVE_KNOCKER, self->setup.job.state, &settings, &self->manager, error);
 }
 
 int tl_config_manager_role_run(void) {
-    static activator_process self; /* one per process */
+    static manager_process self; /* one per process */
     tl_error error;
     tl_role_open_program();
-    tl_status status = tl_live_role_begin(TL_LIVE_IS_ACTIVATOR, &self.given);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_ACTIVATOR, &self.setup);
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
     open_host(&self);
-    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(&self.host.pulse->beats, "activator", PATIENCE);
-    status = open_activator(&self, &error);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(&self.host.pulse->beats, "config manager", PATIENCE);
+    status = open_manager(&self, &error);
     bool was_ready = status == TL_OK;
     if (was_ready) {
         tl_heartbeats_set_ready(&self.host.pulse->beats);
         for (bool goes_on = true; goes_on && tl_interrupt_requested() == NULL;) {
-            goes_on = tl_config_manager_work(self.activator);
+            goes_on = tl_config_manager_work(self.manager);
             tl_live_host_look(&self.host);
             tl_thread_heartbeat_beat(heartbeat);
-            tl_journal_drain(&self.given.journal);
+            tl_journal_drain(&self.setup.journal);
         }
-        tl_config_manager_close(self.activator);
+        tl_config_manager_close(self.manager);
     } else {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    tl_journal_drain(&self.given.journal);
+    tl_journal_drain(&self.setup.journal);
     return tl_live_role_end(&self.host.pulse->beats, was_ready, tl_exit_code(status));
 }

@@ -9,11 +9,11 @@ static const tl_time TICKS_BEFORE =
 
 /* ---- state ---- */
 
-static tl_twin_slot *place_of_run(const tl_handover_control *self) {
+static tl_twin_slot *live_slot(const tl_handover_control *self) {
     return &self->places[self->stage->place];
 }
 
-static tl_twin_slot *place_of_shadow(const tl_handover_control *self) {
+static tl_twin_slot *shadow_slot(const tl_handover_control *self) {
     return &self->places[1 - self->stage->place];
 }
 
@@ -28,72 +28,72 @@ static bool has_drained(const tl_handover_control *self) {
 
 /* ---- answers ---- */
 
-static void obey(tl_handover_control *self, uint32_t number) {
+static void finish_order(tl_handover_control *self, uint32_t number) {
     self->waiting = 0;
     __atomic_store_n(&self->stage->order, number, __ATOMIC_RELEASE);
 }
 
 static void show_shadow(tl_handover_control *self, tl_live_shadow shadow, const char *why) {
-    tl_handover *stage = self->stage;
-    (void)snprintf(stage->why, sizeof stage->why, "%.*s", TL_HANDOVER_WHY - 1, why);
-    __atomic_store_n(&stage->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
+    tl_handover *block = self->stage;
+    (void)snprintf(block->why, sizeof block->why, "%.*s", TL_HANDOVER_WHY - 1, why);
+    __atomic_store_n(&block->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
 }
 
 static void refuse_shadow(tl_handover_control *self, uint32_t number, const char *why) {
     show_shadow(self, TL_LIVE_SHADOW_ENDED, why);
-    obey(self, number);
+    finish_order(self, number);
 }
 
 /* ---- a shadow ---- */
 
 /* Returns why a shadow cannot start yet, or NULL if it can. */
-static const char *find_hindrance(const tl_handover_control *self, tl_time now) {
-    const tl_twin_slot *run = place_of_run(self);
+static const char *find_obstacle(const tl_handover_control *self, tl_time now) {
+    const tl_twin_slot *run = live_slot(self);
     tl_time start = __atomic_load_n(&run->pulse->start, __ATOMIC_ACQUIRE);
-    if (place_of_shadow(self)->pid != 0) {
-        return "the shadow before has not ended";
+    if (shadow_slot(self)->pid != 0) {
+        return "the previous shadow has not ended";
     }
     if (run->pid == 0 || !tl_heartbeats_is_ready(&run->pulse->beats) || start <= 0 || start > now) {
-        return "the run's twin has not begun";
+        return "the live twin has not started";
     }
-    return is_recorder_behind(self) ? "the recorder has not written the end of the run before" : NULL;
+    return is_recorder_behind(self) ? "the recorder has not finished the previous run" : NULL;
 }
 
 /* Returns false as long as the order may wait. */
-static bool has_lost_patience(tl_handover_control *self, uint32_t number, tl_time now) {
+static bool is_overdue(tl_handover_control *self, uint32_t number, tl_time now) {
     self->since = self->waiting == number ? self->since : now;
     self->waiting = number;
     return now - self->since > TL_HANDOVER_CONTROL_PATIENCE;
 }
 
-static void let_in(tl_handover_control *self, uint32_t number, const tl_live_needs *needs) {
-    const tl_twin_slot *run = place_of_run(self);
-    tl_twin_slot *place = place_of_shadow(self);
+static void load_candidate(tl_handover_control *self, uint32_t number, const tl_live_needs *needs) {
+    const tl_twin_slot *run = live_slot(self);
+    tl_twin_slot *slot = shadow_slot(self);
     tl_error error = {0};
-    tl_status status = tl_twin_slot_move_in_candidate(place, self->candidate, needs, self->step, &error);
+    tl_status status = tl_twin_slot_move_in_candidate(slot, self->candidate, needs, self->step, &error);
     if (status != TL_OK) {
         refuse_shadow(self, number, error.text);
         return;
     }
-    place->unconfined = place->unconfined && self->unconfined;
-    place->start = run->pulse->start;
-    place->started = run->pulse->started;
+    slot->unconfined = slot->unconfined && self->unconfined;
+    slot->start = run->pulse->start;
+    slot->started = run->pulse->started;
     self->wants_shadow = true;
     show_shadow(self, TL_LIVE_SHADOW_LIVES, "");
-    obey(self, number);
+    finish_order(self, number);
 }
 
-static void want_shadow(tl_handover_control *self, uint32_t number, const tl_live_needs *needs, tl_time now) {
+static void order_shadow(tl_handover_control *self, uint32_t number, const tl_live_needs *needs, tl_time now) {
     self->wants_shadow = false;
     if (self->holds) {
-        refuse_shadow(self, number, "safe hold: the run has no twin beside which another one could run");
+        refuse_shadow(self, number, "safe hold: there is no live twin to compare a shadow with");
         return;
     }
-    const char *hindrance = find_hindrance(self, now);
-    if (hindrance == NULL) {
-        let_in(self, number, needs);
-    } else if (has_lost_patience(self, number, now)) {
-        refuse_shadow(self, number, hindrance);
+    const char *obstacle = find_obstacle(self, now);
+    if (obstacle == NULL) {
+        load_candidate(self, number, needs);
+    } else if (is_overdue(self, number, now)) {
+        refuse_shadow(self, number, obstacle);
     }
 }
 
@@ -103,85 +103,84 @@ static void want_shadow(tl_handover_control *self, uint32_t number, const tl_liv
  * the status of the twin is invalid. */
 static int64_t tick_of_handover(const tl_handover_control *self, tl_time start, tl_time now) {
     const tl_time step = self->step;
-    tl_run_status figures = {.tick = 0};
+    tl_run_status status_now = {.tick = 0};
     if (start <= 0 || start > now) {
         return -1;
     }
     int64_t tick = (now + tl_handover_ahead(step) - start) / step + 1;
-    (void)tl_latest_read(&place_of_run(self)->pulse->figures, &figures, sizeof figures);
-    if (figures.tick < tick) {
+    (void)tl_latest_read(&live_slot(self)->pulse->figures, &status_now, sizeof status_now);
+    if (status_now.tick < tick) {
         return tick;
     }
-    return figures.tick - tick < TICKS_BEFORE / step ? figures.tick + 1 : -1;
+    return status_now.tick - tick < TICKS_BEFORE / step ? status_now.tick + 1 : -1;
 }
 
-static void announce(tl_handover_control *self, int64_t tick, tl_time now) {
-    tl_handover *stage = self->stage;
-    const tl_twin_slot *to = place_of_shadow(self);
+static void announce_handover(tl_handover_control *self, int64_t tick, tl_time now) {
+    tl_handover *block = self->stage;
+    const tl_twin_slot *to = shadow_slot(self);
     const tl_time step = self->step;
     char text[160];
-    __atomic_store_n(&stage->to, 1 - stage->place, __ATOMIC_RELAXED);
-    __atomic_store_n(&stage->tick, tick, __ATOMIC_RELAXED);
-    __atomic_store_n(&stage->handovers, stage->handovers + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&block->to, 1 - block->place, __ATOMIC_RELAXED);
+    __atomic_store_n(&block->tick, tick, __ATOMIC_RELAXED);
+    __atomic_store_n(&block->handovers, block->handovers + 1, __ATOMIC_RELEASE);
     self->until = to->start + tick * step + tl_handover_ahead(step);
     self->until = self->until > now ? self->until : now;
-    (void)snprintf(text, sizeof text,
-                   "from tick %" PRId64 " on the run goes on with another twin, of configuration %.12s", tick,
-                   to->hash);
+    (void)snprintf(text, sizeof text, "handover: from tick %" PRId64 " on the twin of configuration %.12s is live",
+                   tick, to->hash);
     self->tell(self->context, text);
 }
 
 /* Returns why no handover is possible, or NULL if it is. */
 static const char *find_refusal(const tl_handover_control *self) {
-    const tl_twin_slot *run = place_of_run(self);
-    const tl_twin_slot *shadow = place_of_shadow(self);
+    const tl_twin_slot *run = live_slot(self);
+    const tl_twin_slot *shadow = shadow_slot(self);
     if (self->holds) {
-        return "safe hold: the run has no twin";
+        return "safe hold: there is no live twin";
     }
     if (shadow->pid == 0 || !self->wants_shadow) {
         return "there is no shadow";
     }
     if (!tl_heartbeats_is_ready(&shadow->pulse->beats)) {
-        return "the shadow has not begun";
+        return "the shadow has not started";
     }
     return run->pid != 0 && run->pulse->start != 0 && run->pulse->start != shadow->start
-               ? "the run has begun anew: the shadow's ticks are not its own"
+               ? "the run was restarted: the shadow counts the ticks of the previous one"
                : NULL;
 }
 
-static void handover(tl_handover_control *self, uint32_t number, tl_time now) {
+static void order_handover(tl_handover_control *self, uint32_t number, tl_time now) {
     const char *refusal = find_refusal(self);
-    int64_t tick = refusal == NULL ? tick_of_handover(self, place_of_shadow(self)->start, now) : -1;
+    int64_t tick = refusal == NULL ? tick_of_handover(self, shadow_slot(self)->start, now) : -1;
     if (tick < 0) {
         show_shadow(self, (tl_live_shadow)self->stage->shadow, /* unchanged */
-                    refusal != NULL ? refusal : "the run's ticks are not to be believed");
+                    refusal != NULL ? refusal : "the live twin reports invalid ticks");
     } else {
-        announce(self, tick, now);
+        announce_handover(self, tick, now);
     }
-    obey(self, number);
+    finish_order(self, number);
 }
 
 /* Live twin and shadow have swapped. */
-static void swap(tl_handover_control *self, tl_orders *orders) {
-    tl_handover *stage = self->stage;
-    tl_twin_slot *before = place_of_run(self);
+static void swap_slots(tl_handover_control *self, tl_orders *orders) {
+    tl_handover *block = self->stage;
+    tl_twin_slot *before = live_slot(self);
     bool is_dead = before->pid == 0;
-    before->start = place_of_shadow(self)->start;
-    before->started = place_of_shadow(self)->started;
-    self->done = stage->handovers;
+    before->start = shadow_slot(self)->start;
+    before->started = shadow_slot(self)->started;
+    self->done = block->handovers;
     self->wants_shadow = !is_dead;
     show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
-                is_dead ? "it had died before another twin took over" : "");
-    __atomic_store_n(&stage->place, 1 - stage->place, __ATOMIC_RELEASE);
+                is_dead ? "the former live twin ended before the handover" : "");
+    __atomic_store_n(&block->place, 1 - block->place, __ATOMIC_RELEASE);
     orders->swap = true;
 }
 
-static void look_at_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
-    const tl_twin_slot *before = place_of_run(self);
+static void poll_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
+    const tl_twin_slot *before = live_slot(self);
     bool has_handed_over = __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->stage->handovers;
     bool is_dead = before->pid == 0 && !ends; /* at the end of all, this is no failure */
     if (has_handed_over || is_dead) {
-        swap(self, orders);
+        swap_slots(self, orders);
         return;
     }
     orders->soon = true;
@@ -190,7 +189,7 @@ static void look_at_handover(tl_handover_control *self, tl_time now, bool ends, 
 
 /* ---- orders ---- */
 
-static void look_at_order(tl_handover_control *self, tl_time now) {
+static void poll_order(tl_handover_control *self, tl_time now) {
     const tl_live_order *order = &self->orders->order;
     uint32_t number = __atomic_load_n(&order->number, __ATOMIC_ACQUIRE);
     tl_live_needs needs = order->needs;
@@ -199,24 +198,24 @@ static void look_at_order(tl_handover_control *self, tl_time now) {
     }
     switch (order->verb) {
     case TL_LIVE_SHADOW:
-        want_shadow(self, number, &needs, now);
+        order_shadow(self, number, &needs, now);
         break;
     case TL_LIVE_HAND_OVER:
-        handover(self, number, now);
+        order_handover(self, number, now);
         break;
     default: /* any invalid order ends the shadow */
         self->wants_shadow = false;
         show_shadow(self, TL_LIVE_SHADOW_NONE, "");
-        obey(self, number);
+        finish_order(self, number);
         break;
     }
 }
 
 void tl_handover_control_look(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
     if (change->stage->handovers != change->done) {
-        look_at_handover(change, now, ends, orders);
+        poll_handover(change, now, ends, orders);
     } else if (!ends) {
-        look_at_order(change, now);
+        poll_order(change, now);
     }
     orders->shadow = change->wants_shadow && !change->holds;
     orders->recorder = has_drained(change);
@@ -224,7 +223,7 @@ void tl_handover_control_look(tl_handover_control *change, tl_time now, bool end
 
 void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason) {
     if (change->wants_shadow) {
-        show_shadow(change, TL_LIVE_SHADOW_ENDED, change->holds ? "safe hold: the run has no twin" : reason);
+        show_shadow(change, TL_LIVE_SHADOW_ENDED, change->holds ? "safe hold: there is no live twin" : reason);
     }
     change->wants_shadow = false;
 }

@@ -23,7 +23,7 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 
-enum { LOOK_MS = 50, KINDS = TL_MAX_DRIVERS };
+enum { POLL_MS = 50, KINDS = TL_MAX_DRIVERS };
 
 /* A process that reads one kind of source. */
 typedef struct reader {
@@ -35,7 +35,7 @@ typedef struct reader {
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
-    tl_live_given given;
+    tl_live_given setup;
     tl_heartbeats *beats;
     tl_live_plant *plant;
     unsigned kinds; /* kinds of sources that this process reads */
@@ -46,15 +46,15 @@ typedef struct io {
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
     io *self = context;
-    tl_journal_event(&self->given.journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
+    tl_journal_event(&self->setup.journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
 static tl_status open_plant(io *self, tl_error *error) {
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_sample_buffers_shape shape;
-    tl_sample_buffers_shape_of(&self->given.config, &shape);
-    tl_sample_buffers_open(&shape, self->given.blocks[TL_LIVE_MAIL].bytes, buffers);
-    const tl_live_plant_settings settings = {.config = &self->given.config,
+    tl_sample_buffers_shape_of(&self->setup.config, &shape);
+    tl_sample_buffers_open(&shape, self->setup.blocks[TL_LIVE_MAIL].bytes, buffers);
+    const tl_live_plant_settings settings = {.config = &self->setup.config,
                                              .kinds = self->kinds,
                                              .buffers = buffers,
                                              .beats = self->beats,
@@ -86,7 +86,7 @@ static tl_status start_reader(io *self, unsigned kind, tl_error *error) {
     int line[2];
     const pid_t first = getpid();
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, line) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "no socket for a process of sources: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "no socket for a process that reads sources: %s", strerror(errno));
     }
     pid_t process = fork();
     if (process == 0) {
@@ -97,7 +97,7 @@ static tl_status start_reader(io *self, unsigned kind, tl_error *error) {
     (void)close(line[1]);
     if (process < 0) {
         (void)close(line[0]);
-        return tl_fail(error, TL_TRY_AGAIN, "no process for sources: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "no process to read sources: %s", strerror(errno));
     }
     self->readers[self->reader_count++] = (reader){.process = process, .line = line[0]};
     return TL_OK;
@@ -107,8 +107,8 @@ static tl_status start_reader(io *self, unsigned kind, tl_error *error) {
 static tl_status start_readers(io *self, tl_error *error) {
     tl_status status = TL_OK;
     self->first = -1;
-    for (size_t i = 0; i < self->given.config.source_count; i++) {
-        self->kinds |= tl_driver_bit(self->given.config.sources[i].driver);
+    for (size_t i = 0; i < self->setup.config.source_count; i++) {
+        self->kinds |= tl_driver_bit(self->setup.config.sources[i].driver);
     }
     for (unsigned kind = 1; self->first < 0 && kind < self->kinds && status == TL_OK; kind <<= 1) {
         if ((self->kinds & kind) != 0) {
@@ -119,19 +119,19 @@ static tl_status start_readers(io *self, tl_error *error) {
     return status;
 }
 
-static tl_status lose_reader(reader *one, tl_error *error) {
+static tl_status reap_reader(reader *one, tl_error *error) {
     int how = 0;
     (void)close(one->line);
     one->line = -1;
     (void)waitpid(one->process, &how, 0);
     if (WIFSIGNALED(how)) {
-        return tl_fail(error, TL_TRY_AGAIN, "the process %ld, which read sources, was ended by signal %d",
+        return tl_fail(error, TL_TRY_AGAIN, "process %ld, which reads sources, was ended by signal %d",
                        (long)one->process, WTERMSIG(how));
     }
     const int code = WEXITSTATUS(how);
     tl_status status = code == tl_exit_code(TL_PLANT_DOWN) ? TL_PLANT_DOWN : TL_TRY_AGAIN;
     status = code == tl_exit_code(TL_BAD_DATA) ? TL_BAD_DATA : status;
-    return tl_fail(error, status, "the process %ld, which read sources, has ended with code %d", (long)one->process,
+    return tl_fail(error, status, "process %ld, which reads sources, ended with exit code %d", (long)one->process,
                    code);
 }
 
@@ -141,7 +141,7 @@ static tl_status await_readers(io *self, tl_error *error) {
     for (size_t i = 0; i < self->reader_count && status == TL_OK; i++) {
         char opened = 0;
         status =
-            tl_file_bytes_read(self->readers[i].line, &opened, 1) == 1 ? TL_OK : lose_reader(&self->readers[i], error);
+            tl_file_bytes_read(self->readers[i].line, &opened, 1) == 1 ? TL_OK : reap_reader(&self->readers[i], error);
     }
     return status;
 }
@@ -150,16 +150,17 @@ static void end_readers(io *self) {
     for (size_t i = 0; i < self->reader_count; i++) {
         if (self->readers[i].line >= 0) {
             tl_error unused;
-            (void)lose_reader(&self->readers[i], &unused);
+            (void)reap_reader(&self->readers[i], &unused);
         }
     }
 }
 
 /* Reports that all sources are open: a reader to the first process, the first process to the
  * supervisor. */
-static tl_status announce(io *self, tl_error *error) {
+static tl_status announce_open(io *self, tl_error *error) {
     if (self->first >= 0) {
-        return write(self->first, "", 1) == 1 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "the first process has ended");
+        return write(self->first, "", 1) == 1 ? TL_OK
+                                              : tl_fail(error, TL_TRY_AGAIN, "the first process of io has ended");
     }
     tl_status status = await_readers(self, error);
     if (status == TL_OK) {
@@ -176,20 +177,20 @@ static bool is_over(io *self, tl_error *error, tl_status *status) {
     for (size_t i = 0; i < self->reader_count; i++) {
         lines[i] = (struct pollfd){.fd = self->readers[i].line};
     }
-    if (poll(lines, count, LOOK_MS) <= 0) {
+    if (poll(lines, count, POLL_MS) <= 0) {
         return tl_interrupt_requested() != NULL;
     }
     for (size_t i = 0; i < self->reader_count && *status == TL_OK; i++) {
-        *status = lines[i].revents != 0 ? lose_reader(&self->readers[i], error) : TL_OK;
+        *status = lines[i].revents != 0 ? reap_reader(&self->readers[i], error) : TL_OK;
     }
     return true;
 }
 
-static tl_status read_until_told(io *self, tl_thread_heartbeat *heartbeat, tl_error *error) {
+static tl_status read_sources(io *self, tl_thread_heartbeat *heartbeat, tl_error *error) {
     tl_status status = TL_OK;
     while (!is_over(self, error, &status)) {
         tl_thread_heartbeat_beat(heartbeat);
-        tl_journal_drain(&self->given.journal);
+        tl_journal_drain(&self->setup.journal);
     }
     return status;
 }
@@ -197,26 +198,26 @@ static tl_status read_until_told(io *self, tl_thread_heartbeat *heartbeat, tl_er
 int tl_io_role_run(void) {
     static io self; /* one per process */
     tl_error error;
-    tl_status status = tl_live_role_begin(TL_LIVE_IS_IO, &self.given);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_IO, &self.setup);
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
-    self.beats = self.given.blocks[TL_LIVE_IO_BEATS].bytes;
+    self.beats = self.setup.blocks[TL_LIVE_IO_BEATS].bytes;
     status = start_readers(&self, &error);
     tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(self.beats, "io", PATIENCE);
     if (status == TL_OK) {
-        status = tl_twin_slots_confine_io(&self.given.config, self.kinds, &error);
+        status = tl_twin_slots_confine_io(&self.setup.config, self.kinds, &error);
     }
     if (status == TL_OK) {
         status = open_plant(&self, &error);
     }
     if (status == TL_OK) {
-        status = announce(&self, &error);
+        status = announce_open(&self, &error);
     }
     const bool was_ready = status == TL_OK;
     if (status == TL_OK) {
-        tl_thread_heartbeat_set_timeout(heartbeat, self.given.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
-        status = read_until_told(&self, heartbeat, &error);
+        tl_thread_heartbeat_set_timeout(heartbeat, self.setup.config.realtime_hang + TL_SECOND / 1000 * 2 * POLL_MS);
+        status = read_sources(&self, heartbeat, &error);
         tl_thread_heartbeat_set_timeout(heartbeat, PATIENCE);
     }
     if (status != TL_OK) {
@@ -224,7 +225,7 @@ int tl_io_role_run(void) {
     }
     tl_live_plant_close(self.plant);
     end_readers(&self);
-    tl_journal_drain(&self.given.journal);
+    tl_journal_drain(&self.setup.journal);
     const int code = tl_exit_code(status);
     return self.first >= 0 ? code : tl_live_role_end(self.beats, was_ready, code);
 }

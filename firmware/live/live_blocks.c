@@ -33,7 +33,7 @@ tl_status tl_live_job_unpack(const void *bytes, size_t size, tl_live_job *job, c
     *path = is_closed ? (const char *)bytes + sizeof *job : NULL;
     *text = is_closed ? *path + strlen(*path) + 1 : end;
     if (*text == end) {
-        return tl_fail(error, TL_BAD_DATA, "the job of a process is none");
+        return tl_fail(error, TL_BAD_DATA, "the job of a process is invalid");
     }
     memcpy(job, bytes, sizeof *job);
     return TL_OK;
@@ -52,7 +52,7 @@ tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char 
     tl_problems_init(&problems, path);
     tl_status status = tl_config_read_text(path, text, strlen(text), config, &problems.report);
     if (status != TL_OK) {
-        return tl_fail(error, status, "%s was read differently by a process of the run", path);
+        return tl_fail(error, status, "%s: was valid, but a process of the run cannot parse it", path);
     }
     tl_live_job_apply(job, config);
     return TL_OK;
@@ -74,22 +74,22 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 #define BOTH(number) (3U << (number))
 
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
-    const unsigned place = job->place;
+    const unsigned slot = job->place;
     const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST);
     const tl_live_access accesses[] = {
         [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
                            .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
         [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_EVENTS) | ONE(TL_LIVE_SUPERVISOR_EVENTS) |
                                           ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | ONE(TL_HANDOVER) |
-                                          BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + place) |
-                                          ONE(TL_LIVE_QUEUE + place),
+                                          BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + slot) |
+                                          ONE(TL_LIVE_QUEUE + slot),
                                  .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST)},
         [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
                                   .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
                                             BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
         [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
-                                      ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
-                             .writes = ONE(TL_LIVE_TWIN_PULSE + place) | ONE(TL_LIVE_QUEUE + place)},
+                                      ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_PAST + slot),
+                             .writes = ONE(TL_LIVE_TWIN_PULSE + slot) | ONE(TL_LIVE_QUEUE + slot)},
     };
     tl_live_access access = accesses[kind];
     if (job->database[0] == '\0') {
@@ -148,7 +148,7 @@ tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_mem
 
 /* ---- memory need ---- */
 
-static size_t queue_with(const tl_config *config, size_t checkpoint) {
+static size_t queue_bytes_with(const tl_config *config, size_t checkpoint) {
     tl_record_queue_settings settings = tl_live_twin_queue(config);
     settings.checkpoint_bytes = checkpoint;
     return tl_record_queue_bytes(&settings);
@@ -161,42 +161,42 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     tl_live_block_sizes(config, sizes);
     *blocks = (tl_live_blocks){
         .sample_memory = sizes[TL_LIVE_MAIL],
-        .queue = queue_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
+        .queue = queue_bytes_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
                  sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
     };
     if (room <= TL_LIVE_CHECKPOINT_BYTES) {
-        blocks->checkpoints = queue_with(config, room) - queue_with(config, 0);
+        blocks->checkpoints = queue_bytes_with(config, room) - queue_bytes_with(config, 0);
     }
     if (config->record_resume != 0) {
         blocks->resume = tl_resume_image_bytes(&ticks, TL_RESUME_TICKS, checkpoint, 0);
     }
-    blocks->shadow = queue_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->resume;
+    blocks->shadow = queue_bytes_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->resume;
 }
 
 /* ---- samples for a shadow ---- */
 
-static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
-    tl_live_past_answer *given = self->answer;
+static void answer_request(tl_live_samples *self, tl_live_wish request, const char *path) {
+    tl_live_past_answer *reply = self->answer;
     int64_t from = __atomic_load_n(&self->pulse->past_from, __ATOMIC_RELAXED);
     size_t size = 0;
     tl_error error;
-    memset(given->words, 0, sizeof given->words);
+    memset(reply->words, 0, sizeof reply->words);
     if (tl_resume_samples_find(path, self->boot, from, self->resume->bytes, self->resume->size, &size, &error) !=
         TL_OK) {
-        given->words[0].severity = (int32_t)TL_EVENT_WARNING;
-        (void)snprintf(given->words[0].text, sizeof given->words[0].text, "%.200s", error.text);
+        reply->words[0].severity = (int32_t)TL_EVENT_WARNING;
+        (void)snprintf(reply->words[0].text, sizeof reply->words[0].text, "%.200s", error.text);
     }
-    given->size = size;
-    self->answered = wish;
+    reply->size = size;
+    self->answered = request;
     self->is_filled = self->is_filled || size != 0;
-    __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
+    __atomic_store_n(&reply->wish, request, __ATOMIC_RELEASE);
 }
 
 void tl_live_samples_look(tl_live_samples *self, const char *path) {
-    tl_live_wish wish = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
+    tl_live_wish request = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
     bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
-    if (wish != 0 && wish != self->answered && !begun) {
-        answer(self, wish, path);
+    if (request != 0 && request != self->answered && !begun) {
+        answer_request(self, request, path);
     } else if (begun && self->is_filled) {
         tl_block_forget(self->resume);
         self->is_filled = false;

@@ -12,17 +12,17 @@
 /* ---- slots ---- */
 
 /* Returns the slot of the live twin. */
-static uint32_t place_of_run(const tl_live_host *self) {
-    uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
-    return place < TL_TWIN_SLOTS ? place : 0;
+static uint32_t live_slot(const tl_live_host *self) {
+    uint32_t slot = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    return slot < TL_TWIN_SLOTS ? slot : 0;
 }
 
 static const tl_live_twin_pulse *twin_of_run(const tl_live_host *self) {
-    return self->twins[place_of_run(self)];
+    return self->twins[live_slot(self)];
 }
 
 static tl_live_tuning *tuning_of_run(const tl_live_host *self) {
-    return self->tunings[place_of_run(self)];
+    return self->tunings[live_slot(self)];
 }
 
 /* ---- status ---- */
@@ -53,32 +53,32 @@ static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
                          tl_heartbeats_get_end_cause(&twin->beats, &code) == TL_END_CAUSE_NONE;
 }
 
-static void look(void *context, tl_activation_view *view) {
+static void read_view(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
     const tl_live_twin_pulse *twin = twin_of_run(self);
-    char said[TL_HANDOVER_WHY] = "";
+    char reason[TL_HANDOVER_WHY] = "";
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
     view->holds = twin->holds != 0;
     view->waits = twin->holds == TL_LIVE_WAITS;
     read_status(twin, &view->figures);
     /* The reason is written before the number of the next process, which counts the failures. */
-    (void)tl_latest_read(&self->stage->failure, said, sizeof said);
-    (void)tl_clean_text(said, strnlen(said, sizeof said), view->figures.failure, TL_RUN_FAILURE);
+    (void)tl_latest_read(&self->stage->failure, reason, sizeof reason);
+    (void)tl_clean_text(reason, strnlen(reason, sizeof reason), view->figures.failure, TL_RUN_FAILURE);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
 }
 
 /* Gets the hash of the tuning in use in a slot; without a tuning, that of its configuration. */
-static void find_in_force(const tl_live_host *self, uint32_t place, char hash[TL_SHA256_TEXT]) {
+static void find_active_hash(const tl_live_host *self, uint32_t slot, char hash[TL_SHA256_TEXT]) {
     tl_live_tuning_head head;
-    bool is_given = tl_live_tuning_read(self->tunings[place], &head, NULL) == TL_OK;
-    memcpy(hash, is_given ? head.hash : self->hash[place], TL_SHA256_TEXT);
+    bool has_tuning = tl_live_tuning_read(self->tunings[slot], &head, NULL) == TL_OK;
+    memcpy(hash, has_tuning ? head.hash : self->hash[slot], TL_SHA256_TEXT);
 }
 
-static void in_force(void *context, char hash[TL_SHA256_TEXT]) {
+static void copy_active_hash(void *context, char hash[TL_SHA256_TEXT]) {
     const tl_live_host *self = context;
-    find_in_force(self, place_of_run(self), hash);
+    find_active_hash(self, live_slot(self), hash);
 }
 
 static bool copy_text(char *text, size_t *size, const char *from, size_t length) {
@@ -132,7 +132,7 @@ static bool has_other_fmus(void *context, const char *text, size_t size) {
 
 /* The recorder must have saved a tuning's text before the next tuning overwrites it, unless
  * recording fails now or the twin has rejected the tuning. */
-static bool is_kept(const tl_live_host *self) {
+static bool is_recorded(const tl_live_host *self) {
     uint32_t number = tl_live_tuning_number(tuning_of_run(self));
     tl_live_tuning_answer answer;
     bool is_refused = tl_live_tuning_answered(&twin_of_run(self)->tuned, number, &answer) && answer.refused != 0;
@@ -154,14 +154,15 @@ static uint32_t newest_tuning(const tl_live_host *self) {
     return newest;
 }
 
-static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
+static void set_tolerances(void *context, const tl_lock_tolerances *tolerances) {
     tl_latest_publish(&tuning_of_run(context)->tolerances, tolerances, sizeof *tolerances);
 }
 
-static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
+static bool write_tuning(void *context, const tl_version *version, const char *why, const char *text,
+                         const tl_tuning *tuning) {
     tl_live_host *self = context;
     tl_live_tuning_head head = {.size = (uint32_t)version->size, .tuning = *tuning};
-    if (!is_kept(self)) {
+    if (!is_recorded(self)) {
         return false;
     }
     (void)snprintf(head.hash, sizeof head.hash, "%s", version->hash);
@@ -173,7 +174,7 @@ static bool tune(void *context, const tl_version *version, const char *why, cons
     return true;
 }
 
-static tl_activation_news was_taken(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_news poll_tuning(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
     tl_live_tuning_answer answer;
     if (!tl_live_tuning_answered(&twin_of_run(self)->tuned, self->given, &answer)) {
@@ -185,79 +186,78 @@ static tl_activation_news was_taken(void *context, char why[TL_ACTIVATION_WHY]) 
 
 /* ---- shadow and handover ---- */
 
-static bool is_obeyed(const tl_live_host *self) {
+static bool is_order_done(const tl_live_host *self) {
     return __atomic_load_n(&self->stage->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
 }
 
-static void order(tl_live_host *self, tl_live_verb verb) {
+static void write_order(tl_live_host *self, tl_live_verb verb) {
     self->wants_none = false;
     self->pulse->order.verb = (uint32_t)verb;
     __atomic_store_n(&self->pulse->order.number, self->pulse->order.number + 1, __ATOMIC_RELEASE);
 }
 
-static bool begin_shadow(void *context, const tl_activation_candidate *candidate) {
+static bool order_shadow(void *context, const tl_activation_candidate *candidate) {
     tl_live_host *self = context;
-    uint32_t place = 1 - place_of_run(self);
-    if (!is_obeyed(self)) {
+    uint32_t slot = 1 - live_slot(self);
+    if (!is_order_done(self)) {
         return false;
     }
     self->candidate->size = (uint32_t)candidate->size;
     memcpy(self->candidate->text, candidate->text, candidate->size + 1);
     (void)snprintf(self->candidate->hash, sizeof self->candidate->hash, "%s", candidate->hash);
-    (void)snprintf(self->hash[place], sizeof self->hash[place], "%s", candidate->hash);
-    tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* skip the old ones */
-    tl_latest_publish(&self->tunings[place]->tolerances, candidate->tolerances, sizeof *candidate->tolerances);
+    (void)snprintf(self->hash[slot], sizeof self->hash[slot], "%s", candidate->hash);
+    tl_live_tuning_skip(self->tunings[slot], newest_tuning(self)); /* skip the old ones */
+    tl_latest_publish(&self->tunings[slot]->tolerances, candidate->tolerances, sizeof *candidate->tolerances);
     self->pulse->order.needs = candidate->needs;
-    order(self, TL_LIVE_SHADOW);
+    write_order(self, TL_LIVE_SHADOW);
     return true;
 }
 
 static void end_shadow(void *context) {
     tl_live_host *self = context;
     self->wants_none = true;
-    if (is_obeyed(self)) {
-        order(self, TL_LIVE_NO_SHADOW);
+    if (is_order_done(self)) {
+        write_order(self, TL_LIVE_NO_SHADOW);
     }
 }
 
-static bool handover(void *context) {
+static bool order_handover(void *context) {
     tl_live_host *self = context;
-    if (!is_obeyed(self)) {
+    if (!is_order_done(self)) {
         return false;
     }
     self->pulse->handovers = self->stage->handovers;
-    order(self, TL_LIVE_HAND_OVER);
+    write_order(self, TL_LIVE_HAND_OVER);
     return true;
 }
 
 /* Works also for a handover that an earlier config manager has ordered. */
-static tl_activation_news has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_news poll_handover(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
-    const tl_handover *stage = self->stage;
-    if (!is_obeyed(self)) {
+    const tl_handover *block = self->stage;
+    if (!is_order_done(self)) {
         return TL_ACTIVATION_WAITS;
     }
-    if (__atomic_load_n(&stage->handovers, __ATOMIC_ACQUIRE) == self->pulse->handovers) {
-        (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_HANDOVER_WHY - 1, stage->why);
+    if (__atomic_load_n(&block->handovers, __ATOMIC_ACQUIRE) == self->pulse->handovers) {
+        (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_HANDOVER_WHY - 1, block->why);
         return TL_ACTIVATION_REFUSED;
     }
-    return place_of_run(self) == __atomic_load_n(&stage->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN
-                                                                               : TL_ACTIVATION_WAITS;
+    return live_slot(self) == __atomic_load_n(&block->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN : TL_ACTIVATION_WAITS;
 }
 
-static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
+static void read_shadow(void *context, tl_activation_shadow *shadow) {
     const tl_live_host *self = context;
     uint32_t state = __atomic_load_n(&self->stage->shadow, __ATOMIC_ACQUIRE);
     memset(shadow, 0, sizeof *shadow);
     read_status(twin_of_run(self), &shadow->beside);
-    find_in_force(self, 1 - place_of_run(self), shadow->hash);
-    if (!is_obeyed(self) && self->pulse->order.verb == TL_LIVE_SHADOW) {
+    find_active_hash(self, 1 - live_slot(self), shadow->hash);
+    if (!is_order_done(self) && self->pulse->order.verb == TL_LIVE_SHADOW) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
     } else if (state == TL_LIVE_SHADOW_ENDED) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
         (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_HANDOVER_WHY - 1, self->stage->why);
     } else if (state == TL_LIVE_SHADOW_LIVES) {
-        read_status(self->twins[1 - place_of_run(self)], &shadow->work);
+        read_status(self->twins[1 - live_slot(self)], &shadow->work);
         shadow->phase = shadow->work.phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
                         : shadow->work.phase == TL_RUN_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
                                                                 : TL_ACTIVATION_SHADOW_BEGINS;
@@ -266,12 +266,12 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
 
 /* ---- interface ---- */
 
-static void ask_for_restart(void *context) {
+static void request_restart(void *context) {
     tl_live_host *self = context;
     __atomic_store_n(&self->pulse->restart, 1, __ATOMIC_RELEASE);
 }
 
-static void tell(void *context, tl_severity severity, const char *text) {
+static void report_event(void *context, tl_severity severity, const char *text) {
     tl_live_host *self = context;
     tl_journal_event(self->journal, -1, severity, "retune", "%s", text);
 }
@@ -285,19 +285,19 @@ void tl_live_host_look(tl_live_host *host) {
 tl_activation_host tl_live_host_functions(tl_live_host *host) {
     return (tl_activation_host){
         .context = host,
-        .look = look,
-        .in_force = in_force,
+        .look = read_view,
+        .in_force = copy_active_hash,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
-        .judge_by = judge_by,
-        .tune = tune,
-        .was_taken = was_taken,
-        .begin_shadow = begin_shadow,
-        .look_at_shadow = look_at_shadow,
+        .judge_by = set_tolerances,
+        .tune = write_tuning,
+        .was_taken = poll_tuning,
+        .begin_shadow = order_shadow,
+        .look_at_shadow = read_shadow,
         .end_shadow = end_shadow,
-        .handover = handover,
-        .has_handed_over = has_handed_over,
-        .restart = ask_for_restart,
-        .tell = tell,
+        .handover = order_handover,
+        .has_handed_over = poll_handover,
+        .restart = request_restart,
+        .tell = report_event,
     };
 }

@@ -16,30 +16,30 @@ void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue) {
 }
 
 /* Without a recorder the queue is not read; events are logged anyway. */
-static void open_events(tl_live_kind kind, tl_live_given *given) {
+static void open_events(tl_live_kind kind, tl_live_given *setup) {
     const tl_record_queue_settings events = tl_live_event_queue();
-    const tl_live_recorder_pulse *recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+    const tl_live_recorder_pulse *recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes;
     const bool is_io = kind == TL_LIVE_IS_IO;
     const size_t number = is_io ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_ACTIVATOR;
-    tl_record_queue_open(&events, given->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_CONFIG_MANAGER_EVENTS].bytes,
-                         recorder != NULL ? &recorder->state.taken[number] : NULL, &given->queue);
-    tl_live_role_open_journal(&given->journal, &given->queue);
+    tl_record_queue_open(&events, setup->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_CONFIG_MANAGER_EVENTS].bytes,
+                         recorder != NULL ? &recorder->state.taken[number] : NULL, &setup->queue);
+    tl_live_role_open_journal(&setup->journal, &setup->queue);
 }
 
-tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *setup) {
     tl_error error;
     tl_log_use_levels();
     tl_role_enter();
     tl_locale_use();
     tl_interrupt_install();
-    tl_status status = tl_live_job_take(TL_LIVE_JOB, &given->job_block, &given->job, &given->config, &error);
+    tl_status status = tl_live_job_take(TL_LIVE_JOB, &setup->job_block, &setup->job, &setup->config, &error);
     if (status == TL_OK) {
-        status = tl_live_blocks_take(kind, &given->job, &given->config, given->blocks, &error);
+        status = tl_live_blocks_take(kind, &setup->job, &setup->config, setup->blocks, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     } else if (kind != TL_LIVE_IS_RECORDER) {
-        open_events(kind, given);
+        open_events(kind, setup);
     }
     return status;
 }

@@ -49,7 +49,7 @@ typedef struct tl_live_given {
 
 /* Called first in io, recorder and config manager: sets up the log, ends the process with its
  * parent, and maps job and blocks. Errors are logged. */
-tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given);
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *setup);
 
 /* Passes events to the log and to the record queue, which must outlive the journal. */
 void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);

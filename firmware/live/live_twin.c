@@ -46,14 +46,14 @@ static const tl_time PATIENCE = 30 * TL_SECOND;
 /* A shadow that has not caught up after this time never will. It ends also if it misses this part
  * of its ticks, which is checked after some time. */
 static const tl_time PATIENCE_BEHIND = 60 * TL_SECOND;
-static const tl_time FIRST_JUDGED = 10 * TL_SECOND;
+static const tl_time FIRST_CHECK = 10 * TL_SECOND;
 enum { MISSED_PART = 10 };
 
-static const tl_time LOOK = TL_SECOND / 20;
-static const tl_time LOOK_SOON = TL_SECOND / 1000;
+static const tl_time POLL = TL_SECOND / 20;
+static const tl_time POLL_SOON = TL_SECOND / 1000;
 
 /* The time limit for the recorder's answer: the lock to the plant is more important. */
-static const tl_time PATIENCE_FOR_PAST = 10 * TL_SECOND;
+static const tl_time PATIENCE_FOR_RESUME = 10 * TL_SECOND;
 
 /* After so many ticks with a loaded state, that state counts as harmless: a broken state shows in a
  * step. */
@@ -80,16 +80,17 @@ typedef struct live_twin {
     tl_cycle *cycle;
     tl_status built; /* result of building the twin */
     tl_summary resumed;
-    tl_account account; /* units of the matched outputs */
-    bool is_shadow;     /* now */
-    int64_t next;       /* shadow: first tick of the cycle */
-    uint32_t asked;     /* shadow: number of requests for samples */
-    void *samples;      /* shadow: copy of the last samples */
-    int64_t parent;     /* shadow: run that it continues after a handover */
-    bool are_others;    /* the FMU files differ from those of the previous process */
-    bool has_crashed;   /* the previous process loaded a checkpoint and made no step */
-    bool unreadable;    /* other processes cannot load states of these FMUs */
+    tl_account account;     /* units of the matched outputs */
+    bool is_shadow;         /* now */
+    int64_t next;           /* shadow: first tick of the cycle */
+    uint32_t request_count; /* shadow: number of requests for samples */
+    void *samples;          /* shadow: copy of the last samples */
+    int64_t parent;         /* shadow: run that it continues after a handover */
+    bool files_changed;     /* the FMU files differ from those of the previous process */
+    bool has_crashed;       /* the previous process loaded a checkpoint and made no step */
+    bool unreadable;        /* other processes cannot load states of these FMUs */
     bool was_ready;
+    tl_realtime_missing missing;
     bool has_run; /* the record queue has a run that has not ended */
 } live_twin;
 
@@ -149,12 +150,12 @@ static void identify_files(live_twin *self) {
     }
     uint64_t number = tl_identity_number_of_open_files(descriptors, count); /* checkpoints need it */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
-    self->are_others = pulse->fmus != 0 && pulse->fmus != number;
+    self->files_changed = pulse->fmus != 0 && pulse->fmus != number;
     if (!is_known && self->job.database[0] != '\0') {
         tl_identity_open_files(descriptors, count, pulse->digest);
     }
     pulse->fmus = number;
-    self->has_crashed = pulse->loads != 0 && !self->are_others;
+    self->has_crashed = pulse->loads != 0 && !self->files_changed;
     self->unreadable = pulse->unreadable == number;
     pulse->loads = 0;
     tl_record_queue_name_fmus(&self->queue, pulse->digest);
@@ -163,17 +164,26 @@ static void identify_files(live_twin *self) {
 /* ---- events ---- */
 
 /* Reports the number and the reason of this start. */
-static void tell_start(live_twin *self) {
-    if (!self->job.alone) {
-        tl_journal_event(&self->journal, -1, self->job.how.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
-                         "start %llu, %llu of them after a failure; reason: %s",
-                         (unsigned long long)self->job.how.starts, (unsigned long long)self->job.how.restarts,
-                         self->job.how.reason);
+static void report_start(live_twin *self) {
+    const tl_start *how = &self->job.how;
+    char number[32] = "first start";
+    char failures[48] = "no failures";
+    if (self->job.alone) {
+        return;
     }
+    if (how->starts > 1) {
+        (void)snprintf(number, sizeof number, "start %llu", (unsigned long long)how->starts);
+    }
+    if (how->restarts > 0) {
+        (void)snprintf(failures, sizeof failures, "%llu after a failure", (unsigned long long)how->restarts);
+    }
+    tl_journal_event(&self->journal, -1, how->again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
+                     "the twin has started (%s, %s)%s%s", number, failures, how->reason[0] != '\0' ? ": " : "",
+                     how->reason);
 }
 
 /* Reports confinement features that are missing. */
-static void tell_confinement(live_twin *self) {
+static void report_confinement(live_twin *self) {
     char text[TL_CONFINE_TEXT];
     if (self->job.how.hold) {
         return;
@@ -190,7 +200,7 @@ static void tell_confinement(live_twin *self) {
 
 /* Called if the process ends during an FMU call. The recorder outlives this process and reads the
  * event from the queue. */
-static void keep(void *context, const char *why) {
+static void record_exit(void *context, const char *why) {
     live_twin *self = context;
     if (!tl_journal_is_apart(&self->journal)) {
         tl_record_queue_event(&self->queue, -1, TL_EVENT_ERROR, "twin", why);
@@ -207,50 +217,48 @@ static bool is_plant_open(live_twin *self) {
 
 /* The supervisor changes the scheduling of the FMU thread on request; the main thread waits for
  * that. */
-static void wish_realtime(live_twin *self, bool wished) {
-    int wanted = wished ? SCHED_FIFO : SCHED_OTHER;
+static void request_realtime(live_twin *self, bool is_realtime) {
+    int wanted = is_realtime ? SCHED_FIFO : SCHED_OTHER;
     pid_t thread = tl_fmu_thread_number(self->fmus);
     tl_time until = tl_clock_now(NULL) + PRIORITY;
     if (self->config->realtime_priority <= 0) {
         return;
     }
-    __atomic_store_n(&self->pulse->realtime, wished ? (int32_t)thread : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->realtime, is_realtime ? (int32_t)thread : 0, __ATOMIC_RELEASE);
     while (sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted && tl_clock_now(NULL) < until) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
+        tl_clock_sleep_until(tl_clock_now(NULL) + POLL_SOON);
     }
-    if (wished && sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted) {
-        tl_realtime_tell_refused(&self->journal);
-    }
+    self->missing.priority = is_realtime && sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted;
 }
 
 /* ---- status ---- */
 
 /* For the config manager and clients, which show and compare them. */
-static void publish(live_twin *self, tl_run_status *figures, const tl_metrics *match) {
-    figures->outputs = (uint32_t)self->config->match_count;
+static void publish_status(live_twin *self, tl_run_status *published, const tl_metrics *match) {
+    published->outputs = (uint32_t)self->config->match_count;
     for (size_t i = 0; i < self->config->match_count; i++) {
-        tl_run_output *output = &figures->output[i];
+        tl_run_output *output = &published->output[i];
         (void)snprintf(output->name, sizeof output->name, "%s", self->config->match[i].variable);
         (void)snprintf(output->unit, sizeof output->unit, "%s", self->account.match[i].unit);
         output->pairs = match[i].pairs;
         output->sum_of_squares = match[i].sum_of_squares;
         output->tolerance = self->config->match[i].weight > 0.0 ? self->config->match[i].tolerance : 0.0;
     }
-    tl_latest_publish(&self->pulse->figures, figures, sizeof *figures);
+    tl_latest_publish(&self->pulse->figures, published, sizeof *published);
 }
 
 /* Warm-up of a shadow. */
 static void show_recorded(void *context, const tl_run_status *status, const tl_metrics *match) {
-    tl_run_status figures = *status;
-    figures.phase = TL_RUN_RECORDED;
-    figures.ticks = (uint64_t)status->tick;
-    publish(context, &figures, match);
+    tl_run_status published = *status;
+    published.phase = TL_RUN_RECORDED;
+    published.ticks = (uint64_t)status->tick;
+    publish_status(context, &published, match);
 }
 
 /* Live, or while missed ticks are caught up. */
 static void show_status(live_twin *self, const tl_cycle_status *status) {
     char line[TL_STATUS_LINE];
-    tl_run_status figures = {
+    tl_run_status published = {
         .phase = status->is_live ? TL_RUN_LIVE : TL_RUN_RECORDED,
         .tick = status->tick,
         .last = status->tick,
@@ -269,37 +277,37 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
     };
     tl_status_line_write(self->config, status, line);
     tl_heartbeats_set_status(&self->pulse->beats, line);
-    publish(self, &figures, status->match);
+    publish_status(self, &published, status->match);
 }
 
 /* ---- resume ---- */
 
 /* Publishes t_start of the run for a shadow that may start later. */
-static void tell_beginning(live_twin *self, tl_time start, int64_t started) {
+static void publish_start(live_twin *self, tl_time start, int64_t started) {
     __atomic_store_n(&self->pulse->started, started, __ATOMIC_RELAXED);
     __atomic_store_n(&self->pulse->start, start, __ATOMIC_RELEASE);
 }
 
-static void be_ready(live_twin *self) {
+static void set_ready(live_twin *self) {
     tl_heartbeats_set_ready(&self->pulse->beats);
     self->was_ready = true;
 }
 
 /* Requests resume data with this number, waits for the answer, and copies it. Returns false if
  * there is no answer in time. */
-static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
-    tl_live_wish wish = tl_live_wish_of(self->job.number, number);
-    tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_PAST;
-    __atomic_store_n(&self->pulse->resume, wish, __ATOMIC_RELEASE);
-    const tl_live_past_answer *given = &self->recorder->answer[self->job.place];
-    while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
+static bool request_resume(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
+    tl_live_wish request = tl_live_wish_of(self->job.number, number);
+    tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_RESUME;
+    __atomic_store_n(&self->pulse->resume, request, __ATOMIC_RELEASE);
+    const tl_live_past_answer *reply = &self->recorder->answer[self->job.place];
+    while (__atomic_load_n(&reply->wish, __ATOMIC_ACQUIRE) != request) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
             return false;
         }
         tl_thread_heartbeat_beat(self->heartbeat);
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
+        tl_clock_sleep_until(tl_clock_now(NULL) + POLL_SOON);
     }
-    *answer = *given;
+    *answer = *reply;
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
         answer->words[i].text[TL_RESUME_TEXT - 1] = '\0';
     }
@@ -317,14 +325,16 @@ typedef struct follow_job {
     tl_status status;
 } follow_job;
 
-static void tell_past(void *context, tl_severity severity, const char *text) {
+static void report_resume(void *context, tl_severity severity, const char *text) {
     tl_journal_event(context, -1, severity, "resume", "%s", text);
 }
 
 static void do_follow(void *context) {
     follow_job *job = context;
-    const tl_resume_follow_settings following = {
-        .assembly = job->twin->assembly, .queue = &job->twin->queue, .tell = tell_past, .context = &job->twin->journal};
+    const tl_resume_follow_settings following = {.assembly = job->twin->assembly,
+                                                 .queue = &job->twin->queue,
+                                                 .tell = report_resume,
+                                                 .context = &job->twin->journal};
     job->status = tl_resume_follow(&following, job->resume, &job->twin->resumed, &job->outcome, job->error);
 }
 
@@ -340,7 +350,7 @@ static void note_load(const live_twin *self, bool loads) {
 }
 
 /* *refused: this data cannot be used; older data may work. */
-static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused, tl_error *error) {
+static tl_status follow_resume(live_twin *self, const tl_resume *resume, bool *refused, tl_error *error) {
     const int64_t last = newest_run(self); /* before this run starts */
     follow_job job = {.twin = self, .resume = resume, .error = error};
     *refused = (self->has_crashed || self->unreadable) && resume->checkpoint != NULL;
@@ -357,7 +367,7 @@ static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused,
     }
     *refused = job.status == TL_OK && job.outcome == TL_RESUME_REFUSED;
     if (job.status == TL_OK && job.outcome == TL_RESUME_FAILED) {
-        (void)tl_record_queue_put_end(&self->queue, "could not go on with an earlier run");
+        (void)tl_record_queue_put_end(&self->queue, "could not resume an earlier run");
     }
     if (self->resumed.resumption.from != TL_RESUMED_NOT && self->resumed.resumption.run < 0) {
         self->resumed.resumption.run = last;
@@ -369,25 +379,25 @@ static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused,
 
 /* *any: the record queue has a run. */
 static tl_status follow_queue(live_twin *self, bool *any, tl_error *error) {
-    tl_resume_queue *left = tl_resume_queue_open(&self->queue, self->assembly, tell_past, &self->journal);
+    tl_resume_queue *points = tl_resume_queue_open(&self->queue, self->assembly, report_resume, &self->journal);
     tl_resume resume;
     bool refused = true;
     tl_status status = TL_OK;
-    *any = left != NULL;
-    while (status == TL_OK && refused && tl_resume_queue_next(left, &resume)) {
-        status = follow(self, &resume, &refused, error);
+    *any = points != NULL;
+    while (status == TL_OK && refused && tl_resume_queue_next(points, &resume)) {
+        status = follow_resume(self, &resume, &refused, error);
     }
-    tl_resume_queue_close(left);
+    tl_resume_queue_close(points);
     return status;
 }
 
 /* ---- data of the recorder ---- */
 
-static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
+static void report_answer(live_twin *self, const tl_live_past_answer *answer) {
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
-        const tl_live_past_word *word = &answer->words[i];
-        bool is_known = word->severity >= TL_EVENT_INFO && word->severity <= TL_EVENT_ERROR;
-        tell_past(&self->journal, is_known ? (tl_severity)word->severity : TL_EVENT_WARNING, word->text);
+        const tl_live_past_word *message = &answer->words[i];
+        bool is_known = message->severity >= TL_EVENT_INFO && message->severity <= TL_EVENT_ERROR;
+        report_resume(&self->journal, is_known ? (tl_severity)message->severity : TL_EVENT_WARNING, message->text);
     }
 }
 
@@ -396,14 +406,14 @@ static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_er
     tl_resume resume;
     void *image = malloc(size);
     if (image == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to resume");
     }
     memcpy(image, self->resume->bytes, size);
     tl_status status = tl_resume_read(image, size, self->config, tl_clock_now(NULL), &resume, error);
     if (status == TL_OK) {
-        status = follow(self, &resume, refused, error);
+        status = follow_resume(self, &resume, refused, error);
     } else {
-        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.180s", error->text);
+        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume", "starts a new run: %.180s", error->text);
         status = TL_OK;
         *refused = false;
     }
@@ -416,15 +426,17 @@ static tl_status follow_recorder(live_twin *self, tl_error *error) {
     bool refused = true;
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
-        if (!ask(self, number, &answer)) {
+        if (!request_resume(self, number, &answer)) {
             if (tl_interrupt_requested() != NULL) { /* no answer is needed at the end */
                 return TL_OK;
             }
-            tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
-                             "begins anew: the recorder does not say what was recorded before");
+            tl_journal_event(
+                &self->journal, -1, TL_EVENT_WARNING, "resume",
+                "starts a new run: the recorder did not send the records of the previous one within %.0f s",
+                tl_seconds(PATIENCE_FOR_RESUME));
             return TL_OK;
         }
-        tell_answer(self, &answer);
+        report_answer(self, &answer);
         self->ended = answer.ended;
         refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
         if (refused) {
@@ -459,10 +471,10 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
         return 0;
     }
     __atomic_store_n(&self->pulse->past_from, from, __ATOMIC_RELAXED);
-    if (!ask(self, ++self->asked, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
+    if (!request_resume(self, ++self->request_count, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
         return 0;
     }
-    tell_answer(self, &answer);
+    report_answer(self, &answer);
     free(self->samples);
     self->samples = malloc((size_t)answer.size + 1);
     if (self->samples == NULL) {
@@ -477,8 +489,8 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
 static tl_status begin_shadow(live_twin *self, tl_error *error) {
     static const tl_run_status none = {.ticks = 0};
     static const tl_metrics no_match[TL_MAX_MATCH];
-    tell_beginning(self, self->job.start, self->job.started);
-    be_ready(self);
+    publish_start(self, self->job.start, self->job.started);
+    set_ready(self);
     show_recorded(self, &none, no_match);
     const tl_shadow_warm_up course = {
         .assembly = self->assembly,
@@ -497,16 +509,15 @@ static tl_status begin_shadow(live_twin *self, tl_error *error) {
     return status;
 }
 
-static tl_status go_on(live_twin *self, tl_error *error) {
+static tl_status resume_run(live_twin *self, tl_error *error) {
     if (self->has_crashed) { /* neither that checkpoint nor another one is loaded by this process */
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
-                         "the twin before has ended as it loaded a checkpoint: this one loads none, and inputs are run "
-                         "again%s",
-                         self->unreadable ? "; no more are saved, nor loaded, with these FMUs" : "");
+                         "the previous twin process ended after it had loaded a checkpoint: this one repeats recorded "
+                         "inputs instead%s",
+                         self->unreadable ? "; checkpoints of these FMUs are neither saved nor loaded any more" : "");
     }
-    if (self->are_others) {
-        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
-                         "begins anew: the FMUs are not those of the run before");
+    if (self->files_changed) {
+        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "starts a new run: the FMU files have changed");
         return TL_OK;
     }
     return follow_past(self, error);
@@ -525,6 +536,7 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .tuning = self->blocks[TL_LIVE_TUNING + self->job.place].bytes,
         .answer = &self->pulse->tuned,
         .resumed = self->resumed,
+        .missing = self->missing,
         .unreadable = self->unreadable,
         .place = {.stage = self->blocks[TL_HANDOVER].bytes,
                   .place = self->job.place,
@@ -539,7 +551,7 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
 
 static tl_status start_cycle(live_twin *self, tl_error *error) {
     tl_account_take(self->assembly->twin, &self->account);
-    tl_status status = self->is_shadow ? begin_shadow(self, error) : go_on(self, error);
+    tl_status status = self->is_shadow ? begin_shadow(self, error) : resume_run(self, error);
     if (status != TL_OK) {
         return status;
     }
@@ -549,7 +561,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         for (tl_time until = tl_clock_now(NULL) + FIRST_READING;
              tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
              !(is_plant_open(self) && tl_plant_input_is_complete(&self->input));) {
-            tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
+            tl_clock_sleep_until(tl_clock_now(NULL) + 5 * POLL_SOON);
         }
         const tl_time gap = tl_clock_now(NULL) - self->ended; /* a change by restart leaves a gap */
         if (self->ended != 0 && gap > 0) {
@@ -558,25 +570,26 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         }
     }
     if (self->config->realtime_lock_memory) {
-        tl_realtime_lock_memory(&self->journal);
+        self->missing.lock_error = tl_realtime_lock_memory();
     }
-    wish_realtime(self, !self->is_shadow);
+    request_realtime(self, !self->is_shadow);
     const tl_cycle_settings settings = settings_of_cycle(self);
     status = tl_cycle_start(&settings, &self->cycle, error);
     if (status == TL_OK) {
         if (!self->is_shadow) {
-            tell_start(self);
+            report_start(self);
         }
-        tell_confinement(self);
+        report_confinement(self);
         if (self->job.database[0] == '\0') {
-            tl_log(TL_LOG_NOTICE,
-                   "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
-                   "of this program the twin begins anew");
+            tl_log(
+                TL_LOG_NOTICE,
+                "nothing is recorded: add \"record\" to the configuration or use --db; without it the twin cannot resume "
+                "after a restart of this program");
         }
     }
     if (status == TL_OK && !self->is_shadow) {
         const tl_resumption *beginning = tl_record_queue_beginning(&self->queue);
-        tell_beginning(self, beginning->start, beginning->started);
+        publish_start(self, beginning->start, beginning->started);
     }
     return status;
 }
@@ -584,7 +597,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 /* ---- while the cycle runs ---- */
 
 /* A handover may have swapped live twin and shadow. The priority is not waited for. */
-static void look_at_part(live_twin *self, bool is_shadow) {
+static void update_role(live_twin *self, bool is_shadow) {
     if (is_shadow == self->is_shadow) {
         self->parent = is_shadow ? newest_run(self) : self->parent;
         return;
@@ -598,47 +611,48 @@ static void look_at_part(live_twin *self, bool is_shadow) {
 }
 
 /* A shadow that is too slow has no meaningful result, and takes time from the live twin. */
-static tl_status judge_pace(const live_twin *self, const tl_cycle_status *status, tl_time since, tl_error *error) {
+static tl_status check_pace(const live_twin *self, const tl_cycle_status *status, tl_time since, tl_error *error) {
     if (!status->is_shadow) {
         return TL_OK;
     }
     if (!status->is_live && tl_clock_now(NULL) - since > PATIENCE_BEHIND) {
         return tl_fail(error, TL_TRY_AGAIN,
-                       "this box does not carry two twins: the shadow does not catch up with the plant");
+                       "this box is too slow for two twins: the shadow has not caught up with the plant within %.0f s",
+                       tl_seconds(PATIENCE_BEHIND));
     }
-    bool judged = status->is_live && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_JUDGED;
-    return !judged || status->skipped <= status->ticks / MISSED_PART
+    bool checked = status->is_live && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_CHECK;
+    return !checked || status->skipped <= status->ticks / MISSED_PART
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN,
-                         "this box does not carry two twins: the shadow has missed %llu of %llu ticks",
+                         "this box is too slow for two twins: the shadow missed %llu of %llu ticks",
                          (unsigned long long)status->skipped, (unsigned long long)status->ticks);
 }
 
 /* Monitors the cycle until it ends or a signal comes; the cycle does not depend on it. Errors:
- * those of judge_pace(). */
-static tl_status look_on(live_twin *self, tl_error *error) {
+ * those of check_pace(). */
+static tl_status monitor_cycle(live_twin *self, tl_error *error) {
     tl_cycle_status status = {0};
-    tl_status judged = TL_OK;
+    tl_status checked = TL_OK;
     tl_time since = tl_clock_now(NULL);
-    while (tl_interrupt_requested() == NULL && !status.ended && judged == TL_OK) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+    while (tl_interrupt_requested() == NULL && !status.ended && checked == TL_OK) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + POLL);
         tl_thread_heartbeat_beat(self->heartbeat);
         tl_fmu_thread_watch(self->fmus);
         tl_journal_drain(&self->journal);
         if (!tl_cycle_status_now(self->cycle, &status)) {
             continue;
         }
-        judged = judge_pace(self, &status, since, error);
+        checked = check_pace(self, &status, since, error);
         if (status.steps != 0) {
             __atomic_store_n(&self->pulse->loads, 0, __ATOMIC_RELAXED);
             show_status(self, &status);
-            look_at_part(self, status.is_shadow);
+            update_role(self, status.is_shadow);
         }
     }
-    return judged;
+    return checked;
 }
 
-static void hold(live_twin *self) {
+static void run_safe_hold(live_twin *self) {
     const tl_cycle_settings cycle = settings_of_cycle(self);
     const tl_safe_hold_settings settings = {
         .cycle = &cycle,
@@ -651,14 +665,14 @@ static void hold(live_twin *self) {
         .since = self->job.start,
     };
     if (settings.since == 0) {
-        tell_start(self);
+        report_start(self);
     }
     tl_safe_hold(&settings);
 }
 
 /* ---- end ---- */
 
-static void warn(void *context, const char *text) {
+static void report_warning(void *context, const char *text) {
     tl_journal_event(context, -1, TL_EVENT_WARNING, "twin", "%s", text);
 }
 
@@ -668,12 +682,13 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
     if (end->summary.resumption.run < 0) {
         end->summary.resumption.run = self->parent;
     }
-    wish_realtime(self, false);
-    if (status != TL_OK) {
-        tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", error->text);
-    }
+    request_realtime(self, false);
     tl_account_take(self->assembly->twin, &end->account);
-    tl_twin_recorder_check(&end->account, warn, &self->journal);
+    if (status != TL_OK) { /* a failed step also explains a difference between predicted and real executions */
+        tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", error->text);
+    } else {
+        tl_twin_recorder_check(&end->account, report_warning, &self->journal);
+    }
     __atomic_store_n(&end->is_there, 1, __ATOMIC_RELEASE);
     return status;
 }
@@ -687,18 +702,18 @@ static void put_end(live_twin *self, tl_status status, const tl_error *error) {
 }
 
 /* Runs the cycle or safe hold until it is asked to end. */
-static tl_status live(live_twin *self) {
+static tl_status run_live(live_twin *self) {
     tl_error error = {0};
     tl_status status = self->job.how.hold ? TL_OK : start_cycle(self, &error);
     bool begun = status == TL_OK;
     tl_thread_heartbeat_set_timeout(self->heartbeat, PATIENCE);
     __atomic_store_n(&self->pulse->begun, 1, __ATOMIC_RELEASE);
     if (begun) {
-        be_ready(self);
+        set_ready(self);
         if (self->job.how.hold) {
-            hold(self);
+            run_safe_hold(self);
         } else {
-            status = look_on(self, &error);
+            status = monitor_cycle(self, &error);
         }
     }
     if (self->cycle != NULL) {
@@ -734,7 +749,7 @@ static void do_free(void *context) {
 }
 
 /* Starts the FMU thread and builds the twin in it. */
-static tl_status build(live_twin *self) {
+static tl_status build_twin(live_twin *self) {
     tl_error error;
     tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
     if (status != TL_OK) {
@@ -761,13 +776,13 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     tl_live_role_open_journal(&self.journal, &self.queue);
     self.is_shadow = self.job.is_shadow;
     tl_journal_set_apart(&self.journal, self.is_shadow);
-    tl_process_keep(keep, &self);
+    tl_process_keep(record_exit, &self);
     if (!self.job.how.hold) {
         identify_files(&self);
-        status = build(&self);
+        status = build_twin(&self);
     }
     if (status == TL_OK) {
-        status = live(&self);
+        status = run_live(&self);
     }
     int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
     if (self.fmus != NULL) {

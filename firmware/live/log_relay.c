@@ -52,7 +52,7 @@ static bool is_to_be_counted(tl_log_source *source, tl_logged_line *line, tl_tim
 }
 
 /* An empty line precedes the output of each process. */
-static void pass(void *context, const char *line) {
+static void log_line(void *context, const char *line) {
     tl_log_source *source = context;
     if (line[0] == '\0') {
         source->process++;
@@ -68,7 +68,7 @@ static void pass(void *context, const char *line) {
         return;
     }
     if (entry->repeats > 0) {
-        (void)snprintf(times, sizeof times, " (and %u times in between)", entry->repeats);
+        (void)snprintf(times, sizeof times, " (%u repeats were not logged)", entry->repeats);
     }
     entry->repeats = 0;
     entry->time = now;
@@ -86,7 +86,7 @@ static void clear_dead(tl_log_relay *self) {
 }
 
 /* Draws the status line; its text comes from a process with FMUs and is cleaned. */
-static void draw(tl_log_relay *self) {
+static void draw_status(tl_log_relay *self) {
     char text[TL_HEARTBEAT_STATUS];
     char clean[TL_RELAY_CLEAN];
     tl_time now = tl_clock_now(NULL);
@@ -124,12 +124,12 @@ static void *relay_lines(void *context) {
             (void)tl_relay_drain(&self->sources[i].relay);
         }
         clear_dead(self);
-        draw(self);
+        draw_status(self);
     }
     return NULL;
 }
 
-static void wake(const tl_log_relay *self) {
+static void wake_thread(const tl_log_relay *self) {
     const uint64_t one = 1;
     (void)!write(self->wake, &one, sizeof one);
 }
@@ -142,7 +142,7 @@ static bool open_pipes(tl_log_relay *self) {
         is_open = pipe2(ends, O_CLOEXEC) == 0;
         if (is_open) {
             self->sources[i].pipe = ends[1];
-            tl_relay_open(&self->sources[i].relay, ends[0], pass, &self->sources[i]);
+            tl_relay_open(&self->sources[i].relay, ends[0], log_line, &self->sources[i]);
         }
     }
     return is_open;
@@ -160,8 +160,9 @@ tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, boo
     *self = (tl_log_relay){.beats = beats, .status = status, .terminal = isatty(STDERR_FILENO) == 1};
     int failure = open_pipes(self) ? tl_side_thread_start(&self->thread, STACK, relay_lines, self) : errno;
     self->runs = failure == 0;
-    return self->runs ? TL_OK
-                      : tl_fail(error, TL_TRY_AGAIN, "the processes of the run cannot be heard: %s", strerror(failure));
+    return self->runs
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "the log of the run's processes cannot be opened: %s", strerror(failure));
 }
 
 void tl_log_relay_watch(tl_log_relay *self, const tl_heartbeats *beats) {
@@ -173,7 +174,7 @@ void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process) {
         tl_twin_process *free_slot = NULL;
         if (__atomic_compare_exchange_n(&self->dead[i], &free_slot, process, false, __ATOMIC_ACQ_REL,
                                         __ATOMIC_RELAXED)) {
-            wake(self);
+            wake_thread(self);
             return;
         }
     }
@@ -183,7 +184,7 @@ void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process) {
 void tl_log_relay_stop(tl_log_relay *self) {
     if (self->runs) {
         __atomic_store_n(&self->stop, true, __ATOMIC_RELEASE);
-        wake(self);
+        wake_thread(self);
         (void)pthread_join(self->thread, NULL);
         self->runs = false;
         clear_dead(self);

@@ -27,61 +27,60 @@
 #include "firmware/store/record_queue.h"
 #include "firmware/twin/twin_process.h"
 
-/* ---- data: used by the supervisor's thread, except in tl_process_tree_put_event() ---- */
+/* ---- data: used by the supervisor's thread, except in put_event() ---- */
 
 typedef struct tl_process_tree {
     const tl_process_tree_settings *settings;
     tl_config config;                /* as in the processes, with the options of the command line */
     tl_live_job job;                 /* fields that are the same for all starts */
     tl_block blocks[TL_LIVE_BLOCKS]; /* they outlive each process that writes them */
-    tl_twin_slot places[TL_TWIN_SLOTS];
-    tl_handover_control change;
-    uint32_t twins_place;   /* slot of the supervisor's twin; that of the run is in TL_HANDOVER */
-    int listener;           /* control socket; -1: none, and no config manager */
-    bool was_activated;     /* the first config manager was started: it finishes earlier work */
-    tl_saved_states states; /* of the FMUs of the first configuration */
-    bool told_states;       /* unusable states were reported */
-    bool again;             /* start another run after this one */
-    int stopped;            /* signal that asked to end; 0: none */
-    tl_record_queue queue;  /* of the supervisor */
+    tl_twin_slot slots[TL_TWIN_SLOTS];
+    tl_handover_control control;
+    uint32_t twin_slot;       /* slot of the supervisor's twin; that of the run is in TL_HANDOVER */
+    int listener;             /* control socket; -1: none, and no config manager */
+    bool was_manager_started; /* the first config manager was started: it finishes earlier work */
+    tl_saved_states states;   /* of the FMUs of the first configuration */
+    bool has_reported_states; /* unusable states were reported */
+    bool again;               /* start another run after this one */
+    int stopped;              /* signal that asked to end; 0: none */
+    tl_record_queue queue;    /* of the supervisor */
     tl_log_relay log;
-    int32_t urgent; /* thread of the live twin with real-time priority; 0: none */
+    int32_t realtime_thread; /* thread of the live twin with real-time priority; 0: none */
     FILE *output;
     tl_time began;
 } tl_process_tree;
 
-static inline tl_handover *tl_process_tree_stage(const tl_process_tree *self) {
+static inline tl_handover *handover_block(const tl_process_tree *self) {
     return self->blocks[TL_HANDOVER].bytes;
 }
 
 /* Slot of the live twin. */
-static inline tl_twin_slot *tl_process_tree_place_of_run(tl_process_tree *self) {
-    return &self->places[tl_process_tree_stage(self)->place];
+static inline tl_twin_slot *live_slot(tl_process_tree *self) {
+    return &self->slots[handover_block(self)->place];
 }
 
 /* Slot of the supervisor's twin, or of its shadow. During a handover it may differ from that of the
  * handover block. */
-static inline tl_twin_slot *tl_process_tree_place_of(tl_process_tree *self, tl_member which) {
-    return &self->places[which == TL_MEMBER_TWIN ? self->twins_place : 1 - self->twins_place];
+static inline tl_twin_slot *member_slot(tl_process_tree *self, tl_member which) {
+    return &self->slots[which == TL_MEMBER_TWIN ? self->twin_slot : 1 - self->twin_slot];
 }
 
-static inline tl_live_recorder_pulse *tl_process_tree_recorder_pulse(const tl_process_tree *self) {
+static inline tl_live_recorder_pulse *recorder_status(const tl_process_tree *self) {
     return self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
 }
 
-static inline tl_live_config_manager_pulse *activator_pulse(const tl_process_tree *self) {
+static inline tl_live_config_manager_pulse *manager_status(const tl_process_tree *self) {
     return self->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes;
 }
 
-static inline bool tl_process_tree_records(const tl_process_tree *self) {
+static inline bool is_recorded(const tl_process_tree *self) {
     return self->job.database[0] != '\0';
 }
 
 /* ---- events ---- */
 
-static void tl_process_tree_put_event(tl_process_tree *self, tl_severity severity, const char *source,
-                                      const char *text) {
-    if (tl_process_tree_records(self)) {
+static void put_event(tl_process_tree *self, tl_severity severity, const char *source, const char *text) {
+    if (is_recorded(self)) {
         tl_record_queue_event(&self->queue, -1, severity, source, text);
     }
 }
@@ -89,72 +88,72 @@ static void tl_process_tree_put_event(tl_process_tree *self, tl_severity severit
 /* ---- refused system calls of FMUs ---- */
 
 /* Called in the output thread of the twin process. For a shadow, only the log has it. */
-static void hear_refusal_in(tl_process_tree *self, uint32_t place, const char *text) {
-    if (__atomic_load_n(&tl_process_tree_stage(self)->place, __ATOMIC_ACQUIRE) == place) {
-        tl_process_tree_put_event(self, TL_EVENT_WARNING, "twin", text);
+static void put_refusal_of(tl_process_tree *self, uint32_t slot, const char *text) {
+    if (__atomic_load_n(&handover_block(self)->place, __ATOMIC_ACQUIRE) == slot) {
+        put_event(self, TL_EVENT_WARNING, "twin", text);
     }
 }
 
-static void hear_refusal(void *context, const char *text) {
-    hear_refusal_in(context, 0, text);
+static void put_refusal(void *context, const char *text) {
+    put_refusal_of(context, 0, text);
 }
 
-static void hear_refusal_of_other(void *context, const char *text) {
-    hear_refusal_in(context, 1, text);
+static void put_refusal_of_other(void *context, const char *text) {
+    put_refusal_of(context, 1, text);
 }
 
 /* ---- descriptors ---- */
 
-/* Duplicates the descriptors for a process of this job; the caller closes them with take_back(). */
-static void give(const tl_process_tree *self, tl_live_kind kind, const tl_live_job *job,
-                 int given[TL_ROLE_DESCRIPTORS]) {
+/* Duplicates the descriptors for a process of this job; close them with close_descriptors(). */
+static void pass_descriptors(const tl_process_tree *self, tl_live_kind kind, const tl_live_job *job,
+                             int descriptors[TL_ROLE_DESCRIPTORS]) {
     const tl_live_access access = tl_live_access_of(kind, job);
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        given[i] = -1;
+        descriptors[i] = -1;
         if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
-            given[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
+            descriptors[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
         } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
-            given[i] = tl_block_reader(&self->blocks[i]);
+            descriptors[i] = tl_block_reader(&self->blocks[i]);
         }
     }
 }
 
-static void take_back(const int given[TL_ROLE_DESCRIPTORS]) {
+static void close_descriptors(const int descriptors[TL_ROLE_DESCRIPTORS]) {
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        if (given[i] >= 0) {
-            (void)close(given[i]);
+        if (descriptors[i] >= 0) {
+            (void)close(descriptors[i]);
         }
     }
 }
 
-/* Starts a process without FMUs. `place`: slot whose configuration it gets. Its output goes to a
+/* Starts a process without FMUs. `slot`: slot whose configuration it gets. Its output goes to a
  * pipe of the log relay. */
-static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t place, tl_error *error) {
+static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot, tl_error *error) {
     static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER};
     char title[TL_ROLE_TITLE];
     tl_role_settings settings = {.title = title, .fallback = self->settings->be};
-    int *given = settings.descriptors;
+    int *descriptors = settings.descriptors;
     tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
     (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
-    self->job.place = place;
+    self->job.place = slot;
     size_t size = 0;
-    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->places[place].text, &size);
+    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->slots[slot].text, &size);
     tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
                                      : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
     free(bytes);
-    give(self, kind, &self->job, given);
-    given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
+    pass_descriptors(self, kind, &self->job, descriptors);
+    descriptors[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
-        given[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
-        given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
-        given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
-        given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
-        bool is_short = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0;
-        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
+        descriptors[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
+        descriptors[2] = fcntl(descriptors[1], F_DUPFD_CLOEXEC, 0);
+        descriptors[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
+        descriptors[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
+        bool is_short = descriptors[0] < 0 || descriptors[2] < 0 || descriptors[TL_LIVE_JOB] < 0;
+        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
                         : tl_role_start(&settings, &role, error));
     }
-    take_back(given);
+    close_descriptors(descriptors);
     tl_block_close(&job);
     return role.pid;
 }
@@ -173,28 +172,28 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
 }
 
 /* Fills the job of a twin process. */
-static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *place, bool is_shadow,
+static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *slot, bool is_shadow,
                                const tl_start *start) {
     tl_live_job job = self->job;
-    job.place = (uint32_t)(place - self->places);
-    job.number = place->pulse->number;
-    job.unconfined = place->unconfined;
+    job.place = (uint32_t)(slot - self->slots);
+    job.number = slot->pulse->number;
+    job.unconfined = slot->unconfined;
     job.is_shadow = is_shadow;
-    job.start = is_shadow ? place->start : 0;
+    job.start = is_shadow ? slot->start : 0;
     if (start->waits) { /* the sample memory still has all samples since then */
-        job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+        job.start = slot->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
     }
-    job.started = is_shadow ? place->started : 0;
-    job.handovers = tl_process_tree_stage(self)->handovers;
+    job.started = is_shadow ? slot->started : 0;
+    job.handovers = handover_block(self)->handovers;
     job.how = *start;
     return job;
 }
 
 /* A shadow also gets the configuration of the live twin, to read the recorded samples. */
-static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *place, const tl_live_job *job, const char *title,
+static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *slot, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     size_t live_size = 0;
-    const char *of_run = job->is_shadow ? self->places[1 - job->place].text : "";
+    const char *of_run = job->is_shadow ? self->slots[1 - job->place].text : "";
     unsigned char *live = tl_live_job_pack(job, self->settings->config->path, of_run, &live_size);
     if (live == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
@@ -203,73 +202,73 @@ static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *place, cons
         .task = TL_TASK_LIVE,
         .holds = job->how.hold,
         .path = self->settings->config->path,
-        .text = place->text,
-        .unconfined = place->unconfined,
+        .text = slot->text,
+        .unconfined = slot->unconfined,
         .live = live,
         .live_size = live_size,
     };
     tl_twin_process_settings settings = {
         .job = &twin_job,
-        .fmus = place->fmus,
+        .fmus = slot->fmus,
         .which = job->place,
         .title = title,
-        .calls = &place->pulse->beats.calls,
+        .calls = &slot->pulse->beats.calls,
         .memory_limit = self->settings->memory_limit,
         .tasks = self->settings->tasks,
-        .hear = job->place == 0 ? hear_refusal : hear_refusal_of_other,
+        .hear = job->place == 0 ? put_refusal : put_refusal_of_other,
         .context = self,
     };
-    give(self, TL_LIVE_IS_TWIN, job, settings.given);
-    tl_status status = tl_twin_process_start(&settings, &place->twin, error);
-    take_back(settings.given);
+    pass_descriptors(self, TL_LIVE_IS_TWIN, job, settings.given);
+    tl_status status = tl_twin_process_start(&settings, &slot->twin, error);
+    close_descriptors(settings.given);
     free(live);
     return status;
 }
 
-static pid_t start_twin(tl_process_tree *self, tl_twin_slot *place, bool is_shadow, const tl_start *start,
+static pid_t start_twin(tl_process_tree *self, tl_twin_slot *slot, bool is_shadow, const tl_start *start,
                         tl_error *error) {
     char title[TL_ROLE_TITLE];
     const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
-    prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* keeps a value that is set */
-    const tl_live_job job = job_of_twin(self, place, is_shadow, start);
+    prepare_pulse(slot->pulse, start, start->waits ? 0 : known); /* keeps a value that is set */
+    const tl_live_job job = job_of_twin(self, slot, is_shadow, start);
     const char *kind = start->waits  ? "twin, waits"
                        : start->hold ? "twin, safe hold"
                        : is_shadow   ? TL_LIVE_TWIN_SHADOW
                                      : TL_LIVE_TWIN;
     (void)snprintf(title, sizeof title, "%s [%s]%s", kind, self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
-    tl_status status = start_with_job(self, place, &job, title, error);
-    place->pid = status == TL_OK ? tl_twin_process_role(place->twin)->pid : 0;
-    return place->pid;
+    tl_status status = start_with_job(self, slot, &job, title, error);
+    slot->pid = status == TL_OK ? tl_twin_process_role(slot->twin)->pid : 0;
+    return slot->pid;
 }
 
 /* As tl_supervisor_settings.begin; `context` is the process tree. */
-static pid_t tl_process_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
+static pid_t begin_member(void *context, tl_member which, const tl_start *start, tl_error *error) {
     tl_process_tree *self = context;
     pid_t pid = 0;
     switch (which) {
     case TL_MEMBER_TWIN:
-        self->urgent = 0;
-        self->change.holds = start->hold;
-        return start_twin(self, tl_process_tree_place_of(self, which), false, start, error);
+        self->realtime_thread = 0;
+        self->control.holds = start->hold;
+        return start_twin(self, member_slot(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
-        pid = start_twin(self, tl_process_tree_place_of(self, which), true, start, error);
+        pid = start_twin(self, member_slot(self, which), true, start, error);
         if (pid == 0) {
-            tl_handover_control_note_end_of_shadow(&self->change, error->text);
+            tl_handover_control_note_end_of_shadow(&self->control, error->text);
         }
         return pid;
     case TL_MEMBER_IO:
-        return start_plain(self, TL_LIVE_IS_IO, tl_process_tree_stage(self)->place, error);
+        return start_plain(self, TL_LIVE_IS_IO, handover_block(self)->place, error);
     case TL_MEMBER_ACTIVATOR:
-        self->was_activated = true;
+        self->was_manager_started = true;
         for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-            memcpy(self->job.hash[i], self->places[i].hash, sizeof self->job.hash[i]);
+            memcpy(self->job.hash[i], self->slots[i].hash, sizeof self->job.hash[i]);
         }
-        return start_plain(self, TL_LIVE_IS_ACTIVATOR, tl_process_tree_stage(self)->place, error);
+        return start_plain(self, TL_LIVE_IS_ACTIVATOR, handover_block(self)->place, error);
     default:
-        tl_handover_control_begin_recorder(&self->change);
-        self->job.handovers = self->change.recorder_handovers;
-        return start_plain(self, TL_LIVE_IS_RECORDER, self->change.recorder_place, error);
+        tl_handover_control_begin_recorder(&self->control);
+        self->job.handovers = self->control.recorder_handovers;
+        return start_plain(self, TL_LIVE_IS_RECORDER, self->control.recorder_place, error);
     }
 }
 
@@ -281,106 +280,105 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         const char *name;
         bool of_recorder; /* only if something is recorded */
         tl_block_writer writer;
-    } made[] = {
-        {TL_LIVE_MAIL, "twinlock mail", false, TL_BLOCK_SPARSE},
+    } blocks[] = {
+        {TL_LIVE_MAIL, "twinlock samples", false, TL_BLOCK_SPARSE},
         {TL_LIVE_IO_BEATS, "twinlock io", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_IO_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_CONFIG_MANAGER_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
-        {TL_HANDOVER, "twinlock stage", false, TL_BLOCK_WE_WRITE},
+        {TL_HANDOVER, "twinlock handover", false, TL_BLOCK_WE_WRITE},
         {TL_LIVE_CANDIDATE, "twinlock candidate", false, TL_BLOCK_SPARSE},
-        {TL_LIVE_CONFIG_MANAGER_PULSE, "twinlock activator", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_CONFIG_MANAGER_PULSE, "twinlock config manager", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
         {TL_LIVE_TWIN_PULSE, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
         {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
-        {TL_LIVE_PAST, "twinlock past", true, TL_BLOCK_SPARSE},
-        {TL_LIVE_PAST + 1, "twinlock past", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST, "twinlock resume", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST + 1, "twinlock resume", true, TL_BLOCK_SPARSE},
     };
-    const bool records = tl_process_tree_records(self);
-    tl_config begun = *self->settings->config; /* the configuration of the first twin */
+    const bool records = is_recorded(self);
+    tl_config first = *self->settings->config; /* the configuration of the first twin */
     size_t sizes[TL_LIVE_BLOCKS];
     tl_status status = TL_OK;
-    tl_config_use_lookups(&begun); /* with all look-ups as signals */
+    tl_config_use_lookups(&first); /* with all look-ups as signals */
     tl_live_block_sizes(&self->config, sizes);
-    for (size_t i = 0; i < sizeof made / sizeof made[0] && status == TL_OK; i++) {
-        tl_block *block = &self->blocks[made[i].number];
-        const size_t size = sizes[made[i].number];
-        if (records || !made[i].of_recorder) {
-            status = tl_block_make(made[i].name, size, made[i].writer, block, error);
+    for (size_t i = 0; i < sizeof blocks / sizeof blocks[0] && status == TL_OK; i++) {
+        tl_block *block = &self->blocks[blocks[i].number];
+        const size_t size = sizes[blocks[i].number];
+        if (records || !blocks[i].of_recorder) {
+            status = tl_block_make(blocks[i].name, size, blocks[i].writer, block, error);
         }
     }
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) { /* allocated with a configuration */
-        self->places[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
-        self->places[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
+        self->slots[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        self->slots[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
     }
     if (status == TL_OK) {
-        status = tl_twin_slot_move_in(&self->places[0], &begun, self->settings->unconfined, error);
+        status = tl_twin_slot_move_in(&self->slots[0], &first, self->settings->unconfined, error);
     }
     if (status == TL_OK && records) {
         const tl_record_queue_settings events = tl_live_event_queue();
         tl_record_queue_open(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
-                             &tl_process_tree_recorder_pulse(self)->state.taken[TL_LIVE_QUEUE_SUPERVISOR],
-                             &self->queue);
+                             &recorder_status(self)->state.taken[TL_LIVE_QUEUE_SUPERVISOR], &self->queue);
     }
     return status;
 }
 
 /* ---- ending ---- */
 
-static uint64_t end_twin(tl_process_tree *self, tl_twin_slot *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
+static uint64_t end_twin(tl_process_tree *self, tl_twin_slot *slot, bool by_others, char reason[TL_RESTARTS_REASON]) {
     char why[TL_TWIN_KILLED_TEXT];
-    bool was_killed = tl_twin_process_was_killed(place->twin, why);
+    bool was_killed = tl_twin_process_was_killed(slot->twin, why);
     if (was_killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);
     }
-    tl_twin_process_let_go(place->twin);
-    tl_log_relay_close_process(&self->log, place->twin);
-    place->twin = NULL;
-    place->pid = 0;
+    tl_twin_process_let_go(slot->twin);
+    tl_log_relay_close_process(&self->log, slot->twin);
+    slot->twin = NULL;
+    slot->pid = 0;
     /* A checkpoint that it had loaded may be the cause. */
-    bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
-    place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
-    return is_to_blame ? place->pulse->fmus : 0;
+    bool is_to_blame = slot->pulse->loads != 0 && (!by_others || was_killed) && slot->pulse->fmus != 0;
+    slot->pulse->unreadable = is_to_blame ? slot->pulse->fmus : slot->pulse->unreadable;
+    return is_to_blame ? slot->pulse->fmus : 0;
 }
 
 /* A shadow that failed has published the reason. It is bounded here, and the reader cleans it. */
 static void note_end_of_shadow(tl_process_tree *self, const tl_heartbeats *beats, const char *reason) {
-    char said[TL_HEARTBEAT_STATUS] = "";
+    char published[TL_HEARTBEAT_STATUS] = "";
     int code = 0;
-    tl_end_cause farewell = tl_heartbeats_get_end_cause(beats, &code);
-    bool is_said =
-        (farewell == TL_END_CAUSE_REFUSED || farewell == TL_END_CAUSE_FAILED) && tl_heartbeats_get_status(beats, said);
-    said[sizeof said - 1] = '\0';
-    tl_handover_control_note_end_of_shadow(&self->change, is_said && said[0] != '\0' ? said : reason);
+    tl_end_cause end_cause = tl_heartbeats_get_end_cause(beats, &code);
+    bool is_published = (end_cause == TL_END_CAUSE_REFUSED || end_cause == TL_END_CAUSE_FAILED) &&
+                        tl_heartbeats_get_status(beats, published);
+    published[sizeof published - 1] = '\0';
+    tl_handover_control_note_end_of_shadow(&self->control, is_published && published[0] != '\0' ? published : reason);
 }
 
-static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
+static uint64_t note_end(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
     tl_process_tree *self = context;
     uint64_t unreadable = 0;
     if (which == TL_MEMBER_TWIN || which == TL_MEMBER_SHADOW) {
-        unreadable = end_twin(self, tl_process_tree_place_of(self, which), by_others, reason);
+        unreadable = end_twin(self, member_slot(self, which), by_others, reason);
     }
     if (which == TL_MEMBER_TWIN) {
         char why[TL_HANDOVER_WHY] = "";
         (void)snprintf(why, sizeof why, "%.*s", TL_HANDOVER_WHY - 1, reason);
-        tl_latest_publish(&tl_process_tree_stage(self)->failure, why, sizeof why);
+        tl_latest_publish(&handover_block(self)->failure, why, sizeof why);
     }
     if (which == TL_MEMBER_SHADOW) {
-        note_end_of_shadow(self, &tl_process_tree_place_of(self, which)->pulse->beats, reason);
+        note_end_of_shadow(self, &member_slot(self, which)->pulse->beats, reason);
     }
     return unreadable;
 }
 
-static void tell(void *context, const char *text) {
-    tl_process_tree_put_event(context, TL_EVENT_ERROR, "supervisor", text);
+static void put_failure(void *context, const char *text) {
+    put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }
 
 /* ---- main loop ---- */
 
 /* Accepts only a thread of that process, because the number comes from a process with FMUs. */
-static void schedule(pid_t process, int32_t thread, int priority) {
+static void set_priority(pid_t process, int32_t thread, int priority) {
     const struct sched_param parameter = {.sched_priority = priority};
     char path[64];
     struct stat about;
@@ -392,64 +390,63 @@ static void schedule(pid_t process, int32_t thread, int priority) {
 
 /* The cycle of the twin requests or returns its priority, because a process with FMUs cannot set
  * one. */
-static void look_at_priority(tl_process_tree *self) {
-    const tl_twin_slot *place = tl_process_tree_place_of_run(self);
-    int32_t wished = __atomic_load_n(&place->pulse->realtime, __ATOMIC_ACQUIRE);
-    if (place->pid != 0 && wished != self->urgent) {
-        schedule(place->pid, self->urgent, 0);
-        schedule(place->pid, wished, self->config.realtime_priority);
-        self->urgent = wished;
+static void update_priority(tl_process_tree *self) {
+    const tl_twin_slot *slot = live_slot(self);
+    int32_t wanted = __atomic_load_n(&slot->pulse->realtime, __ATOMIC_ACQUIRE);
+    if (slot->pid != 0 && wanted != self->realtime_thread) {
+        set_priority(slot->pid, self->realtime_thread, 0);
+        set_priority(slot->pid, wanted, self->config.realtime_priority);
+        self->realtime_thread = wanted;
     }
 }
 
-static void tell_of_handover(void *context, const char *text) {
+static void report_handover(void *context, const char *text) {
     tl_log(TL_LOG_NOTICE, "%s", text);
-    tl_process_tree_put_event(context, TL_EVENT_INFO, "supervisor", text);
+    put_event(context, TL_EVENT_INFO, "supervisor", text);
 }
 
-static void look(void *context, bool ends, tl_orders *orders) {
+static void poll_orders(void *context, bool ends, tl_orders *orders) {
     tl_process_tree *self = context;
-    const tl_twin_slot *before = tl_process_tree_place_of_run(self);
-    tl_handover_control_look(&self->change, tl_clock_now(NULL), ends, orders);
-    if (orders->swap) {                         /* at the end, the supervisor ignores it */
-        schedule(before->pid, self->urgent, 0); /* a shadow has no real-time priority */
-        self->urgent = 0;
-        tl_log_relay_watch(&self->log, &tl_process_tree_place_of_run(self)->pulse->beats);
-        self->twins_place = ends ? self->twins_place : tl_process_tree_stage(self)->place;
+    const tl_twin_slot *before = live_slot(self);
+    tl_handover_control_look(&self->control, tl_clock_now(NULL), ends, orders);
+    if (orders->swap) {                                      /* at the end, the supervisor ignores it */
+        set_priority(before->pid, self->realtime_thread, 0); /* a shadow has no real-time priority */
+        self->realtime_thread = 0;
+        tl_log_relay_watch(&self->log, &live_slot(self)->pulse->beats);
+        self->twin_slot = ends ? self->twin_slot : handover_block(self)->place;
     }
     if (ends) {
         tl_saved_states_stop(&self->states);
     }
-    look_at_priority(self);
-    orders->end = __atomic_load_n(&activator_pulse(self)->restart, __ATOMIC_ACQUIRE) != 0;
-    orders->activator = self->listener >= 0 && (!self->was_activated || tl_control_is_knocked_at(self->listener));
+    update_priority(self);
+    orders->end = __atomic_load_n(&manager_status(self)->restart, __ATOMIC_ACQUIRE) != 0;
+    orders->activator = self->listener >= 0 && (!self->was_manager_started || tl_control_is_knocked_at(self->listener));
     if (orders->end && !ends) {
         self->again = true;
-        __atomic_store_n(&tl_process_tree_stage(self)->again, 1, __ATOMIC_RELEASE);
+        __atomic_store_n(&handover_block(self)->again, 1, __ATOMIC_RELEASE);
     }
 }
 
 static tl_wait wait_for_states(void *context) {
     tl_process_tree *self = context;
     tl_wait wait = tl_saved_states_look(&self->states);
-    if (self->states.files != 0 && !self->told_states) {
+    if (self->states.files != 0 && !self->has_reported_states) {
         char text[TL_EVENT_TEXT]; /* shorter than a line of the log */
-        tl_log(TL_LOG_WARNING,
-               "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
+        tl_log(TL_LOG_WARNING, "%s: no checkpoints are saved; a restarted twin repeats recorded inputs instead",
                self->states.why);
-        (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
-        tl_process_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
-        self->told_states = true;
+        (void)snprintf(text, sizeof text, "%.190s: no checkpoints are saved", self->states.why);
+        put_event(self, TL_EVENT_WARNING, "supervisor", text);
+        self->has_reported_states = true;
     }
     return wait;
 }
 
 /* Reported by the recorder, for the queues that it reads. */
-static tl_time damaged(void *context, tl_member which) {
+static tl_time damage_time(void *context, tl_member which) {
     const tl_process_tree *self = context;
-    size_t queue = which == TL_MEMBER_IO ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_TWIN + self->twins_place;
-    bool is_read = tl_process_tree_records(self) && (which == TL_MEMBER_IO || which == TL_MEMBER_TWIN);
-    return is_read ? __atomic_load_n(&tl_process_tree_recorder_pulse(self)->damaged[queue], __ATOMIC_RELAXED) : 0;
+    size_t queue = which == TL_MEMBER_IO ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_TWIN + self->twin_slot;
+    bool is_read = is_recorded(self) && (which == TL_MEMBER_IO || which == TL_MEMBER_TWIN);
+    return is_read ? __atomic_load_n(&recorder_status(self)->damaged[queue], __ATOMIC_RELAXED) : 0;
 }
 
 /* ---- the run ---- */
@@ -472,21 +469,20 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
     tl_status status = make_memory(self, error);
     if (status == TL_OK && settings->control != NULL &&
         tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* not fatal */
-        tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
+        tl_log(TL_LOG_ERROR, "%s; the run continues, but its configuration cannot be changed before a restart",
+               ignored.text);
     }
     if (status == TL_OK) {
-        self->change = (tl_handover_control){
-            .stage = tl_process_tree_stage(self),
-            .places = self->places,
-            .orders = activator_pulse(self),
-            .candidate = &self->blocks[TL_LIVE_CANDIDATE],
-            .recorder = tl_process_tree_records(self) ? tl_process_tree_recorder_pulse(self) : NULL,
-            .step = self->config.step,
-            .unconfined = settings->unconfined,
-            .context = self,
-            .tell = tell_of_handover};
-        status =
-            tl_log_relay_start(&self->log, &tl_process_tree_place_of_run(self)->pulse->beats, settings->status, error);
+        self->control = (tl_handover_control){.stage = handover_block(self),
+                                              .places = self->slots,
+                                              .orders = manager_status(self),
+                                              .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+                                              .recorder = is_recorded(self) ? recorder_status(self) : NULL,
+                                              .step = self->config.step,
+                                              .unconfined = settings->unconfined,
+                                              .context = self,
+                                              .tell = report_handover};
+        status = tl_log_relay_start(&self->log, &live_slot(self)->pulse->beats, settings->status, error);
     }
     return status;
 }
@@ -494,7 +490,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
 /* Reads the configuration of the last live twin. Parsing untrusted text is safe now, because the
  * run is over. */
 static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
-    const char *text = tl_process_tree_place_of_run(self)->text;
+    const char *text = live_slot(self)->text;
     if (text == self->settings->config->text) {
         return TL_OK;
     }
@@ -505,13 +501,13 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
 
 /* Prints the summary that the twin has left, and checks the required lock. */
 static tl_status print_summary(tl_process_tree *self, tl_error *error) {
-    tl_live_end *end = &tl_process_tree_place_of_run(self)->pulse->end;
+    tl_live_end *end = &live_slot(self)->pulse->end;
     tl_summary summary = end->summary;
     tl_account account = end->account;
     if (end->is_there == 0) {
         return self->settings->require_lock <= 0.0
                    ? TL_OK
-                   : tl_fail(error, TL_NOT_LOCKED, "the run ended without a twin: it was not in lock");
+                   : tl_fail(error, TL_NOT_LOCKED, "never in lock: the run ended without a twin");
     }
     tl_status status = read_last_config(self, error);
     if (status != TL_OK) {
@@ -519,8 +515,7 @@ static tl_status print_summary(tl_process_tree *self, tl_error *error) {
     }
     summary.wall_s = tl_seconds(tl_clock_now(NULL) - self->began);
     if (!tl_run_end_is_sound(&summary, &account, &self->config)) {
-        return tl_fail(error, TL_FMU_FAILED,
-                       "the summary of the run is none: the process of the FMUs has destroyed it");
+        return tl_fail(error, TL_FMU_FAILED, "no valid run summary: the FMU process corrupted it");
     }
     if (self->settings->json) {
         status = tl_summary_print_json(&summary, &self->config, &account, self->output, error);
@@ -533,7 +528,7 @@ static tl_status print_summary(tl_process_tree *self, tl_error *error) {
                : status;
 }
 
-static int supervise(tl_process_tree *self) {
+static int run_members(tl_process_tree *self) {
     const tl_supervisor_settings settings = {
         .alone = !self->settings->supervised,
         .call_limit = self->settings->call_limit,
@@ -541,19 +536,18 @@ static int supervise(tl_process_tree *self) {
         .state = self->settings->state,
         .watchdog = self->settings->watchdog,
         .watchdog_s = self->settings->watchdog_s,
-        .beats = {[TL_MEMBER_RECORDER] =
-                      tl_process_tree_records(self) ? &tl_process_tree_recorder_pulse(self)->beats : NULL,
+        .beats = {[TL_MEMBER_RECORDER] = is_recorded(self) ? &recorder_status(self)->beats : NULL,
                   [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
-                  [TL_MEMBER_TWIN] = &self->places[0].pulse->beats,
-                  [TL_MEMBER_SHADOW] = &self->places[1].pulse->beats,
-                  [TL_MEMBER_ACTIVATOR] = &activator_pulse(self)->beats},
+                  [TL_MEMBER_TWIN] = &self->slots[0].pulse->beats,
+                  [TL_MEMBER_SHADOW] = &self->slots[1].pulse->beats,
+                  [TL_MEMBER_ACTIVATOR] = &manager_status(self)->beats},
         .context = self,
-        .begin = tl_process_tree_begin,
-        .ended = ended,
-        .tell = tell,
-        .damaged = damaged,
+        .begin = begin_member,
+        .ended = note_end,
+        .tell = put_failure,
+        .damaged = damage_time,
         .wait = wait_for_states,
-        .look = look,
+        .look = poll_orders,
     };
     return tl_supervise(&settings, &self->stopped);
 }
@@ -565,8 +559,8 @@ static void close_all(tl_process_tree *self) {
         (void)close(self->listener);
         (void)unlink(self->settings->control);
     }
-    for (size_t i = 0; i < TL_TWIN_SLOTS && self->places[i].queue != NULL; i++) {
-        tl_twin_slot_move_out(&self->places[i]);
+    for (size_t i = 0; i < TL_TWIN_SLOTS && self->slots[i].queue != NULL; i++) {
+        tl_twin_slot_move_out(&self->slots[i]);
     }
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&self->blocks[i]);
@@ -576,33 +570,32 @@ static void close_all(tl_process_tree *self) {
 
 /* Reports data that was not recorded, unless the last recorder has announced its end and so has
  * reported that. */
-static void say_rest(tl_process_tree *self) {
+static void report_lost(tl_process_tree *self) {
     const tl_record_queue_settings events = tl_live_event_queue();
     int code = 0;
-    if (!tl_process_tree_records(self) ||
-        tl_heartbeats_get_end_cause(&tl_process_tree_recorder_pulse(self)->beats, &code) != TL_END_CAUSE_NONE) {
+    if (!is_recorded(self) || tl_heartbeats_get_end_cause(&recorder_status(self)->beats, &code) != TL_END_CAUSE_NONE) {
         return;
     }
-    const tl_record_queue_taken *taken = tl_process_tree_recorder_pulse(self)->state.taken;
+    const tl_record_queue_taken *taken = recorder_status(self)->state.taken;
     uint64_t rest = 0;
     for (uint32_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        rest += tl_twin_slot_count_rest(&self->places[i], &taken[TL_LIVE_QUEUE_TWIN + i]);
+        rest += tl_twin_slot_count_rest(&self->slots[i], &taken[TL_LIVE_QUEUE_TWIN + i]);
     }
     rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_QUEUE_IO]);
     rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
                                        &taken[TL_LIVE_QUEUE_SUPERVISOR]);
     if (rest > 0) {
-        tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: no recorder is left to write what came last", rest,
+        tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: the recorder failed before it had written all", rest,
                rest == 1 ? "sample, step or event is" : "samples, steps and events are");
     }
 }
 
-static int finish(tl_process_tree *self, int code) {
+static int finish_run(tl_process_tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
     tl_log_relay_stop(&self->log); /* first all output of the processes */
     if (code != 0) {
-        say_rest(self);
+        report_lost(self);
     }
     if (printed != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
@@ -644,7 +637,7 @@ int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tre
         end->is_failure = true;
         return tl_exit_code(tl_output_finish(self.output, status));
     }
-    int code = finish(&self, supervise(&self));
+    int code = finish_run(&self, run_members(&self));
     end->again = self.again && code == 0 && self.stopped == 0;
     end->is_failure = code != 0 && self.stopped == 0;
     return code;

@@ -18,8 +18,8 @@
 #include "firmware/twin/twin_recorder.h"
 
 /* Interval of the main loop: while a twin may request resume data, and later. */
-static const tl_time LOOK_SOON = TL_SECOND / 500;
-static const tl_time LOOK = TL_SECOND / 20;
+static const tl_time POLL_SOON = TL_SECOND / 500;
+static const tl_time POLL = TL_SECOND / 20;
 
 /* Heartbeat timeout: one commit to a worn memory card may take long, and so may opening the
  * database of several years. */
@@ -33,7 +33,7 @@ static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
 
 /* It records the twin in the slot of the job. */
 typedef struct recorder {
-    tl_live_given given;
+    tl_live_given setup;
     tl_plant_input input; /* over the sample memory */
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
@@ -49,40 +49,40 @@ typedef struct recorder {
     char fmus[TL_SHA256_TEXT];          /* hash of the FMU files for `history` */
     tl_live_tuning_head head;           /* newest tuning that was read */
     char text[TL_CONFIG_MAX_BYTES + 1]; /* configuration of that tuning */
-    uint32_t looked;                    /* number of the tuning that was checked last */
+    uint32_t checked;                   /* number of the tuning that was checked last */
     tl_recorder_known known;            /* the same for the writer */
     struct stat folder;                 /* of the database, at the start; st_ino 0: none */
 } recorder;
 
-static void take_sample(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
+static void take_sample_at(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
     const recorder *self = context;
     tl_plant_input_take(&self->input, tick, instant, sample);
 }
 
 static void *bytes_of(const recorder *self, size_t block) {
-    return self->given.blocks[block].bytes;
+    return self->setup.blocks[block].bytes;
 }
 
 /* The sample buffers provide the samples that the twin does not pass on. */
 static tl_status open_memory(recorder *self, tl_error *error) {
-    const uint32_t place = self->given.job.place;
+    const uint32_t slot = self->setup.job.place;
     self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
-    self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + place);
-    self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - place);
-    self->resume = &self->given.blocks[TL_LIVE_PAST + place];
+    self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + slot);
+    self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - slot);
+    self->resume = &self->setup.blocks[TL_LIVE_PAST + slot];
     self->stage = bytes_of(self, TL_HANDOVER);
-    return tl_live_input_open(&self->given.config, &self->given.blocks[TL_LIVE_MAIL], &self->input, error);
+    return tl_live_input_open(&self->setup.config, &self->setup.blocks[TL_LIVE_MAIL], &self->input, error);
 }
 
 /* ---- the writer ---- */
 
 /* Reads the newest tuning before any entries that refer to it. An invalid one is skipped, because
  * no twin applies it either. */
-static void look_at_tuning(recorder *self) {
-    const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->given.job.place);
+static void read_tuning(recorder *self) {
+    const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->setup.job.place);
     uint32_t number = tl_live_tuning_number(block);
     tl_error error;
-    if (number == self->looked || number % 2 != 0) {
+    if (number == self->checked || number % 2 != 0) {
         return;
     }
     self->known = (tl_recorder_known){.hash = "", .text = ""};
@@ -95,46 +95,46 @@ static void look_at_tuning(recorder *self) {
                                           .origin = self->head.origin,
                                           .why = self->head.why};
     }
-    self->looked = status != TL_TRY_AGAIN ? number : self->looked;
+    self->checked = status != TL_TRY_AGAIN ? number : self->checked;
 }
 
 /* True if no handover was announced since this process started. */
-static bool is_nobody_else(void *context) {
+static bool has_no_handover(void *context) {
     const recorder *self = context;
-    return __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE) == self->given.job.handovers;
+    return __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE) == self->setup.job.handovers;
 }
 
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_record_queue_settings events = tl_live_event_queue();
-    const size_t ring = TL_LIVE_QUEUE_TWIN + self->given.job.place;
+    const size_t queue = TL_LIVE_QUEUE_TWIN + self->setup.job.place;
     tl_recorder_writer_queue queues[TL_LIVE_QUEUES] = {
         [TL_LIVE_QUEUE_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
         [TL_LIVE_QUEUE_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
-        [TL_LIVE_QUEUE_ACTIVATOR] = {"activator", events, bytes_of(self, TL_LIVE_CONFIG_MANAGER_EVENTS)},
+        [TL_LIVE_QUEUE_ACTIVATOR] = {"config manager", events, bytes_of(self, TL_LIVE_CONFIG_MANAGER_EVENTS)},
     };
-    queues[ring] = (tl_recorder_writer_queue){"twin", tl_live_twin_queue(&self->given.config),
-                                              bytes_of(self, TL_LIVE_QUEUE + self->given.job.place)};
-    tl_twin_recorder_describe(&self->given.config, self->given.job.database, &self->record);
+    queues[queue] = (tl_recorder_writer_queue){"twin", tl_live_twin_queue(&self->setup.config),
+                                               bytes_of(self, TL_LIVE_QUEUE + self->setup.job.place)};
+    tl_twin_recorder_describe(&self->setup.config, self->setup.job.database, &self->record);
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
     self->record.settings.known_count = 1;
-    self->record.settings.insistence = self->given.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
+    self->record.settings.insistence = self->setup.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
         .queues = queues,
         .queue_count = TL_LIVE_QUEUES,
-        .ring = ring,
+        .ring = queue,
         .hand_over = TL_LIVE_TAKEN_OVER,
-        .goes_on = is_nobody_else,
+        .goes_on = has_no_handover,
         .context = self,
         .state = &self->own->state,
         .heartbeat = self->heartbeat,
-        .plant = {.take = take_sample, .context = self, .kept = tl_sample_buffers_kept(&self->given.config)},
+        .plant = {.take = take_sample_at, .context = self, .kept = tl_sample_buffers_kept(&self->setup.config)},
         .is_last = true,
     };
     self->samples = (tl_live_samples){.pulse = self->other,
-                                      .answer = &self->own->answer[1 - self->given.job.place],
-                                      .resume = &self->given.blocks[TL_LIVE_PAST + 1 - self->given.job.place],
+                                      .answer = &self->own->answer[1 - self->setup.job.place],
+                                      .resume = &self->setup.blocks[TL_LIVE_PAST + 1 - self->setup.job.place],
                                       .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
@@ -142,13 +142,13 @@ static tl_status open_writer(recorder *self, tl_error *error) {
 /* ---- resume data, for a twin without a previous process in this run ---- */
 
 /* Messages that do not fit are dropped. */
-static void note_words(void *context, tl_severity severity, const char *text) {
-    tl_live_past_answer *answer = context;
+static void add_message(void *context, tl_severity severity, const char *text) {
+    tl_live_past_answer *reply = context;
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
-        tl_live_past_word *word = &answer->words[i];
-        if (word->text[0] == '\0') {
-            word->severity = (int32_t)severity;
-            (void)snprintf(word->text, sizeof word->text, "%s", text);
+        tl_live_past_word *message = &reply->words[i];
+        if (message->text[0] == '\0') {
+            message->severity = (int32_t)severity;
+            (void)snprintf(message->text, sizeof message->text, "%s", text);
             return;
         }
     }
@@ -159,39 +159,39 @@ static void open_history(recorder *self) {
     memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
     self->fmus[TL_SHA256_TEXT - 1] = '\0';
     const tl_resume_history_settings settings = {
-        .config = &self->given.config,
+        .config = &self->setup.config,
         .path = tl_recorder_writer_path(self->writer),
         .fmus = self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus,
         .boot = self->record.boot,
-        .components = self->given.config.component_count + 1,
-        .tell = note_words,
-        .context = &self->own->answer[self->given.job.place],
+        .components = self->setup.config.component_count + 1,
+        .tell = add_message,
+        .context = &self->own->answer[self->setup.job.place],
     };
     self->history = tl_resume_history_open(&settings);
 }
 
 /* Writes the next older resume data to its block. */
-static void answer(recorder *self, tl_live_wish wish) {
-    tl_live_past_answer *given = &self->own->answer[self->given.job.place];
-    memset(given->words, 0, sizeof given->words);
-    if ((uint32_t)wish == 1) {
+static void answer_request(recorder *self, tl_live_wish request) {
+    tl_live_past_answer *reply = &self->own->answer[self->setup.job.place];
+    memset(reply->words, 0, sizeof reply->words);
+    if ((uint32_t)request == 1) {
         tl_resume_history_close(self->history);
         open_history(self);
     }
     const tl_resume *found = tl_resume_history_next(self->history);
-    given->size = found != NULL && tl_resume_size(found) <= TL_LIVE_PAST_BYTES ? tl_resume_size(found) : 0;
-    if (given->size != 0) {
+    reply->size = found != NULL && tl_resume_size(found) <= TL_LIVE_PAST_BYTES ? tl_resume_size(found) : 0;
+    if (reply->size != 0) {
         tl_resume_write(found, self->resume->bytes);
     }
-    given->ended = tl_resume_history_ended(self->history);
-    self->answered = wish;
-    __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
+    reply->ended = tl_resume_history_ended(self->history);
+    self->answered = request;
+    __atomic_store_n(&reply->wish, request, __ATOMIC_RELEASE);
 }
 
-static void look_at_wishes(recorder *self) {
-    tl_live_wish wish = __atomic_load_n(&self->twin->resume, __ATOMIC_ACQUIRE);
-    if (wish != 0 && wish != self->answered) {
-        answer(self, wish);
+static void poll_requests(recorder *self) {
+    tl_live_wish request = __atomic_load_n(&self->twin->resume, __ATOMIC_ACQUIRE);
+    if (request != 0 && request != self->answered) {
+        answer_request(self, request);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
         tl_resume_history_close(self->history); /* the twin has started */
         self->history = NULL;
@@ -218,82 +218,82 @@ static bool needs_another(const recorder *self) {
     if (since == 0 || tl_clock_now(NULL) - since < PATIENCE_WITH_FOLDER) {
         return false;
     }
-    struct stat folder = folder_of(self->given.job.database);
+    struct stat folder = folder_of(self->setup.job.database);
     return self->folder.st_ino != 0 && folder.st_ino != 0 &&
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
 }
 
 /* Another twin is live and writes to the other record queue; the queue of this recorder gets no
  * more data of its run. */
-static bool is_over(const recorder *self) {
+static bool has_handed_over(const recorder *self) {
     uint32_t handovers = __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE);
-    uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
-    return handovers != self->given.job.handovers &&
-           (handovers != self->given.job.handovers + 1 || place != self->given.job.place);
+    uint32_t slot = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    return handovers != self->setup.job.handovers &&
+           (handovers != self->setup.job.handovers + 1 || slot != self->setup.job.place);
 }
 
 /* Reports to the supervisor that another recorder can continue with the other queue. */
-static void tell_drained(recorder *self) {
-    __atomic_store_n(&self->own->drained, self->given.job.handovers + 1, __ATOMIC_RELEASE);
+static void report_drained(recorder *self) {
+    __atomic_store_n(&self->own->drained, self->setup.job.handovers + 1, __ATOMIC_RELEASE);
 }
 
 static void write_now(recorder *self) {
-    bool over = is_over(self); /* first: all data before that is read now */
+    bool over = has_handed_over(self); /* first: all data before that is read now */
     if (over) {
         tl_recorder_writer_leave(self->writer);
     }
-    look_at_tuning(self);
+    read_tuning(self);
     tl_recorder_writer_write(self->writer);
     for (size_t i = 0; i < TL_LIVE_QUEUES; i++) { /* the supervisor reads it */
         __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
     }
     if (over && tl_recorder_writer_has_drained(self->writer)) {
-        tell_drained(self);
+        report_drained(self);
     }
 }
 
 static tl_status close_writer(recorder *self, tl_error *error) {
-    bool over = is_over(self);
+    bool over = has_handed_over(self);
     tl_status status = tl_recorder_writer_close(self->writer, PATIENCE_AT_END, error);
     if (over && status == TL_OK) {
-        tell_drained(self);
+        report_drained(self);
     }
     return status;
 }
 
-static void record_until_told(recorder *self) {
+static void record_run(recorder *self) {
     tl_time due = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_thread_heartbeat_beat(self->heartbeat);
-        look_at_wishes(self);
+        poll_requests(self);
         if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
-            self->given.job.place) { /* the other twin is a shadow */
+            self->setup.job.place) { /* the other twin is a shadow */
             tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
         }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             write_now(self);
-            due = tl_clock_now(NULL) + self->given.config.record_commit;
+            due = tl_clock_now(NULL) + self->setup.config.record_commit;
         }
         tl_time now = tl_clock_now(NULL);
-        tl_time look = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? LOOK_SOON : LOOK);
-        due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the next recorder waits */
-        tl_clock_sleep_until(look < due ? look : due);
+        tl_time next = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? POLL_SOON : POLL);
+        due = has_handed_over(self) && due > now + POLL ? now + POLL : due; /* the next recorder waits */
+        tl_clock_sleep_until(next < due ? next : due);
     }
 }
 
 int tl_recorder_role_run(void) {
     static recorder self; /* one per process */
     tl_error error;
-    tl_status status = tl_live_role_begin(TL_LIVE_IS_RECORDER, &self.given);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_RECORDER, &self.setup);
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
     (void)signal(SIGXFSZ, SIG_IGN); /* treat a file size limit like a full disk */
     status = open_memory(&self, &error);
     self.heartbeat = tl_thread_heartbeat_start(&self.own->beats, "recorder", PATIENCE);
-    self.folder = folder_of(self.given.job.database);
+    self.folder = folder_of(self.setup.job.database);
     if (status == TL_OK) {
-        status = tl_twin_slots_confine_recorder(&self.given.config, self.given.job.database, &error);
+        status = tl_twin_slots_confine_recorder(&self.setup.config, self.setup.job.database, &error);
     }
     if (status == TL_OK) {
         status = open_writer(&self, &error);
@@ -301,10 +301,11 @@ int tl_recorder_role_run(void) {
     bool was_ready = status == TL_OK;
     if (was_ready) {
         tl_heartbeats_set_ready(&self.own->beats);
-        record_until_told(&self);
+        record_run(&self);
         status = tl_interrupt_requested() != NULL
                      ? close_writer(&self, &error)
-                     : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder is another one now", self.given.job.database);
+                     : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder was replaced; the recorder restarts",
+                               self.setup.job.database);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

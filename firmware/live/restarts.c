@@ -46,7 +46,7 @@ static void read_account(tl_restarts *restarts, bool watchdog) {
     if (reader.right) {
         *restarts = kept;
     } else if (access(restarts->path, F_OK) == 0) {
-        tl_log(TL_LOG_WARNING, "%s: is damaged; restarts are counted anew", restarts->path);
+        tl_log(TL_LOG_WARNING, "%s: is damaged; the count of restarts begins at 0 again", restarts->path);
     }
     tl_json_reader_free(&reader);
 }
@@ -87,7 +87,7 @@ static tl_status write_file(const char *path, const char *text, tl_error *error)
 }
 
 /* A full disk must not stop the run; it is logged once. */
-static void keep(tl_restarts *restarts, bool running) {
+static void save_account(tl_restarts *restarts, bool running) {
     char text[ACCOUNT_BYTES + 1];
     tl_error error;
     if (restarts->path[0] == '\0') {
@@ -97,7 +97,7 @@ static void keep(tl_restarts *restarts, bool running) {
     bool failed = write_file(restarts->path, text, &error) != TL_OK;
     failed = failed && (running || !write_over(restarts->path, text));
     if (failed && !restarts->unwritten) {
-        tl_log(TL_LOG_WARNING, "restarts are not kept: %s", error.text);
+        tl_log(TL_LOG_WARNING, "the count of restarts is not saved: %s", error.text);
     }
     restarts->unwritten = failed;
 }
@@ -109,7 +109,8 @@ static bool is_read_only(const char *folder) {
     bool is = access(folder, W_OK | X_OK) != 0 && errno == EROFS;
     if (is) {
         tl_log(TL_LOG_ERROR,
-               "--state %.300s: the file system can only be read: restarts are not kept, and no change is taken",
+               "--state %.300s: the file system is read-only: the count of restarts is not saved, and changes of the "
+               "configuration are rejected",
                folder);
     }
     return is;
@@ -118,25 +119,26 @@ static bool is_read_only(const char *folder) {
 static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error *error) {
     struct stat about;
     if (mkdir(folder, 0755) != 0 && errno != EEXIST) {
-        return tl_fail(error, TL_BAD_DATA, "--state %.300s: cannot be made: %s", folder, strerror(errno));
+        return tl_fail(error, TL_BAD_DATA, "--state %.300s: cannot be created: %s", folder, strerror(errno));
     }
     if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode) ||
         (access(folder, W_OK | X_OK) != 0 && !is_read_only(folder))) {
-        return tl_fail(error, TL_BAD_DATA, "--state %.300s: expected a folder that this user may write into", folder);
+        return tl_fail(error, TL_BAD_DATA, "--state %.300s: expected a folder to which this user may write", folder);
     }
     restarts->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (restarts->lock >= 0 && flock(restarts->lock, LOCK_EX | LOCK_NB) != 0) {
         tl_restarts_close(restarts);
         return tl_fail(error, TL_TRY_AGAIN,
-                       "--state %.300s: another supervisor has it: give each twin a folder of its own", folder);
+                       "--state %.300s: in use by another supervisor: use a separate folder for each twin", folder);
     }
     int length = snprintf(restarts->path, sizeof restarts->path, "%s/supervisor.json", folder);
-    return length < (int)sizeof restarts->path ? TL_OK
-                                               : tl_fail(error, TL_BAD_DATA, "--state %.100s…: is too long", folder);
+    return length < (int)sizeof restarts->path
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA, "--state %.100s…: the path is too long; shorten it", folder);
 }
 
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error) {
-    *restarts = (tl_restarts){.reason = "it was told to", .lock = -1};
+    *restarts = (tl_restarts){.lock = -1};
     tl_identity_boot(restarts->boot);
     tl_status status = folder == NULL ? TL_OK : set_folder(folder, restarts, error);
     if (status == TL_OK && folder != NULL) {
@@ -149,7 +151,7 @@ void tl_restarts_begin(tl_restarts *restarts, bool again) {
     restarts->starts++;
     restarts->restarts += again ? 1 : 0;
     restarts->healthy = 0;
-    keep(restarts, true);
+    save_account(restarts, true);
 }
 
 void tl_restarts_undo(tl_restarts *restarts, bool again) {
@@ -177,7 +179,7 @@ void tl_restarts_live(tl_restarts *restarts, tl_time passed) {
         if (restarts->failures > 0 || restarts->tries > 0) {
             restarts->failures -= restarts->failures > 0 ? 1 : 0;
             restarts->tries = restarts->failures == 0 ? 0 : restarts->tries;
-            keep(restarts, true);
+            save_account(restarts, true);
         }
     }
 }
@@ -201,7 +203,7 @@ tl_time tl_restarts_hold_time(const tl_restarts *restarts, tl_time first) {
 void tl_restarts_end(tl_restarts *restarts) {
     restarts->failures = 0;
     restarts->tries = 0;
-    keep(restarts, false);
+    save_account(restarts, false);
 }
 
 void tl_restarts_close(tl_restarts *restarts) {

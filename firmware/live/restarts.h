@@ -37,7 +37,7 @@ typedef struct tl_restarts {
     unsigned failures;               /* not forgiven; at most TL_RESTARTS_MOST */
     unsigned tries;                  /* retries from safe hold since all was forgiven */
     bool interrupted;                /* the previous supervisor did not end in order */
-    char reason[TL_RESTARTS_REASON]; /* why the twin starts: "the box was reset by its watchdog" */
+    char reason[TL_RESTARTS_REASON]; /* why the twin starts; "": no special reason */
     uint64_t unreadable;             /* FMU files whose saved state ended a process; 0: none */
     /* private */
     char path[PATH_MAX]; /* of the file; "": not saved */

@@ -18,7 +18,7 @@ static const tl_time LIMIT = 300 * TL_SECOND;
 
 /* When the log reports the test, and when a twin process that only waits is started. No sample is
  * lost, because the sample memory keeps 10 s and hang_s. */
-static const tl_time TOLD = 3 * TL_SECOND;
+static const tl_time REPORT_AFTER = 3 * TL_SECOND;
 static const tl_time BRIEF = 10 * TL_SECOND;
 
 /* ---- identity of the FMUs ---- */
@@ -37,7 +37,7 @@ static void make_key(const tl_config *config, const char *digest, char key[TL_SH
 }
 
 /* The key stays "" if a file cannot be read. */
-static void identify(tl_saved_states *states) {
+static void identify_files(tl_saved_states *states) {
     const tl_config *config = states->config;
     int descriptors[TL_IDENTITY_FILES] = {0};
     char digest[TL_SHA256_TEXT];
@@ -63,7 +63,7 @@ static void identify(tl_saved_states *states) {
 /* ---- saved result ---- */
 
 /* Returns false if there is no result for these FMUs. */
-static bool remember(tl_saved_states *states) {
+static bool load_result(tl_saved_states *states) {
     tl_json_reader reader = tl_json_file_read(states->path);
     bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
     (void)snprintf(states->why, sizeof states->why, "%s", tl_json_text(&reader, "why"));
@@ -74,7 +74,7 @@ static bool remember(tl_saved_states *states) {
 
 /* If the result cannot be saved, the next start tests again. The restart record in the same folder
  * reports an unusable folder. */
-static void keep(const tl_saved_states *states) {
+static void save_result(const tl_saved_states *states) {
     tl_json_writer json;
     tl_error ignored;
     tl_json_writer_begin(&json);
@@ -102,27 +102,28 @@ static void begin_trial(tl_saved_states *states) {
 }
 
 /* Without an answer no result is saved: the run will report the error of the FMUs. */
-static void end_trial(tl_saved_states *states, tl_worker_state how) {
-    bool is_known = how == TL_WORKER_DONE && tl_worker_take_why(states->worker.result.bytes, states->why);
+static void end_trial(tl_saved_states *states, tl_worker_state state) {
+    bool is_known = state == TL_WORKER_DONE && tl_worker_take_why(states->worker.result.bytes, states->why);
     if (states->worker.is_late) {
-        (void)snprintf(states->why, sizeof states->why, "the saved states could not be tried within %.0f s",
+        (void)snprintf(states->why, sizeof states->why, "the test of the saved states did not end within %.0f s",
                        tl_seconds(LIMIT));
         is_known = true;
     }
     if (is_known) {
-        keep(states);
+        save_result(states);
     }
     states->files = is_known && states->why[0] != '\0' ? states->number : 0;
     states->is_due = false;
     tl_worker_close(&states->worker);
 }
 
-static void tell_wait(tl_saved_states *states) {
+static void report_wait(tl_saved_states *states) {
     if (!states->is_told) {
-        tl_log(TL_LOG_NOTICE,
-               "saved states: the FMUs are tested for whether another process can load what they save, once for these "
-               "FMU files; the twin begins after that, within %.0f s, and the plant is read meanwhile",
-               tl_seconds(LIMIT));
+        tl_log(
+            TL_LOG_NOTICE,
+            "saved states: testing, once for these FMU files, if another process can load the states that they save; "
+            "the twin starts after that, within %.0f s; the plant is read meanwhile",
+            tl_seconds(LIMIT));
     }
     states->is_told = true;
 }
@@ -134,16 +135,16 @@ tl_wait tl_saved_states_look(tl_saved_states *states) {
     if (!states->is_due) {
         return TL_WAIT_OVER;
     }
-    tl_worker_state how = tl_worker_poll(&states->worker);
-    if (how != TL_WORKER_RUNNING) {
-        end_trial(states, how);
+    tl_worker_state state = tl_worker_poll(&states->worker);
+    if (state != TL_WORKER_RUNNING) {
+        end_trial(states, state);
         return TL_WAIT_OVER;
     }
-    tl_time lasts = tl_clock_now(NULL) - states->begun;
-    if (lasts >= TOLD) {
-        tell_wait(states);
+    tl_time elapsed = tl_clock_now(NULL) - states->begun;
+    if (elapsed >= REPORT_AFTER) {
+        report_wait(states);
     }
-    return lasts < BRIEF ? TL_WAIT_BRIEF : TL_WAIT_LONG;
+    return elapsed < BRIEF ? TL_WAIT_BRIEF : TL_WAIT_LONG;
 }
 
 void tl_saved_states_stop(tl_saved_states *states) {
@@ -159,9 +160,9 @@ void tl_saved_states_open(const char *folder, tl_saved_states *states) {
         snprintf(states->path, PATH_MAX, "%s/states.json", folder) >= PATH_MAX) {
         return;
     }
-    identify(states);
+    identify_files(states);
     if (states->key[0] != '\0') {
-        states->is_due = !remember(states);
+        states->is_due = !load_result(states);
         states->files = !states->is_due && states->why[0] != '\0' ? states->number : 0;
     }
 }

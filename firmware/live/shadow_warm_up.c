@@ -9,11 +9,11 @@
 #include "firmware/twin/resume.h"
 
 /* Computing time of one part. */
-static const tl_time PIECE = TL_SECOND / 50;
+static const tl_time PART = TL_SECOND / 50;
 
 /* Samples of less than this time are left to the cycle, which catches up. (AHEAD, in ticks: first
  * tick after now if nothing was recorded.) */
-static const tl_time LEFT = 2 * TL_SECOND;
+static const tl_time REMAINDER = 2 * TL_SECOND;
 
 /* Maximum age of the newest recorded sample. */
 static const tl_time STALE = 10 * TL_SECOND;
@@ -21,7 +21,7 @@ static const tl_time STALE = 10 * TL_SECOND;
 /* Heartbeat timeouts of the caller: at the first tick and after the warm-up; and in addition to the
  * timeout of an FMU call. */
 static const tl_time PATIENCE = 120 * TL_SECOND;
-static const tl_time BESIDES = TL_SECOND;
+static const tl_time EXTRA = TL_SECOND;
 enum { AHEAD = 2 };
 
 /* Required speed relative to the plant; it is checked after this computing and sleeping time. */
@@ -36,7 +36,7 @@ typedef struct course_walk {
     bool has_begun;
     tl_time computed; /* in total */
     tl_time slept;
-    tl_run_status figures;
+    tl_run_status status_now;
     tl_metrics match[TL_MAX_MATCH];
     tl_status status;
     tl_error *error;
@@ -67,19 +67,19 @@ static void sample_of(const course_walk *self, const tl_sample *of_run, tl_sampl
 
 /* ---- in the thread of the FMUs ---- */
 
-static void count(course_walk *self, const tl_record *record) {
-    tl_run_status *figures = &self->figures;
-    figures->steps++;
-    figures->evaluations += record->evaluations;
-    figures->executions += record->executions;
-    figures->timed_out += record->stop == TL_STOP_TIME ? 1 : 0;
-    figures->used += record->used;
+static void count_step(course_walk *self, const tl_record *record) {
+    tl_run_status *status_now = &self->status_now;
+    status_now->steps++;
+    status_now->evaluations += record->evaluations;
+    status_now->executions += record->executions;
+    status_now->timed_out += record->stop == TL_STOP_TIME ? 1 : 0;
+    status_now->used += record->used;
     for (size_t i = 0; i < self->course->assembly->config.match_count; i++) {
         tl_metrics_add(&self->match[i], record->y[i], record->measured[i], (tl_quality)record->measured_quality[i]);
     }
 }
 
-static void take_tick(course_walk *self, const tl_sample *sample) {
+static void execute_tick(course_walk *self, const tl_sample *sample) {
     const tl_config *config = &self->course->assembly->config;
     const tl_budget budget = {
         .evaluations = config->budget_evaluations,
@@ -91,25 +91,25 @@ static void take_tick(course_walk *self, const tl_sample *sample) {
     bool ready = false;
     self->status = tl_twin_step(self->course->assembly->twin, sample, &budget, &record, &ready, self->error);
     if (ready) {
-        count(self, &record);
+        count_step(self, &record);
     }
     if (self->status == TL_OK) {
         self->next++;
-        self->figures.tick++;
+        self->status_now.tick++;
     }
 }
 
-static void take_piece(void *context) {
+static void execute_part(void *context) {
     course_walk *self = context;
     tl_time begun = tl_clock_now(NULL);
     tl_time now = begun;
     tl_resume_tick recorded;
     tl_sample sample;
     const int64_t most = self->computed == 0 ? 1 : INT64_MAX; /* the first tick is slow: initialisation */
-    while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
+    while (self->status == TL_OK && now - begun < PART && self->status_now.tick < most &&
            tl_resume_tick_at(&self->samples, self->next, &recorded)) {
         sample_of(self, &recorded.sample, &sample);
-        take_tick(self, &sample);
+        execute_tick(self, &sample);
         now = tl_clock_now(NULL);
     }
     tl_fmu_guard_tick();
@@ -118,44 +118,45 @@ static void take_piece(void *context) {
 
 /* ---- in the main thread ---- */
 
-static tl_status judge_pace(const course_walk *self, tl_error *error) {
+static tl_status check_pace(const course_walk *self, tl_error *error) {
     double taken = tl_seconds(self->computed + self->slept);
-    double pace = tl_seconds(tl_time_of_step(0, self->course->assembly->config.step, self->figures.tick)) / taken;
+    double pace = tl_seconds(tl_time_of_step(0, self->course->assembly->config.step, self->status_now.tick)) / taken;
     if (self->computed + self->slept < FIRST_PACE || pace >= PACE) {
         return TL_OK;
     }
-    return tl_fail(error, TL_TRY_AGAIN,
-                   "this box does not carry two twins: with half a processor the new one is %.2g times as fast as the "
-                   "plant, and %.1f are needed",
-                   pace, PACE);
+    return tl_fail(
+        error, TL_TRY_AGAIN,
+        "this box is too slow for two twins: with half a processor the shadow is %.2g times as fast as the plant "
+        "(expected: at least %.1f times)",
+        pace, PACE);
 }
 
-static void rest(course_walk *self, tl_time computed) {
+static void sleep_after(course_walk *self, tl_time computed) {
     tl_clock_sleep_until(tl_clock_now(NULL) + computed);
     self->slept += computed;
     tl_thread_heartbeat_beat(self->course->heartbeat);
-    tl_thread_heartbeat_set_timeout(self->course->heartbeat, self->course->assembly->config.realtime_hang + BESIDES);
-    self->course->show(self->course->context, &self->figures, self->match);
+    tl_thread_heartbeat_set_timeout(self->course->heartbeat, self->course->assembly->config.realtime_hang + EXTRA);
+    self->course->show(self->course->context, &self->status_now, self->match);
 }
 
 /* Simulates all samples of the image. */
-static tl_status take_samples(course_walk *self) {
+static tl_status execute_samples(course_walk *self) {
     tl_status status = TL_OK;
     while (status == TL_OK && self->next <= self->samples.last && tl_interrupt_requested() == NULL) {
         tl_time before = self->computed;
-        tl_fmu_thread_call(self->course->thread, take_piece, self);
-        rest(self, self->computed - before);
-        status = self->status == TL_OK ? judge_pace(self, self->error) : self->status;
+        tl_fmu_thread_call(self->course->thread, execute_part, self);
+        sleep_after(self, self->computed - before);
+        status = self->status == TL_OK ? check_pace(self, self->error) : self->status;
     }
     return status;
 }
 
-static int64_t present(const course_walk *self) {
+static int64_t present_tick(const course_walk *self) {
     return (tl_clock_now(NULL) - self->course->start) / self->course->assembly->config.step;
 }
 
 /* Fetches the next samples. Returns false if none follow; an unexpected reason is reported. */
-static bool fetch(course_walk *self) {
+static bool fetch_samples(course_walk *self) {
     const tl_shadow_warm_up *course = self->course;
     const void *image = NULL;
     tl_error error;
@@ -164,7 +165,8 @@ static bool fetch(course_walk *self) {
         return false;
     }
     if (tl_resume_read_samples(image, size, course->run, course->start, &self->samples, &error) != TL_OK) {
-        tl_journal_event(course->journal, -1, TL_EVENT_INFO, "resume", "begins live: %.180s", error.text);
+        tl_journal_event(course->journal, -1, TL_EVENT_INFO, "resume", "starts without recorded samples: %.180s",
+                         error.text);
         return false;
     }
     return !self->has_begun || self->samples.first == self->next;
@@ -180,10 +182,13 @@ static void begin_at(course_walk *self, int64_t tick) {
  * are missing. */
 static bool is_stale(const course_walk *self) {
     tl_time step = self->course->assembly->config.step;
-    bool is_old = !self->has_begun && (present(self) - self->samples.first) > (TL_RESUME_SAMPLES_BEFORE + STALE) / step;
+    bool is_old =
+        !self->has_begun && (present_tick(self) - self->samples.first) > (TL_RESUME_SAMPLES_BEFORE + STALE) / step;
     if (is_old) {
-        tl_journal_event(self->course->journal, -1, TL_EVENT_WARNING, "resume",
-                         "begins live: what is recorded of the plant is too old, as if nothing could be recorded now");
+        tl_journal_event(
+            self->course->journal, -1, TL_EVENT_WARNING, "resume",
+            "starts without recorded samples: the newest are older than %.0f s: check that the run is recorded",
+            tl_seconds(STALE));
     }
     return is_old;
 }
@@ -194,16 +199,17 @@ tl_status tl_shadow_warm_up_run(const tl_shadow_warm_up *course, int64_t *next, 
     for (size_t i = 0; i < course->assembly->config.signal_count; i++) {
         self.recorded[i] = find_recorded(course->run, &course->assembly->config.signals[i]);
     }
-    while (status == TL_OK && (!self.has_begun || present(&self) - self.next > LEFT / course->assembly->config.step) &&
-           tl_interrupt_requested() == NULL && fetch(&self) && !is_stale(&self)) {
+    while (status == TL_OK &&
+           (!self.has_begun || present_tick(&self) - self.next > REMAINDER / course->assembly->config.step) &&
+           tl_interrupt_requested() == NULL && fetch_samples(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
             begin_at(&self, self.samples.first);
         }
-        self.figures.last = self.figures.tick + present(&self) - self.next;
-        status = take_samples(&self);
+        self.status_now.last = self.status_now.tick + present_tick(&self) - self.next;
+        status = execute_samples(&self);
     }
     if (!self.has_begun) {
-        begin_at(&self, present(&self) + AHEAD);
+        begin_at(&self, present_tick(&self) + AHEAD);
     }
     tl_thread_heartbeat_set_timeout(course->heartbeat, PATIENCE);
     *next = self.next;

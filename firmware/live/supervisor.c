@@ -22,8 +22,8 @@
 /* Interval of the main loop: a hang lasts that much longer than its timeout. It is shorter while an
  * event is expected, for example while a twin waits for its priority or a dead process is reaped.
  */
-static const tl_time LOOK = TL_SECOND / 20;
-static const tl_time LOOK_SOON = TL_SECOND / 500;
+static const tl_time POLL = TL_SECOND / 20;
+static const tl_time POLL_SOON = TL_SECOND / 500;
 
 /* While a dead twin is being reaped, keepalives are sent for this time after its pause. */
 static const tl_time REAPING = 30 * TL_SECOND;
@@ -43,7 +43,7 @@ static const tl_time PAUSE_IN_END = TL_SECOND;
 static const tl_time SHORT_LIFE = TL_SECOND;
 
 /* Longest interval of keepalives; shortest interval of status messages. */
-static const tl_time STROKE = TL_SECOND;
+static const tl_time KEEPALIVE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
 /* Grace period of a process that was asked to end. It is longer than the timeout of a hung FMU
@@ -82,9 +82,9 @@ enum { MOST_WITHOUT_PROCESS = 40 };
 enum { SHORTER_HOLD = 12 };
 
 typedef enum state {
-    ABSENT,  /* not a member, or not any more */
-    RESTING, /* starts when the dead process is reaped and the pause is over */
-    LIVING
+    ABSENT, /* not a member, or not any more */
+    PAUSED, /* starts when the dead process is reaped and the pause is over */
+    RUNNING
 } state;
 
 typedef struct member {
@@ -93,8 +93,8 @@ typedef struct member {
     tl_time ended;                    /* start of the pause */
     tl_time pause;                    /* its minimum length */
     unsigned failures;                /* in a row, never ready; twin: starts without a process */
-    unsigned unsaid;                  /* failures that were not logged yet */
-    tl_time said;                     /* time of the last log line; 0: never */
+    unsigned unlogged;                /* failures that were not logged yet */
+    tl_time logged;                   /* time of the last log line; 0: never */
     char failure[TL_RESTARTS_REASON]; /* reason of the last failure */
     tl_time lived;                    /* ns since its start */
     tl_time ready;                    /* time when it was seen to be ready; 0: not yet */
@@ -111,33 +111,33 @@ typedef struct supervisor {
     member *members[TL_MEMBERS]; /* current roles; a swap exchanges two */
     tl_restarts restarts;        /* of the twin */
     tl_watchdog watchdog;
-    tl_time stroke; /* interval */
-    tl_time stroked, told;
-    sigset_t signals; /* that the supervisor waits for */
-    sigset_t before;  /* the caller's mask */
-    bool ran;         /* a twin has been ready */
-    bool told_ready;  /* and the service manager was notified */
-    int stop;         /* signal that asked to end; 0: none */
-    tl_time stopped;  /* time of that signal */
-    bool hurries;     /* asked to end again */
-    bool is_ending;   /* all processes are ending */
-    tl_time ending;   /* ns since then, while this process was running */
-    int code;         /* exit code of the run so far */
-    int tries;        /* recorders that failed during the end */
-    bool held;        /* the running twin process is in safe hold */
-    bool waits;       /* only until the first twin may start */
-    bool only_waited; /* no real twin has been ready yet */
-    bool retries;     /* start the next twin in spite of a restart loop */
+    tl_time keepalive_interval; /* interval */
+    tl_time last_keepalive, notified;
+    sigset_t signals;  /* that the supervisor waits for */
+    sigset_t before;   /* the caller's mask */
+    bool ran;          /* a twin has been ready */
+    bool was_notified; /* and the service manager was notified */
+    int stop;          /* signal that asked to end; 0: none */
+    tl_time stopped;   /* time of that signal */
+    bool hurries;      /* asked to end again */
+    bool is_ending;    /* all processes are ending */
+    tl_time ending;    /* ns since then, while this process was running */
+    int code;          /* exit code of the run so far */
+    int tries;         /* recorders that failed during the end */
+    bool held;         /* the running twin process is in safe hold */
+    bool waits;        /* only until the first twin may start */
+    bool only_waited;  /* no real twin has been ready yet */
+    bool retries;      /* start the next twin in spite of a restart loop */
     unsigned bad_holds;
     bool is_excused; /* the next start of the twin does not follow a failure of its own */
     bool hastens;    /* the next loop is in 2 ms */
 } supervisor;
 
-static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
-                                                [TL_MEMBER_IO] = "the reading of the plant",
-                                                [TL_MEMBER_TWIN] = "the twin",
-                                                [TL_MEMBER_SHADOW] = "the shadow",
-                                                [TL_MEMBER_ACTIVATOR] = "the activator"};
+static const char *const member_names[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
+                                                     [TL_MEMBER_IO] = "the plant reader",
+                                                     [TL_MEMBER_TWIN] = "the twin",
+                                                     [TL_MEMBER_SHADOW] = "the shadow",
+                                                     [TL_MEMBER_ACTIVATOR] = "the config manager"};
 
 /* Order of the end: the twin needs io to its end, and both pass their last data to the recorder. */
 static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
@@ -159,26 +159,28 @@ static member *shadow_of(supervisor *self) {
 /* ---- keepalives ---- */
 
 /* A keepalive cannot be undone by what follows; a late loop means a missing keepalive. */
-static void stroke(supervisor *self, tl_time now) {
-    if (self->bad_holds >= TL_RESTARTS_MOST || now - self->stroked < self->stroke) {
+static void send_keepalive(supervisor *self, tl_time now) {
+    if (self->bad_holds >= TL_RESTARTS_MOST || now - self->last_keepalive < self->keepalive_interval) {
         return;
     }
-    self->stroked = now;
+    self->last_keepalive = now;
     if (self->watchdog.file >= 0 && !tl_watchdog_keepalive(&self->watchdog)) {
-        tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
+        tl_log(TL_LOG_WARNING, "watchdog %s: no keepalive could be sent: %s; it may reset the box",
+               self->settings->watchdog, strerror(errno));
     }
     (void)tl_service_notify("WATCHDOG=1");
 }
 
 /* The text is untrusted: a second line in it would be another message to the service manager. */
-static void tell_status(supervisor *self, tl_time now) {
+static void notify_status(supervisor *self, tl_time now) {
     char text[TL_HEARTBEAT_STATUS];
     char line[4 * TL_HEARTBEAT_STATUS + 16] = "STATUS="; /* cleaning may need 4 bytes each */
     const size_t begun = strlen(line);
-    if (now - self->told < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) || text[0] == '\0') {
+    if (now - self->notified < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) ||
+        text[0] == '\0') {
         return;
     }
-    self->told = now;
+    self->notified = now;
     (void)tl_clean_text(text, strnlen(text, sizeof text), line + begun, sizeof line - begun);
     (void)tl_service_notify(line);
 }
@@ -194,10 +196,10 @@ static tl_time pause_after(unsigned failures) {
     return pause;
 }
 
-static void rest(member *resting, tl_time now, tl_time pause) {
-    resting->state = RESTING;
-    resting->ended = now;
-    resting->pause = pause;
+static void begin_pause(member *paused, tl_time now, tl_time pause) {
+    paused->state = PAUSED;
+    paused->ended = now;
+    paused->pause = pause;
 }
 
 /* A member that was ready before can be ready again soon: retry a device or a disk as soon as
@@ -217,11 +219,11 @@ static void end_all(supervisor *self, int code) {
 }
 
 /* Logs a failure; if `is_told`, also records it as an event. */
-static void put_failure(supervisor *self, tl_member which, const char *when, const char *reason, bool is_followed,
+static void log_failure(supervisor *self, tl_member which, const char *when, const char *reason, bool is_followed,
                         bool is_told) {
     char text[TL_RESTARTS_REASON + 128];
-    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which], when, reason,
-                   is_followed ? "; another one is begun" : "");
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", member_names[which], when, reason,
+                   is_followed ? "; it is restarted" : "");
     tl_log(TL_LOG_ERROR, "%s", text);
     if (is_told) {
         self->settings->tell(self->settings->context, text);
@@ -229,25 +231,25 @@ static void put_failure(supervisor *self, tl_member which, const char *when, con
 }
 
 /* Logs failures of a member that is restarted: the first at once, later ones once a minute. */
-static void say_failures(supervisor *self, tl_member which, tl_time now) {
+static void log_failures(supervisor *self, tl_member which, tl_time now) {
     member *failed = self->members[which];
     char times[48] = "";
-    if (failed->unsaid == 0 || (failed->said != 0 && now - failed->said < QUIET)) {
+    if (failed->unlogged == 0 || (failed->logged != 0 && now - failed->logged < QUIET)) {
         return;
     }
-    if (failed->said != 0 && failed->unsaid > 1) {
-        (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unsaid);
+    if (failed->logged != 0 && failed->unlogged > 1) {
+        (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unlogged);
     }
-    put_failure(self, which, times, failed->failure, failed->state != ABSENT, true);
-    failed->unsaid = 0;
-    failed->said = now;
+    log_failure(self, which, times, failed->failure, failed->state != ABSENT, true);
+    failed->unlogged = 0;
+    failed->logged = now;
 }
 
 static void count_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
     member *failed = self->members[which];
     (void)snprintf(failed->failure, sizeof failed->failure, "%.*s", TL_RESTARTS_REASON - 1, reason);
-    failed->unsaid++;
-    say_failures(self, which, now);
+    failed->unlogged++;
+    log_failures(self, which, now);
 }
 
 static tl_wait wait_of(const supervisor *self) {
@@ -287,7 +289,7 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, bool
     member *missing = self->members[which];
     bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
     if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->alone)) {
-        tl_log(TL_LOG_ERROR, "%s cannot be started: %s", name_of[which], error->text);
+        tl_log(TL_LOG_ERROR, "%s could not be started: %s", member_names[which], error->text);
         missing->state = ABSENT;
         if (which != TL_MEMBER_SHADOW) {
             end_all(self, TRY_AGAIN);
@@ -300,11 +302,11 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, bool
         self->is_excused = true;
         tl_restarts_excuse(&self->restarts, error->text);
     }
-    rest(missing, now, pause_after(missing->failures));
+    begin_pause(missing, now, pause_after(missing->failures));
     count_failure(self, which, now, error->text);
 }
 
-static void begin(supervisor *self, tl_member which, tl_time now) {
+static void begin_member(supervisor *self, tl_member which, tl_time now) {
     member *begun = self->members[which];
     tl_start start = {.unreadable = self->restarts.unreadable};
     tl_error error = {0};
@@ -323,7 +325,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
         return;
     }
     begun->child.pid = pid;
-    begun->state = LIVING;
+    begun->state = RUNNING;
     begun->hold_time = start.hold_time;
     begun->failures = which == TL_MEMBER_TWIN ? 0 : begun->failures;
 }
@@ -331,7 +333,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
 /* ---- ends ---- */
 
 /* It was asked to end before it could handle signals, and had no data to save yet. */
-static bool was_told_early(const supervisor *self, tl_member which) {
+static bool was_asked_early(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     const tl_child_end *end = &child->end;
     bool has_nothing = which != TL_MEMBER_RECORDER || !self->ran;
@@ -342,28 +344,28 @@ static bool was_told_early(const supervisor *self, tl_member which) {
 
 /* Logs a failure and records it. For a twin that is restarted, the start information of the next
  * twin has the reason instead. */
-static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
+static void report_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
     bool was_asked = self->is_ending && self->members[which]->child.asked;
-    put_failure(self, which, was_asked ? " when it was to end" : "", reason, is_followed,
+    log_failure(self, which, was_asked ? " at the end of the run" : "", reason, is_followed,
                 which != TL_MEMBER_TWIN || !is_followed);
 }
 
 /* The exit code of a process that ends last: it may have failed at the end, or could not save
  * everything. If the run is not supervised, an FMU that ends its process decides the exit code. */
-static void take_last_code(supervisor *self, tl_member which, const char *reason) {
+static void set_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which]->child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
-    if (was_told_early(self, which)) {
+    if (was_asked_early(self, which)) {
         end_all(self, 0);
         return;
     }
     if (child->killed || child->end.farewell == TL_END_CAUSE_NONE) {
-        say_failure(self, which, reason, false);
+        report_failure(self, which, reason, false);
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {
-        tl_log(TL_LOG_WARNING, "%s failed when all was done: %s", name_of[which], reason);
+        tl_log(TL_LOG_WARNING, "%s failed after it had finished its work: %s", member_names[which], reason);
         end_all(self, is_told ? FMU_FAILED : 0);
     }
     end_all(self, child->end.code);
@@ -373,7 +375,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
  * can write it. */
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
-    if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
+    if (which != TL_MEMBER_RECORDER || !self->is_ending || was_asked_early(self, which) ||
         child->end.farewell != TL_END_CAUSE_NONE) {
         return false;
     }
@@ -398,7 +400,7 @@ static void end_alone(supervisor *self, const char *reason) {
         end_all(self, child->end.code); /* the twin has logged the reason */
         return;
     }
-    say_failure(self, TL_MEMBER_TWIN, reason, false);
+    report_failure(self, TL_MEMBER_TWIN, reason, false);
     end_all(self, FMU_FAILED);
 }
 
@@ -418,7 +420,7 @@ static void note_end_of_shadow(supervisor *self) {
 }
 
 /* The next config manager finishes its work. */
-static void note_end_of_activator(supervisor *self, tl_time now) {
+static void note_end_of_manager(supervisor *self, tl_time now) {
     member *ended = self->members[TL_MEMBER_ACTIVATOR];
     char reason[TL_RESTARTS_REASON];
     bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
@@ -427,7 +429,7 @@ static void note_end_of_activator(supervisor *self, tl_time now) {
     ended->state = ABSENT;
     ended->failures = is_orderly ? 0 : ended->failures + 1;
     if (!is_orderly && !self->is_ending) {
-        rest(ended, now, pause_after(ended->failures + 1));
+        begin_pause(ended, now, pause_after(ended->failures + 1));
         count_failure(self, TL_MEMBER_ACTIVATOR, now, reason);
     }
 }
@@ -447,12 +449,12 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     if (ended->is_changed && tl_child_kept_its_word(&ended->child) &&
         end->code == 0) { /* it was asked to end for a replacement */
         tl_child_bury(&ended->child);
-        rest(ended, now, 0);
+        begin_pause(ended, now, 0);
         return;
     }
     if (is_last) {
         ended->state = ABSENT;
-        take_last_code(self, which, reason);
+        set_last_code(self, which, reason);
         return;
     }
     if (is_alone) {
@@ -460,9 +462,9 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end_alone(self, reason);
         return;
     }
-    bool is_named = which == TL_MEMBER_TWIN && !self->held; /* few: a loop ends in safe hold */
-    if (is_named || self->is_ending) {
-        say_failure(self, which, reason, true);
+    bool is_single = which == TL_MEMBER_TWIN && !self->held; /* few: a loop ends in safe hold */
+    if (is_single || self->is_ending) {
+        report_failure(self, which, reason, true);
     } else {
         count_failure(self, which, now, reason);
     }
@@ -471,44 +473,45 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         self->bad_holds += self->held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
     }
-    rest(ended, now, which == TL_MEMBER_TWIN ? pause_after(self->restarts.failures) : pause_of_other(ended));
+    begin_pause(ended, now, which == TL_MEMBER_TWIN ? pause_after(self->restarts.failures) : pause_of_other(ended));
 }
 
 /* ---- monitoring ---- */
 
 /* The user who asks again does not want to wait: a hung FMU call is not waited for either. */
-static void hurry(supervisor *self, int signal) {
+static void hurry_end(supervisor *self, int signal) {
     self->hurries = true;
-    tl_log(TL_LOG_NOTICE, "asked again to end: who has not ended in %.0f s is killed", tl_seconds(GRACE_AGAIN));
+    tl_log(TL_LOG_NOTICE, "asked again to end: processes that still run after %.0f s are killed",
+           tl_seconds(GRACE_AGAIN));
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         member *asked = self->members[which];
-        if (asked->state == LIVING && asked->child.asked) {
+        if (asked->state == RUNNING && asked->child.asked) {
             tl_child_ask(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
         }
     }
 }
 
-static void stop(supervisor *self, int signal) {
+static void stop_run(supervisor *self, int signal) {
     tl_time now = tl_clock_now(NULL);
     if (self->stop == 0) {
         (void)tl_service_notify("STOPPING=1");
         self->stop = signal;
         self->stopped = now;
         end_all(self, 0);
-        if (twin_of(self)->state == LIVING && shadow_of(self)->state != LIVING) {
+        if (twin_of(self)->state == RUNNING && shadow_of(self)->state != RUNNING) {
             tl_child_ask(&twin_of(self)->child, signal);
         }
     } else if (now - self->stopped >= AGAIN && !self->hurries) {
-        hurry(self, signal);
+        hurry_end(self, signal);
     }
 }
 
 /* Waits for a signal. `time` < 1 s, in ns. */
-static void listen(supervisor *self, tl_time time) {
+static void wait_signal(supervisor *self, tl_time time) {
     const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
     int signal = sigtimedwait(&self->signals, NULL, &most);
     if (signal == SIGTERM || signal == SIGINT || signal == SIGHUP) {
-        stop(self, signal);
+        stop_run(self, signal);
     }
 }
 
@@ -526,22 +529,22 @@ static void retry_from_hold(supervisor *self) {
 }
 
 /* Called for a twin that is ready. */
-static void note_life(supervisor *self, tl_time now, tl_time passed) {
+static void note_ready(supervisor *self, tl_time now, tl_time passed) {
     self->ran = true;
     self->only_waited = self->waits;
-    if (!self->told_ready) {
-        self->told_ready = tl_service_notify("READY=1");
+    if (!self->was_notified) {
+        self->was_notified = tl_service_notify("READY=1");
     }
     if (self->held && !self->waits) {
         retry_from_hold(self);
     } else if (!self->held) {
         tl_restarts_live(&self->restarts, passed);
     }
-    tell_status(self, now);
+    notify_status(self, now);
 }
 
 /* Returns true if the process was found damaged and was killed. */
-static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+static bool check_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     living->sound += living->ready != 0 ? passed : 0;
     if (living->ready == 0 && tl_heartbeats_is_ready(living->child.beats)) {
@@ -554,7 +557,7 @@ static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_t
     if (damaged) {
         living->was_damaged = true;
         tl_child_kill(&living->child, INT64_MAX,
-                      "it has destroyed its own memory: what it hands to the recorder cannot be read on");
+                      "killed: it has corrupted its memory: the recorder cannot read its records");
     }
     return damaged;
 }
@@ -566,9 +569,9 @@ static tl_time grace_of(supervisor *self, tl_member which) {
     if (which == TL_MEMBER_IO) {
         return GRACE_OF_IO;
     }
-    tl_time left = GRACE_OF_ALL - (self->ending - self->members[which]->child.asking);
-    left = left < GRACE ? left : GRACE;
-    return left > GRACE_AGAIN ? left : GRACE_AGAIN;
+    tl_time remaining = GRACE_OF_ALL - (self->ending - self->members[which]->child.asking);
+    remaining = remaining < GRACE ? remaining : GRACE;
+    return remaining > GRACE_AGAIN ? remaining : GRACE_AGAIN;
 }
 
 /* If the run is not supervised, the limit is longer, because no other twin would follow. A debugger
@@ -588,17 +591,17 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     return !is_held;
 }
 
-static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+static void monitor_running(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
     const char *silent = tl_heartbeats_look(living->child.beats, &living->child.seen, now, &silence);
     if (is_to_be_killed(self, which, silent, silence)) {
-        tl_child_kill(&living->child, silence, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
+        tl_child_kill(&living->child, silence, "killed: no heartbeat from \"%.40s\" for %.1f s", silent,
                       tl_seconds(silence));
         return;
     }
-    if (look_for_damage(self, which, now, passed)) {
+    if (check_damage(self, which, now, passed)) {
         return;
     }
     tl_child_press(&living->child, passed, grace_of(self, which));
@@ -606,12 +609,12 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     if (!is_twin) {
         return;
     }
-    stroke(self, now);
+    send_keepalive(self, now);
     if (living->child.asked && !tl_fmu_calls_is_asked(&living->child.beats->calls)) {
         (void)kill(living->child.pid, living->child.signal);
     }
     if (tl_heartbeats_is_ready(living->child.beats)) {
-        note_life(self, now, passed);
+        note_ready(self, now, passed);
         if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may start */
             living->is_changed = true;
             tl_child_ask(&living->child, SIGTERM);
@@ -620,39 +623,38 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 }
 
 /* Starts it after its pause; at the end of all only a recorder, which has data to write. */
-static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
-    member *resting = self->members[which];
-    bool is_buried = tl_reaper_rests(&resting->child.reaper);
+static void monitor_paused(supervisor *self, tl_member which, tl_time now) {
+    member *paused = self->members[which];
+    bool is_reaped = tl_reaper_rests(&paused->child.reaper);
     bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
-    tl_time pause = self->is_ending && resting->pause > PAUSE_IN_END ? PAUSE_IN_END : resting->pause;
-    bool is_worth_a_stroke =
-        now - resting->ended < resting->pause + REAPING && resting->failures < MOST_WITHOUT_PROCESS;
-    if (which == TL_MEMBER_TWIN && (waits || is_worth_a_stroke)) {
-        stroke(self, now);
+    tl_time pause = self->is_ending && paused->pause > PAUSE_IN_END ? PAUSE_IN_END : paused->pause;
+    bool needs_keepalive = now - paused->ended < paused->pause + REAPING && paused->failures < MOST_WITHOUT_PROCESS;
+    if (which == TL_MEMBER_TWIN && (waits || needs_keepalive)) {
+        send_keepalive(self, now);
     }
     if (self->is_ending && which != TL_MEMBER_RECORDER) {
-        resting->state = ABSENT;
-    } else if (is_buried && !waits && now - resting->ended >= pause) {
-        begin(self, which, now);
+        paused->state = ABSENT;
+    } else if (is_reaped && !waits && now - paused->ended >= pause) {
+        begin_member(self, which, now);
     }
 }
 
-static void look_at(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+static void monitor_member(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *member_ = self->members[which];
-    say_failures(self, which, now);
+    log_failures(self, which, now);
     switch (member_->state) {
     case ABSENT:
         break;
-    case RESTING:
-        look_at_resting(self, which, now);
+    case PAUSED:
+        monitor_paused(self, which, now);
         break;
-    case LIVING:
+    case RUNNING:
         if (!tl_child_has_ended(&member_->child)) {
-            look_at_living(self, which, now, passed);
+            monitor_running(self, which, now, passed);
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
         } else if (which == TL_MEMBER_ACTIVATOR) {
-            note_end_of_activator(self, now);
+            note_end_of_manager(self, now);
         } else {
             self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
@@ -663,22 +665,22 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
 
 /* Asks the next process to end. Returns true if none is left. A killed config manager is not waited
  * for, because a failed disk may delay its death. */
-static bool go_on_ending(supervisor *self, tl_time now) {
+static bool continue_end(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
         member *next = self->members[end_order[i]];
         if (next->state == ABSENT ||
-            (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == LIVING && next->child.killed)) {
+            (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == RUNNING && next->child.killed)) {
             continue;
         }
         /* A recorder that has just started would be killed by the signal, and there is data to
          * write. */
         bool is_young = end_order[i] == TL_MEMBER_RECORDER && self->ran && next->lived < GRACE_AGAIN &&
                         !tl_heartbeats_is_ready(next->child.beats);
-        if (next->state == LIVING && !next->child.asked && !is_young) {
+        if (next->state == RUNNING && !next->child.asked && !is_young) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
         if (twin_of(self)->state == ABSENT) { /* else its heartbeats decide about it */
-            stroke(self, now);
+            send_keepalive(self, now);
         }
         return false;
     }
@@ -688,61 +690,62 @@ static bool go_on_ending(supervisor *self, tl_time now) {
 /* ---- orders ---- */
 
 /* A config manager ends when it has no work; it restarts sooner if a client waits. */
-static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
+static void update_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
     member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;
-    if (which == TL_MEMBER_SHADOW && ordered->state == LIVING && !shall_be && !ordered->child.asked) {
+    if (which == TL_MEMBER_SHADOW && ordered->state == RUNNING && !shall_be && !ordered->child.asked) {
         tl_child_ask(&ordered->child, SIGTERM);
         return;
     }
-    bool is_due = ordered->state == ABSENT || (ordered->state == RESTING && now - ordered->ended >= PAUSE_OF_CLIENT);
+    bool is_due = ordered->state == ABSENT || (ordered->state == PAUSED && now - ordered->ended >= PAUSE_OF_CLIENT);
     if (is_due && shall_be && tl_reaper_rests(&ordered->child.reaper)) {
-        begin(self, which, now);
+        begin_member(self, which, now);
     }
 }
 
-static void swap(supervisor *self, tl_time now) {
+static void swap_twins(supervisor *self, tl_time now) {
     member *before = twin_of(self);
     member *after = shadow_of(self);
     self->members[TL_MEMBER_TWIN] = after;
     self->members[TL_MEMBER_SHADOW] = before;
-    before->state = before->state == LIVING ? LIVING : ABSENT;
+    before->state = before->state == RUNNING ? RUNNING : ABSENT;
     before->reason[0] = '\0';
     self->held = false;
-    if (after->state != LIVING) {
-        tl_restarts_excuse(&self->restarts, after->reason[0] != '\0' ? after->reason : "it was not there");
+    if (after->state != RUNNING) {
+        tl_restarts_excuse(&self->restarts,
+                           after->reason[0] != '\0' ? after->reason : "the shadow had ended before the handover");
         self->is_excused = true;
-        rest(after, now, 0);
+        begin_pause(after, now, 0);
     }
 }
 
 /* A recorder that ended with the run may have left data for another one. */
 static void change_recorder(supervisor *self, tl_time now) {
     member *recorder = self->members[TL_MEMBER_RECORDER];
-    if (recorder->state == LIVING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
+    if (recorder->state == RUNNING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
         recorder->is_changed = true;
         tl_child_ask(&recorder->child, SIGTERM);
     } else if (recorder->state == ABSENT && recorder->child.pid != 0) {
         tl_child_bury(&recorder->child);
-        rest(recorder, now, 0);
+        begin_pause(recorder, now, 0);
     }
 }
 
-static void look_for_orders(supervisor *self, tl_time now) {
+static void poll_orders(supervisor *self, tl_time now) {
     tl_orders orders = {.end = false};
     self->settings->look(self->settings->context, self->is_ending, &orders);
     self->hastens = orders.soon;
     if (orders.end) {
         end_all(self, 0);
     }
-    if (orders.kill_twin && twin_of(self)->state == LIVING) {
-        tl_child_kill(&twin_of(self)->child, 0, "it did not end its run when another twin was to take over");
+    if (orders.kill_twin && twin_of(self)->state == RUNNING) {
+        tl_child_kill(&twin_of(self)->child, 0, "killed: it did not end its run at the handover");
     }
     if (orders.swap && !self->is_ending) {
-        swap(self, now);
+        swap_twins(self, now);
     }
-    see_to_ordered(self, TL_MEMBER_SHADOW, orders.shadow, now);
-    see_to_ordered(self, TL_MEMBER_ACTIVATOR, orders.activator, now);
+    update_ordered(self, TL_MEMBER_SHADOW, orders.shadow, now);
+    update_ordered(self, TL_MEMBER_ACTIVATOR, orders.activator, now);
     if (orders.recorder) {
         change_recorder(self, now);
     }
@@ -755,37 +758,37 @@ static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
         member *member_ = self->members[which];
-        is_about = is_about || (member_->state == RESTING && !tl_reaper_rests(&member_->child.reaper)) ||
-                   (member_->state == LIVING && !tl_heartbeats_is_ready(member_->child.beats));
+        is_about = is_about || (member_->state == PAUSED && !tl_reaper_rests(&member_->child.reaper)) ||
+                   (member_->state == RUNNING && !tl_heartbeats_is_ready(member_->child.beats));
     }
     return is_about;
 }
 
 /* Runs until no process is left. Returns the exit code. */
-static int supervise(supervisor *self) {
-    tl_time looked = tl_clock_now(NULL);
+static int run_members(supervisor *self) {
+    tl_time polled = tl_clock_now(NULL);
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
-            rest(twin_of(self), looked, 0);
+            begin_pause(twin_of(self), polled, 0);
         } else if (self->settings->beats[which] != NULL && !is_ordered(which)) {
-            begin(self, which, looked);
+            begin_member(self, which, polled);
         }
     }
     for (;;) {
-        listen(self, is_something_about_to_happen(self) ? LOOK_SOON : LOOK);
+        wait_signal(self, is_something_about_to_happen(self) ? POLL_SOON : POLL);
         tl_time now = tl_clock_now(NULL);
         for (tl_member which = 0; which < TL_MEMBERS; which++) {
-            look_at(self, which, now, now - looked);
+            monitor_member(self, which, now, now - polled);
         }
-        self->ending += self->is_ending ? tl_child_passed(now - looked) : 0;
-        looked = now;
-        look_for_orders(self, now);
-        if (self->is_ending && go_on_ending(self, now)) {
+        self->ending += self->is_ending ? tl_child_passed(now - polled) : 0;
+        polled = now;
+        poll_orders(self, now);
+        if (self->is_ending && continue_end(self, now)) {
             break;
         }
     }
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        say_failures(self, which, INT64_MAX);
+        log_failures(self, which, INT64_MAX);
     }
     return self->code;
 }
@@ -794,7 +797,7 @@ static int supervise(supervisor *self) {
 
 /* The priority is above that of the cycle, so that an endless cycle cannot block the supervisor.
  * Children start with ordinary priority. */
-static void be_urgent(void) {
+static void set_realtime(void) {
     struct sched_param parameter = {.sched_priority = sched_get_priority_max(SCHED_FIFO)};
     struct rlimit limit;
     if (geteuid() != 0 && getrlimit(RLIMIT_RTPRIO, &limit) == 0 && limit.rlim_cur < (rlim_t)parameter.sched_priority) {
@@ -812,16 +815,16 @@ static tl_status open_watchdog(supervisor *self, tl_error *error) {
     }
     tl_status status = tl_watchdog_open(self->settings->watchdog, self->settings->watchdog_s, watchdog, error);
     if (status == TL_OK) {
-        tl_log(TL_LOG_NOTICE, "watchdog %s (%s) resets the box unless it is stroked within %d s%s",
+        tl_log(TL_LOG_NOTICE, "watchdog %s (%s): resets the box if it gets no keepalive for %d s%s",
                self->settings->watchdog, watchdog->name, watchdog->timeout_s,
-               watchdog->can_be_disarmed ? "" : ", and cannot be disarmed");
+               watchdog->can_be_disarmed ? "" : "; it cannot be disarmed");
     }
     return status;
 }
 
 /* A quarter of the shorter watchdog timeout, at most STROKE. */
-static tl_time stroke_interval(const supervisor *self) {
-    tl_time interval = STROKE;
+static tl_time find_keepalive_interval(const supervisor *self) {
+    tl_time interval = KEEPALIVE;
     tl_time service = tl_service_extend_timeout() / 4;
     tl_time watchdog = self->watchdog.file >= 0 ? self->watchdog.timeout_s * TL_SECOND / 4 : 0;
     interval = service > 0 && service < interval ? service : interval;
@@ -844,13 +847,14 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     }
     self->retries = true;
     self->is_excused = self->restarts.interrupted;
-    self->stroke = stroke_interval(self);
+    self->keepalive_interval = find_keepalive_interval(self);
     return status;
 }
 
 static void close_all(supervisor *self) {
     if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
-        tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
+        tl_log(TL_LOG_WARNING, "watchdog %s: could not be disarmed: it resets the box in %d s",
+               self->settings->watchdog, self->watchdog.timeout_s);
     }
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         tl_reaper_leave(&self->members[which]->child.reaper);
@@ -879,9 +883,9 @@ int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {
         if (!settings->alone) {
-            be_urgent();
+            set_realtime();
         }
-        code = supervise(&self);
+        code = run_members(&self);
         tl_restarts_end(&self.restarts);
     } else {
         tl_log(TL_LOG_ERROR, "%s", error.text);

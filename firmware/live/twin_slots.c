@@ -17,27 +17,27 @@
 
 /* ---- configuration ---- */
 
-void tl_twin_slot_move_out(tl_twin_slot *place) {
-    tl_block_close(place->queue);
-    free(place->copy);
-    place->copy = NULL;
-    place->text = NULL;
-    place->hash[0] = '\0';
+void tl_twin_slot_move_out(tl_twin_slot *slot) {
+    tl_block_close(slot->queue);
+    free(slot->copy);
+    slot->copy = NULL;
+    slot->text = NULL;
+    slot->hash[0] = '\0';
 }
 
-static tl_status make_queue(tl_twin_slot *place, const tl_record_queue_settings *settings, tl_error *error) {
-    place->queue_settings = *settings;
-    return tl_block_make("twinlock outbox", tl_record_queue_bytes(settings), TL_BLOCK_SPARSE, place->queue, error);
+static tl_status make_queue(tl_twin_slot *slot, const tl_record_queue_settings *settings, tl_error *error) {
+    slot->queue_settings = *settings;
+    return tl_block_make("twinlock records", tl_record_queue_bytes(settings), TL_BLOCK_SPARSE, slot->queue, error);
 }
 
-tl_status tl_twin_slot_move_in(tl_twin_slot *place, const tl_config *config, bool unconfined, tl_error *error) {
+tl_status tl_twin_slot_move_in(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error) {
     const tl_record_queue_settings settings = tl_live_twin_queue(config);
-    place->text = config->text;
-    memcpy(place->hash, config->hash, sizeof place->hash);
-    place->fmus = tl_twin_fmus_of(config);
-    place->unconfined = unconfined;
-    place->pulse->first = place->pulse->number + 1;
-    return make_queue(place, &settings, error);
+    slot->text = config->text;
+    memcpy(slot->hash, config->hash, sizeof slot->hash);
+    slot->fmus = tl_twin_fmus_of(config);
+    slot->unconfined = unconfined;
+    slot->pulse->first = slot->pulse->number + 1;
+    return make_queue(slot, &settings, error);
 }
 
 /* ---- candidate ---- */
@@ -47,26 +47,26 @@ static bool read_at(const tl_block *block, size_t at, void *bytes, size_t size) 
 }
 
 /* Reads without mapping, because a mapping would be locked in memory. */
-static tl_status copy_text(tl_twin_slot *place, const tl_block *candidate, tl_error *error) {
+static tl_status copy_text(tl_twin_slot *slot, const tl_block *candidate, tl_error *error) {
     uint32_t size = 0;
     char hash[TL_SHA256_TEXT] = "";
     char found[TL_SHA256_TEXT];
     if (!read_at(candidate, offsetof(tl_live_candidate, size), &size, sizeof size) || size == 0 ||
         size > TL_CONFIG_MAX_BYTES || !read_at(candidate, offsetof(tl_live_candidate, hash), hash, sizeof hash - 1)) {
-        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text of %u bytes, expected 1 … %d", (unsigned)size,
+        return tl_fail(error, TL_BAD_DATA, "candidate: its text has %u bytes (expected 1 … %d)", (unsigned)size,
                        (int)TL_CONFIG_MAX_BYTES);
     }
-    place->copy = malloc((size_t)size + 1);
-    if (place->copy == NULL || !read_at(candidate, offsetof(tl_live_candidate, text), place->copy, size)) {
+    slot->copy = malloc((size_t)size + 1);
+    if (slot->copy == NULL || !read_at(candidate, offsetof(tl_live_candidate, text), slot->copy, size)) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the candidate");
     }
-    place->copy[size] = '\0';
-    tl_sha256(place->copy, size, found);
-    if (strlen(place->copy) != size || strcmp(found, hash) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text that is not that of its digest");
+    slot->copy[size] = '\0';
+    tl_sha256(slot->copy, size, found);
+    if (strlen(slot->copy) != size || strcmp(found, hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "candidate: its text does not match its hash");
     }
-    place->text = place->copy;
-    memcpy(place->hash, found, sizeof place->hash);
+    slot->text = slot->copy;
+    memcpy(slot->hash, found, sizeof slot->hash);
     return TL_OK;
 }
 
@@ -76,48 +76,49 @@ static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
                 needs->signals <= TL_MAX_SIGNALS &&
                 needs->unpacked_bytes <= needs->components * (uint64_t)TL_FMU_TOTAL_BYTES;
     return fits ? TL_OK
-                : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u",
+                : tl_fail(error, TL_BAD_DATA,
+                          "candidate: impossible sizes: match %u, adjust %u, components %u, signals %u",
                           (unsigned)needs->match, (unsigned)needs->adjust, (unsigned)needs->components,
                           (unsigned)needs->signals);
 }
 
-tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *place, const tl_block *candidate, const tl_live_needs *needs,
+tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
                                          tl_time step, tl_error *error) {
     const tl_recorder_shape shape = {.plant = needs->signals,
                                      .match = needs->match,
                                      .adjust = needs->adjust,
                                      .components = (size_t)needs->components + 1};
-    tl_twin_slot_move_out(place);
+    tl_twin_slot_move_out(slot);
     tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
-        status = copy_text(place, candidate, error);
+        status = copy_text(slot, candidate, error);
     }
     if (status == TL_OK) {
         const tl_record_queue_settings settings = tl_live_queue_of_shape(&shape, step);
-        status = make_queue(place, &settings, error);
+        status = make_queue(slot, &settings, error);
     }
     if (status != TL_OK) {
-        tl_twin_slot_move_out(place);
+        tl_twin_slot_move_out(slot);
         return status;
     }
-    place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
-    place->unconfined = needs->unconfined != 0;
-    uint32_t number = place->pulse->number; /* kept: it identifies answers */
-    memset(place->pulse, 0, sizeof *place->pulse);
-    place->pulse->number = number;
-    place->pulse->first = number + 1;
+    slot->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
+    slot->unconfined = needs->unconfined != 0;
+    uint32_t number = slot->pulse->number; /* kept: it identifies answers */
+    memset(slot->pulse, 0, sizeof *slot->pulse);
+    slot->pulse->number = number;
+    slot->pulse->first = number + 1;
     return TL_OK;
 }
 
 /* ---- unread data ---- */
 
-uint64_t tl_twin_slot_count_rest(const tl_twin_slot *place, const tl_record_queue_taken *taken) {
+uint64_t tl_twin_slot_count_rest(const tl_twin_slot *slot, const tl_record_queue_taken *taken) {
     tl_block queue = {.descriptor = -1};
     tl_error error;
     uint64_t count = 0;
-    if (place->queue->size != 0 &&
-        tl_block_take(tl_block_reader(place->queue), place->queue->size, TL_BLOCK_WE_WRITE, &queue, &error) == TL_OK) {
-        count = tl_record_queue_rest_count(&place->queue_settings, queue.bytes, taken);
+    if (slot->queue->size != 0 &&
+        tl_block_take(tl_block_reader(slot->queue), slot->queue->size, TL_BLOCK_WE_WRITE, &queue, &error) == TL_OK) {
+        count = tl_record_queue_rest_count(&slot->queue_settings, queue.bytes, taken);
     }
     tl_block_close(&queue);
     return count;
@@ -137,13 +138,13 @@ static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
 enum { DOMAIN_PORT = 53, COMMON = sizeof common / sizeof common[0] };
 
 /* Paths; the list owns the texts. */
-typedef struct places {
+typedef struct path_list {
     char **path;
     size_t count;
     bool failed; /* memory was out */
-} places;
+} path_list;
 
-static void free_places(places *list) {
+static void free_paths(path_list *list) {
     for (size_t i = 0; i < list->count; i++) {
         free(list->path[i]);
     }
@@ -151,7 +152,7 @@ static void free_places(places *list) {
 }
 
 /* Returns false if the path does not exist. */
-static bool add(places *list, const char *path) {
+static bool add_path(path_list *list, const char *path) {
     char *found = realpath(path, NULL);
     list->failed = list->failed || (found == NULL && errno == ENOMEM);
     if (found == NULL) {
@@ -168,25 +169,25 @@ static bool add(places *list, const char *path) {
     return true;
 }
 
-static void add_common(places *list, bool with_names) {
+static void add_common(path_list *list, bool with_names) {
     for (size_t i = 0; i < (with_names ? COMMON : 1); i++) {
-        (void)add(list, common[i]);
+        (void)add_path(list, common[i]);
     }
 }
 
 /* Adds the folder of a file that may be created or replaced later: that folder, or its nearest
  * existing parent. */
-static void add_folder(places *list, const char *file) {
+static void add_folder(path_list *list, const char *file) {
     char path[PATH_MAX];
     (void)snprintf(path, sizeof path, "%s", file);
     char *folder = dirname(path);
-    while (!add(list, folder) && strcmp(folder, "/") != 0 && strcmp(folder, ".") != 0) {
+    while (!add_path(list, folder) && strcmp(folder, "/") != 0 && strcmp(folder, ".") != 0) {
         folder = dirname(folder);
     }
 }
 
 /* Also adds the folder to which a link points now. */
-static void add_folders(places *list, const char *file) {
+static void add_folders(path_list *list, const char *file) {
     char *found = realpath(file, NULL);
     add_folder(list, file);
     if (found != NULL) {
@@ -196,7 +197,7 @@ static void add_folders(places *list, const char *file) {
 }
 
 /* `settings`: the fields that differ between io and recorder. Frees both lists. */
-static tl_status confine(tl_confine_settings settings, places *read, places *write, tl_error *error) {
+static tl_status confine_process(tl_confine_settings settings, path_list *read, path_list *write, tl_error *error) {
     tl_confine_facts facts;
     settings.read = (const char *const *)read->path;
     settings.read_count = read->count;
@@ -206,15 +207,15 @@ static tl_status confine(tl_confine_settings settings, places *read, places *wri
     settings.whole_process = true;
     settings.lives_on = true;
     tl_status status = read->failed || write->failed
-                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the places of a process")
+                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the paths that a process may open")
                            : tl_confine(&settings, &facts, NULL, error);
-    free_places(read);
-    free_places(write);
+    free_paths(read);
+    free_paths(write);
     return status;
 }
 
 /* Adds the files, devices and ports of one source and of its driver. */
-static void add_source(tl_confine_settings *settings, uint16_t *ports, places *read, places *write,
+static void add_source(tl_confine_settings *settings, uint16_t *ports, path_list *read, path_list *write,
                        const tl_config *config, const tl_config_source *source) {
     const tl_plant_access *access = source->driver->access;
     tl_source_reach reach = {.read = NULL};
@@ -229,10 +230,10 @@ static void add_source(tl_confine_settings *settings, uint16_t *ports, places *r
         add_folders(write, path);
     }
     if (access->read != NULL) {
-        (void)add(read, access->read);
+        (void)add_path(read, access->read);
     }
     if (access->write != NULL) {
-        (void)add(write, access->write);
+        (void)add_path(write, access->write);
     }
     if (reach.port != 0) {
         ports[settings->port_count++] = reach.port;
@@ -242,8 +243,8 @@ static void add_source(tl_confine_settings *settings, uint16_t *ports, places *r
 }
 
 tl_status tl_twin_slots_confine_io(const tl_config *config, unsigned kind, tl_error *error) {
-    places read = {.path = NULL};
-    places write = {.path = NULL};
+    path_list read = {.path = NULL};
+    path_list write = {.path = NULL};
     uint16_t *ports = calloc(config->source_count + 1, sizeof *ports);
     tl_confine_settings settings = {.ports = ports};
     if (ports == NULL) {
@@ -258,21 +259,21 @@ tl_status tl_twin_slots_confine_io(const tl_config *config, unsigned kind, tl_er
     if (settings.names) { /* DNS by TCP, for long answers */
         ports[settings.port_count++] = DOMAIN_PORT;
     }
-    tl_status status = confine(settings, &read, &write, error);
+    tl_status status = confine_process(settings, &read, &write, error);
     free(ports);
     return status;
 }
 
 tl_status tl_twin_slots_confine_recorder(const tl_config *config, const char *database, tl_error *error) {
-    places read = {.path = NULL};
-    places write = {.path = NULL};
+    path_list read = {.path = NULL};
+    path_list write = {.path = NULL};
     add_common(&read, true);
     add_folders(&write, database);
     for (size_t i = 0; i < config->component_count; i++) {
         char path[PATH_MAX];
         if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path)) {
-            (void)add(&read, path);
+            (void)add_path(&read, path);
         }
     }
-    return confine((tl_confine_settings){.keeps_files = true}, &read, &write, error);
+    return confine_process((tl_confine_settings){.keeps_files = true}, &read, &write, error);
 }

@@ -11,7 +11,7 @@
 static const double MOST = 0.5;
 static const double LITTLE = 0.25;
 
-static void judge(tl_bound_stay *stay) {
+static void assess_stay(tl_bound_stay *stay) {
     uint64_t steps = 0;
     uint64_t there = 0;
     for (int i = 0; i < TL_BOUND_BLOCKS; i++) {
@@ -29,7 +29,7 @@ static void judge(tl_bound_stay *stay) {
 }
 
 /* Clears the counts of all blocks up to `block`. */
-static void go_on(tl_bound_stay *stay, int64_t block) {
+static void begin_block(tl_bound_stay *stay, int64_t block) {
     int64_t count = block - stay->block;
     for (int64_t i = 1; i <= count && i <= TL_BOUND_BLOCKS; i++) {
         stay->steps[(stay->block + i) % TL_BOUND_BLOCKS] = 0;
@@ -45,8 +45,8 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there) {
     stay->block = stay->has_begun ? stay->block : block; /* a resumed run may start with any block */
     stay->has_begun = true;
     if (block > stay->block) {
-        judge(stay);
-        go_on(stay, block);
+        assess_stay(stay);
+        begin_block(stay, block);
     }
     stay->steps[stay->block % TL_BOUND_BLOCKS]++;
     stay->there[stay->block % TL_BOUND_BLOCKS] += is_there ? 1 : 0;
@@ -61,7 +61,7 @@ void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_a
 
 /* A twin that was in lock for TL_LOCK_LEARNS parts has recovered, so the pause starts again from
  * its shortest. */
-static void forgive(tl_recovery *recovery, const tl_lock_tally *tally) {
+static void reset_pause(tl_recovery *recovery, const tl_lock_tally *tally) {
     bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_TRACKING;
     recovery->well = is_well ? recovery->well + 1 : 0;
     if (recovery->well >= TL_LOCK_LEARNS) {
@@ -77,7 +77,7 @@ bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_l
     }
     recovery->windows = tally->windows;
     recovery->passed++;
-    forgive(recovery, tally);
+    reset_pause(recovery, tally);
     bool is_due = recovery->judge.astray && recovery->passed >= recovery->pause &&
                   recovery->judge.config->event.start.signal == NULL;
     if (is_due) {
@@ -146,28 +146,28 @@ tl_lock_window tl_lock_monitor_window(const tl_config *config) {
                : (tl_lock_window){.time = TL_LOCK_PARTS * (tl_time)steps_of_part(config) * config->step};
 }
 
-static bool is_real(const tl_lock_monitor *judge, size_t adjust) {
-    return judge->adjust[adjust].type == TL_REAL;
+static bool is_real(const tl_lock_monitor *monitor, size_t adjust) {
+    return monitor->adjust[adjust].type == TL_REAL;
 }
 
-void tl_lock_monitor_init(tl_lock_monitor *judge, const tl_config *config, const tl_account *account) {
-    *judge = (tl_lock_monitor){.config = config};
-    judge->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
-    memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
+void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, const tl_account *account) {
+    *monitor = (tl_lock_monitor){.config = config};
+    monitor->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
+    memcpy(monitor->adjust, account->adjust, sizeof monitor->adjust);
 }
 
 static struct tl_lock_measure measure_of(const tl_config *config, size_t i) {
     return (struct tl_lock_measure){config->match[i].tolerance, config->match[i].weight};
 }
 
-static struct tl_lock_measure measure(const tl_lock_monitor *judge, size_t i) {
-    return judge->tolerances != NULL ? judge->tolerances->match[i] : measure_of(judge->config, i);
+static struct tl_lock_measure current_measure(const tl_lock_monitor *monitor, size_t i) {
+    return monitor->tolerances != NULL ? monitor->tolerances->match[i] : measure_of(monitor->config, i);
 }
 
-void tl_lock_monitor_retune(tl_lock_monitor *judge, const tl_tuning *tuning) {
-    for (size_t v = 0; v < judge->config->adjust_count; v++) {
-        tl_account_adjust *adjust = &judge->adjust[v];
-        if (is_real(judge, v)) {
+void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning) {
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        tl_account_adjust *adjust = &monitor->adjust[v];
+        if (is_real(monitor, v)) {
             adjust->lower = fmax(tuning->adjust[v].lower, adjust->least);
             adjust->upper = fmin(tuning->adjust[v].upper, adjust->most);
         }
@@ -175,31 +175,31 @@ void tl_lock_monitor_retune(tl_lock_monitor *judge, const tl_tuning *tuning) {
 }
 
 /* After a reset the window says nothing about the following steps. The usual |Δu| stays. */
-static void forget(tl_lock_monitor *judge) {
-    judge->tally.steps[judge->tally.state] += judge->pending + judge->part[judge->at].steps;
-    judge->pending = 0;
-    memset(judge->part, 0, sizeof judge->part);
-    judge->parts = 0;
-    judge->at = 0;
-    judge->u_count = 0;
-    judge->astray = false;
+static void clear_window(tl_lock_monitor *monitor) {
+    monitor->tally.steps[monitor->tally.state] += monitor->pending + monitor->part[monitor->at].steps;
+    monitor->pending = 0;
+    memset(monitor->part, 0, sizeof monitor->part);
+    monitor->parts = 0;
+    monitor->at = 0;
+    monitor->u_count = 0;
+    monitor->astray = false;
 }
 
 /* ---- collecting ---- */
 
-void tl_lock_monitor_sample(tl_lock_monitor *judge, const tl_sample *sample) {
-    tl_lock_part *part = &judge->part[judge->at];
+void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample) {
+    tl_lock_part *part = &monitor->part[monitor->at];
     part->samples++;
-    for (size_t i = 0; i < judge->config->signal_count; i++) {
-        bool is_one = !judge->config->signals[i].is_reading; /* another look-up of the signal counts already */
+    for (size_t i = 0; i < monitor->config->signal_count; i++) {
+        bool is_one = !monitor->config->signals[i].is_reading; /* another look-up of the signal counts already */
         part->bad[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
     }
 }
 
-static bool is_compared(const tl_lock_monitor *judge, const tl_record *record) {
+static bool is_compared(const tl_lock_monitor *monitor, const tl_record *record) {
     bool compared = false;
-    for (size_t i = 0; i < judge->config->match_count; i++) {
-        compared = compared || (measure(judge, i).weight > 0.0 && record->measured_quality[i] == TL_GOOD);
+    for (size_t i = 0; i < monitor->config->match_count; i++) {
+        compared = compared || (current_measure(monitor, i).weight > 0.0 && record->measured_quality[i] == TL_GOOD);
     }
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
@@ -213,11 +213,11 @@ static bool is_searched(const tl_record *record) {
 
 /* Error of a committed step in tolerances: the root of the weighted mean square of all matched
  * outputs. */
-static double distance(const tl_lock_monitor *judge, const tl_record *record) {
+static double step_distance(const tl_lock_monitor *monitor, const tl_record *record) {
     double sum = 0.0;
     double weights = 0.0;
-    for (size_t i = 0; i < judge->config->match_count; i++) {
-        const struct tl_lock_measure by = measure(judge, i);
+    for (size_t i = 0; i < monitor->config->match_count; i++) {
+        const struct tl_lock_measure by = current_measure(monitor, i);
         if (by.weight > 0.0 && record->measured_quality[i] == TL_GOOD) {
             double error = (record->y[i] - record->measured[i]) / by.tolerance;
             sum += by.weight * error * error;
@@ -229,11 +229,11 @@ static double distance(const tl_lock_monitor *judge, const tl_record *record) {
 
 /* Largest factor of J with the monitor's tolerances, compared with those of the search. Infinite if
  * an output that counts has no weight in the search. */
-static double larger_objective(const tl_lock_monitor *judge) {
+static double larger_objective(const tl_lock_monitor *monitor) {
     double most = 1.0;
-    for (size_t i = 0; i < judge->config->match_count; i++) {
-        const struct tl_lock_measure own = measure_of(judge->config, i);
-        const struct tl_lock_measure by = measure(judge, i);
+    for (size_t i = 0; i < monitor->config->match_count; i++) {
+        const struct tl_lock_measure own = measure_of(monitor->config, i);
+        const struct tl_lock_measure by = current_measure(monitor, i);
         double wider = own.tolerance / by.tolerance;
         double larger = wider * wider * by.weight / own.weight;
         if (by.weight > 0.0 && !(larger <= most)) {
@@ -244,8 +244,8 @@ static double larger_objective(const tl_lock_monitor *judge) {
 }
 
 /* The error of a stroke is that of its search. It is within tolerance if the search ended so. */
-static double distance_of_stroke(const tl_lock_monitor *judge, const tl_record *record) {
-    double larger = judge->tolerances == NULL ? 1.0 : larger_objective(judge);
+static double stroke_distance(const tl_lock_monitor *monitor, const tl_record *record) {
+    double larger = monitor->tolerances == NULL ? 1.0 : larger_objective(monitor);
     double size = sqrt(larger * record->objective);
     bool within =
         (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED) && (larger <= 1.0 || size < 1.0);
@@ -253,8 +253,8 @@ static double distance_of_stroke(const tl_lock_monitor *judge, const tl_record *
 }
 
 /* Adds the error to the part, and returns it. */
-static double see_tolerance(const tl_lock_monitor *judge, const tl_record *record, tl_lock_part *part) {
-    double away = has_strokes(judge->config) ? distance_of_stroke(judge, record) : distance(judge, record);
+static double add_distance(const tl_lock_monitor *monitor, const tl_record *record, tl_lock_part *part) {
+    double away = has_strokes(monitor->config) ? stroke_distance(monitor, record) : step_distance(monitor, record);
     part->outside += away < 1.0 ? 0 : 1; /* NaN counts as outside */
     part->far += away < FAR_AWAY ? 0 : 1;
     part->worst = away <= part->worst ? part->worst : away;
@@ -268,9 +268,9 @@ static bool has_objective(const tl_record *record) {
            (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR);
 }
 
-static bool has_run_away(const tl_lock_monitor *judge, const tl_record *record, double away) {
+static bool has_run_away(const tl_lock_monitor *monitor, const tl_record *record, double away) {
     bool ran_away = !(away < RUNAWAY) || (has_objective(record) && !isfinite(record->objective));
-    for (size_t i = 0; i < judge->config->match_count; i++) {
+    for (size_t i = 0; i < monitor->config->match_count; i++) {
         ran_away = ran_away || !isfinite(record->y[i]);
     }
     return ran_away;
@@ -282,19 +282,19 @@ static bool is_at_bound(const tl_account_adjust *adjust, double u, double nomina
     return is_there && fabs(u - nominal) > NEGLIGIBLE * adjust->step;
 }
 
-static void see_bounds(tl_lock_monitor *judge, size_t v, const tl_record *record, tl_lock_part *part) {
-    bool is_there = is_at_bound(&judge->adjust[v], record->u[v], record->nominal[v]);
+static void add_bounds(tl_lock_monitor *monitor, size_t v, const tl_record *record, tl_lock_part *part) {
+    bool is_there = is_at_bound(&monitor->adjust[v], record->u[v], record->nominal[v]);
     part->at_bound[v] += is_there ? 1 : 0;
-    tl_bound_stay_step(&judge->stay[v], tl_time_of_step(0, judge->config->step, record->step), is_there);
+    tl_bound_stay_step(&monitor->stay[v], tl_time_of_step(0, monitor->config->step, record->step), is_there);
 }
 
-static void see_cycle(const tl_lock_monitor *judge, size_t v, uint32_t cycling[TL_LOCK_PERIODS + 1]) {
-    double least = judge->u[0][v];
+static void add_cycle(const tl_lock_monitor *monitor, size_t v, uint32_t cycling[TL_LOCK_PERIODS + 1]) {
+    double least = monitor->u[0][v];
     double most = least;
-    for (uint32_t period = 1; period <= TL_LOCK_PERIODS && period < judge->u_count; period++) {
-        double then = judge->u[period][v];
-        double way = most - least; /* range of u in the steps in between */
-        if (period > 1 && way >= judge->adjust[v].step && fabs(judge->u[0][v] - then) <= SAME_PLACE * way) {
+    for (uint32_t period = 1; period <= TL_LOCK_PERIODS && period < monitor->u_count; period++) {
+        double then = monitor->u[period][v];
+        double range = most - least; /* range of u in the steps in between */
+        if (period > 1 && range >= monitor->adjust[v].step && fabs(monitor->u[0][v] - then) <= SAME_PLACE * range) {
             cycling[period]++;
         }
         least = then < least ? then : least;
@@ -302,46 +302,46 @@ static void see_cycle(const tl_lock_monitor *judge, size_t v, uint32_t cycling[T
     }
 }
 
-static void widen(tl_lock_range *range, double value, bool first) {
+static void widen_range(tl_lock_range *range, double value, bool first) {
     range->least = first || value < range->least ? value : range->least;
     range->most = first || value > range->most ? value : range->most;
 }
 
 /* Returns true if a matched output moved far in one step, and much further than its measurement
  * moves. */
-static bool has_jumped(const tl_lock_monitor *judge, size_t i, const tl_record *record) {
-    const struct tl_lock_measure by = measure(judge, i);
-    double simulated = fabs(record->y[i] - judge->y[i]);
-    bool far = !(simulated < FAR_AWAY * by.tolerance) && !(simulated < MUCH_MORE * judge->stride[i]);
+static bool has_jumped(const tl_lock_monitor *monitor, size_t i, const tl_record *record) {
+    const struct tl_lock_measure by = current_measure(monitor, i);
+    double simulated = fabs(record->y[i] - monitor->y[i]);
+    bool far = !(simulated < FAR_AWAY * by.tolerance) && !(simulated < MUCH_MORE * monitor->stride[i]);
     return far && by.weight > 0.0 && record->measured_quality[i] == TL_GOOD;
 }
 
-static void see_outputs(tl_lock_monitor *judge, const tl_record *record, tl_lock_part *part) {
+static void add_outputs(tl_lock_monitor *monitor, const tl_record *record, tl_lock_part *part) {
     bool jumped = false;
-    for (size_t i = 0; i < judge->config->match_count && judge->u_count != 0; i++) {
-        double step = fabs(record->measured[i] - judge->measured[i]);
-        double faded = FADING * judge->stride[i];
-        judge->stride[i] =
+    for (size_t i = 0; i < monitor->config->match_count && monitor->u_count != 0; i++) {
+        double step = fabs(record->measured[i] - monitor->measured[i]);
+        double faded = FADING * monitor->stride[i];
+        monitor->stride[i] =
             step > faded ? step : faded; /* decays slowly, because readings do not change between two messages */
-        jumped = has_jumped(judge, i, record) || jumped;
+        jumped = has_jumped(monitor, i, record) || jumped;
     }
     part->jumps += jumped ? 1 : 0;
-    memcpy(judge->y, record->y, judge->config->match_count * sizeof record->y[0]);
-    memcpy(judge->measured, record->measured, judge->config->match_count * sizeof record->measured[0]);
+    memcpy(monitor->y, record->y, monitor->config->match_count * sizeof record->y[0]);
+    memcpy(monitor->measured, record->measured, monitor->config->match_count * sizeof record->measured[0]);
 }
 
-static void see_corrections(tl_lock_monitor *judge, const tl_record *record, tl_lock_part *part) {
-    size_t count = judge->config->adjust_count;
-    memmove(judge->u[1], judge->u[0], sizeof judge->u - sizeof judge->u[0]);
-    memcpy(judge->u[0], record->u, count * sizeof record->u[0]);
-    judge->u_count += judge->u_count <= TL_LOCK_PERIODS ? 1 : 0;
+static void add_corrections(tl_lock_monitor *monitor, const tl_record *record, tl_lock_part *part) {
+    size_t count = monitor->config->adjust_count;
+    memmove(monitor->u[1], monitor->u[0], sizeof monitor->u - sizeof monitor->u[0]);
+    memcpy(monitor->u[0], record->u, count * sizeof record->u[0]);
+    monitor->u_count += monitor->u_count <= TL_LOCK_PERIODS ? 1 : 0;
     for (size_t v = 0; v < count; v++) {
         double u = record->u[v];
-        widen(&part->u[v], u, part->steps == 0);
-        if (is_real(judge, v)) {
+        widen_range(&part->u[v], u, part->steps == 0);
+        if (is_real(monitor, v)) {
             part->correction[v] += fabs(u - record->nominal[v]);
-            see_bounds(judge, v, record, part);
-            see_cycle(judge, v, part->cycling[v]);
+            add_bounds(monitor, v, record, part);
+            add_cycle(monitor, v, part->cycling[v]);
         }
     }
 }
@@ -366,26 +366,26 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     for (size_t v = 0; v < config->adjust_count; v++) {
         all->at_bound[v] += part->at_bound[v];
         all->correction[v] += part->correction[v];
-        widen(&all->u[v], part->u[v].least, first);
-        widen(&all->u[v], part->u[v].most, false);
+        widen_range(&all->u[v], part->u[v].least, first);
+        widen_range(&all->u[v], part->u[v].most, false);
         for (int period = 0; period <= TL_LOCK_PERIODS; period++) {
             all->cycling[v][period] += part->cycling[v][period];
         }
     }
 }
 
-static void add_window(const tl_lock_monitor *judge, window *all) {
+static void add_window(const tl_lock_monitor *monitor, window *all) {
     memset(all, 0, sizeof *all);
     for (uint32_t i = 0; i < TL_LOCK_PARTS; i++) {
-        if (judge->part[i].steps != 0) {
-            add_part(&judge->part[i], judge->config, all);
+        if (monitor->part[i].steps != 0) {
+            add_part(&monitor->part[i], monitor->config, all);
         }
     }
 }
 
 /* ---- determining the state ---- */
 
-static double share(uint32_t count, uint32_t of) {
+static double share_of(uint32_t count, uint32_t of) {
     return of == 0 ? 0.0 : (double)count / (double)of;
 }
 
@@ -397,12 +397,12 @@ static uint32_t count_compared(const tl_lock_part *all) {
     return all->steps - all->free - all->between;
 }
 
-static bool is_in(const tl_lock_monitor *judge, tl_lock_state state) {
-    return judge->judged && judge->tally.state == state;
+static bool is_in(const tl_lock_monitor *monitor, tl_lock_state state) {
+    return monitor->judged && monitor->tally.state == state;
 }
 
-static const char *units(const tl_lock_monitor *judge) {
-    return has_strokes(judge->config) ? "strokes" : "steps";
+static const char *unit_name(const tl_lock_monitor *monitor) {
+    return has_strokes(monitor->config) ? "strokes" : "steps";
 }
 
 /* Appends to a cause. Does nothing if `cause` is NULL. */
@@ -419,22 +419,22 @@ static void write_cause(char *cause, const char *format, ...) {
 }
 
 /* The following functions write the cause if they return true. */
-static bool judge_free(const tl_lock_monitor *judge, const window *all, char *cause) {
-    double free = share(count_compared(all) == 0 ? all->steps : all->free, all->steps);
-    bool is_free = count_compared(all) == 0 || is_beyond(free, &FREE, is_in(judge, TL_LOCK_FREE));
+static bool assess_free(const tl_lock_monitor *monitor, const window *all, char *cause) {
+    double free = share_of(count_compared(all) == 0 ? all->steps : all->free, all->steps);
+    bool is_free = count_compared(all) == 0 || is_beyond(free, &FREE, is_in(monitor, TL_LOCK_FREE));
     if (is_free) {
         write_cause(cause, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)", HUNDRED * free,
-                    (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+                    (unsigned)all->steps, unit_name(monitor), HUNDRED * FREE.enter);
     }
     return is_free;
 }
 
 /* Finds the first adjusted variable whose u is in a limit cycle, and the period in steps. Returns
  * false if there is none. */
-static bool find_cycle(const tl_lock_monitor *judge, const window *all, size_t *variable, int *period) {
-    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+static bool find_cycle(const tl_lock_monitor *monitor, const window *all, size_t *variable, int *period) {
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
         for (int p = 2; p <= TL_LOCK_PERIODS; p++) {
-            if (share(all->cycling[v][p], all->steps) >= IN_CYCLE) {
+            if (share_of(all->cycling[v][p], all->steps) >= IN_CYCLE) {
                 *variable = v;
                 *period = p;
                 return true;
@@ -447,52 +447,54 @@ static bool find_cycle(const tl_lock_monitor *judge, const window *all, size_t *
 /* A twin that has returned to the plant in the newest part is not reset. */
 static bool is_still_astray(const tl_lock_part *newest) {
     uint32_t compared = count_compared(newest);
-    return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
+    return share_of(newest->far, compared) >= ASTRAY && share_of(newest->jumps, compared) >= ASTRAY;
 }
 
-static bool judge_lost(tl_lock_monitor *judge, const window *all, char *cause) {
-    bool inside = is_in(judge, TL_LOCK_LOST);
+static bool assess_lost(tl_lock_monitor *monitor, const window *all, char *cause) {
+    bool inside = is_in(monitor, TL_LOCK_LOST);
     uint32_t compared = count_compared(all);
-    double outside = share(all->outside, compared);
-    double far = share(all->far, compared);
+    double outside = share_of(all->outside, compared);
+    double far = share_of(all->far, compared);
     size_t which = 0;
     int period = 0;
-    judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
-    bool cycles = find_cycle(judge, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
+    monitor->astray =
+        far >= ASTRAY && share_of(all->jumps, compared) >= ASTRAY && is_still_astray(&monitor->part[monitor->at]);
+    bool cycles = find_cycle(monitor, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     if (all->ran_away != 0) {
         write_cause(cause,
-                    "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
-                    "the last %u %s",
-                    RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
+                    "an output or J has run away: off by %.0e tolerances or more, or not finite, in %u of the last %u "
+                    "%s",
+                    RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, unit_name(monitor));
     } else if (is_beyond(far, &FAR_OUTSIDE, inside)) {
-        write_cause(cause,
-                    "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
-                    HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter, all->worst);
+        write_cause(
+            cause, "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
+            HUNDRED * far, (unsigned)compared, unit_name(monitor), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter, all->worst);
     } else if (cycles || is_beyond(outside, &OUTSIDE, inside)) {
         write_cause(cause, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)", HUNDRED * outside,
-                    (unsigned)compared, units(judge), HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
+                    (unsigned)compared, unit_name(monitor),
+                    HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
     } else {
         return false;
     }
     if (cycles) {
         const tl_lock_range *u = &all->u[which];
-        write_cause(cause, "; %.60s swings between %.4g and %.4g every %d %s", judge->config->adjust[which].variable,
-                    u->least, u->most, period, units(judge));
+        write_cause(cause, "; %.60s swings between %.4g and %.4g every %d %s", monitor->config->adjust[which].variable,
+                    u->least, u->most, period, unit_name(monitor));
     }
     return true;
 }
 
-static bool judge_degraded(const tl_lock_monitor *judge, const window *all, char *cause) {
+static bool assess_degraded(const tl_lock_monitor *monitor, const window *all, char *cause) {
     if (all->differed != 0) {
-        write_cause(cause, "an FMU was found not to come back to where it was, before %u of the last %u steps",
+        write_cause(cause, "the rollback of an FMU was not exact before %u of the last %u steps",
                     (unsigned)all->differed, (unsigned)all->steps);
         return true;
     }
-    for (size_t i = 0; i < judge->config->signal_count; i++) {
-        double bad = share(all->bad[i], all->samples);
-        if (is_beyond(bad, &BAD, is_in(judge, TL_LOCK_DEGRADED))) {
+    for (size_t i = 0; i < monitor->config->signal_count; i++) {
+        double bad = share_of(all->bad[i], all->samples);
+        if (is_beyond(bad, &BAD, is_in(monitor, TL_LOCK_DEGRADED))) {
             write_cause(cause, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
-                        judge->config->signals[i].plan.name, HUNDRED * bad, (unsigned)all->samples,
+                        monitor->config->signals[i].plan.name, HUNDRED * bad, (unsigned)all->samples,
                         HUNDRED * BAD.enter);
             return true;
         }
@@ -504,50 +506,61 @@ static double mean_correction(const window *all, size_t v) {
     return all->steps == 0 ? 0.0 : all->correction[v] / (double)all->steps;
 }
 
-static limit unusual(const tl_lock_monitor *judge, size_t v) {
-    double floor = NEGLIGIBLE * judge->adjust[v].step;
-    return (limit){BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
+static limit unusual_limit(const tl_lock_monitor *monitor, size_t v) {
+    double floor = NEGLIGIBLE * monitor->adjust[v].step;
+    return (limit){BEYOND_USUAL.enter * monitor->usual[v] + floor, BEYOND_USUAL.leave * monitor->usual[v] + floor};
 }
 
-static bool judge_tracking(const tl_lock_monitor *judge, const window *all, char *cause) {
-    bool inside = is_in(judge, TL_LOCK_TRACKING);
-    for (size_t v = 0; v < judge->config->adjust_count; v++) {
-        const char *variable = judge->config->adjust[v].variable;
-        double at_bound = share(all->at_bound[v], all->steps);
+/* The ratio is left out if the usual correction is next to nothing. */
+static void write_usual(const tl_lock_monitor *monitor, size_t v, double correction, double most, char *cause) {
+    double times = monitor->usual[v] > 0.0 ? correction / monitor->usual[v] : HUGE_VAL;
+    write_cause(cause, "%.60s needs ", monitor->config->adjust[v].variable);
+    if (times < HUNDRED) {
+        write_cause(cause, "%.0f times its usual correction (", times);
+    } else {
+        write_cause(cause, "more than its usual correction (");
+    }
+    write_cause(cause, "%.3g, usually %.3g, limit %.3g): the plant has changed, or a sensor is wrong", correction,
+                monitor->usual[v], most);
+}
+
+static bool assess_tracking(const tl_lock_monitor *monitor, const window *all, char *cause) {
+    bool inside = is_in(monitor, TL_LOCK_TRACKING);
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        const char *variable = monitor->config->adjust[v].variable;
+        double at_bound = share_of(all->at_bound[v], all->steps);
         double correction = mean_correction(all, v);
-        const limit of = unusual(judge, v);
-        if (is_real(judge, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
+        const limit of = unusual_limit(monitor, v);
+        if (is_real(monitor, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
             write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)", variable,
-                        HUNDRED * at_bound, (unsigned)all->steps, units(judge), HUNDRED * AT_BOUND.enter);
+                        HUNDRED * at_bound, (unsigned)all->steps, unit_name(monitor), HUNDRED * AT_BOUND.enter);
             return true;
         }
-        if (is_real(judge, v) && judge->learned >= TL_LOCK_LEARNS && is_beyond(correction, &of, inside)) {
-            write_cause(cause,
-                        "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
-                        variable, correction, (unsigned)all->steps, units(judge), judge->usual[v], of.enter);
+        if (is_real(monitor, v) && monitor->learned >= TL_LOCK_LEARNS && is_beyond(correction, &of, inside)) {
+            write_usual(monitor, v, correction, of.enter, cause);
             return true;
         }
     }
     return false;
 }
 
-static tl_lock_state judge_window(tl_lock_monitor *judge, const window *all, char *cause) {
+static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, char *cause) {
     uint32_t compared = count_compared(all);
-    judge->astray = false;
-    if (judge_free(judge, all, cause)) {
+    monitor->astray = false;
+    if (assess_free(monitor, all, cause)) {
         return TL_LOCK_FREE;
     }
-    if (judge_lost(judge, all, cause)) {
+    if (assess_lost(monitor, all, cause)) {
         return TL_LOCK_LOST;
     }
-    if (judge_degraded(judge, all, cause)) {
+    if (assess_degraded(monitor, all, cause)) {
         return TL_LOCK_DEGRADED;
     }
-    if (judge_tracking(judge, all, cause)) {
+    if (assess_tracking(monitor, all, cause)) {
         return TL_LOCK_TRACKING;
     }
     write_cause(cause, "%.0f %% of the last %u %s are within tolerance",
-                HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
+                HUNDRED * (1.0 - share_of(all->outside, compared)), (unsigned)compared, unit_name(monitor));
     return TL_LOCK_LOCKED;
 }
 
@@ -555,59 +568,59 @@ static tl_lock_state judge_window(tl_lock_monitor *judge, const window *all, cha
 
 /* Only a locked or tracking twin shows the usual correction. While u rests at nominal there is no
  * correction. */
-static void learn(tl_lock_monitor *judge, const tl_lock_part *part) {
+static void learn_usual(tl_lock_monitor *monitor, const tl_lock_part *part) {
     if (part->rests != 0) {
         return;
     }
-    if (judge->tally.state != TL_LOCK_LOCKED && judge->tally.state != TL_LOCK_TRACKING) {
+    if (monitor->tally.state != TL_LOCK_LOCKED && monitor->tally.state != TL_LOCK_TRACKING) {
         return;
     }
-    judge->learned += judge->learned < TL_SYNCHRONISER_MEMORY ? 1 : 0;
-    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+    monitor->learned += monitor->learned < TL_SYNCHRONISER_MEMORY ? 1 : 0;
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
         double mean = part->correction[v] / (double)part->steps;
-        judge->usual[v] += (mean - judge->usual[v]) / judge->learned;
+        monitor->usual[v] += (mean - monitor->usual[v]) / monitor->learned;
     }
 }
 
 /* Determines the state of the window and counts the steps since the last time in it. Returns true
  * if the state has changed. */
-static bool judge_now(tl_lock_monitor *judge) {
+static bool assess_now(tl_lock_monitor *monitor) {
     window all;
-    tl_lock_state before = judge->tally.state;
-    bool first = !judge->judged;
-    add_window(judge, &all);
-    tl_lock_state state = judge_window(judge, &all, NULL);
+    tl_lock_state before = monitor->tally.state;
+    bool first = !monitor->judged;
+    add_window(monitor, &all);
+    tl_lock_state state = assess_window(monitor, &all, NULL);
     bool changed = first || state != before;
     if (changed) { /* formatted only after a change, because this is the thread of the cycle */
-        judge->change.cause[0] = '\0';
-        judge->change.to = judge_window(judge, &all, judge->change.cause);
+        monitor->change.cause[0] = '\0';
+        monitor->change.to = assess_window(monitor, &all, monitor->change.cause);
     }
-    judge->tally.steps[state] += judge->pending;
-    judge->tally.state = state;
-    judge->pending = 0;
-    judge->judged = true;
-    judge->tally.changes += changed && !first ? 1 : 0;
-    judge->tally.losses += changed && state == TL_LOCK_LOST ? 1 : 0;
+    monitor->tally.steps[state] += monitor->pending;
+    monitor->tally.state = state;
+    monitor->pending = 0;
+    monitor->judged = true;
+    monitor->tally.changes += changed && !first ? 1 : 0;
+    monitor->tally.losses += changed && state == TL_LOCK_LOST ? 1 : 0;
     return changed;
 }
 
-static bool has_window(const tl_lock_monitor *judge) {
-    return judge->parts >= (has_strokes(judge->config) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
+static bool has_window(const tl_lock_monitor *monitor) {
+    return monitor->parts >= (has_strokes(monitor->config) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
 }
 
 /* Closes the full part. Returns true if the state has changed. */
-static bool close_part(tl_lock_monitor *judge) {
-    const tl_lock_part *full = &judge->part[judge->at];
-    judge->parts += judge->parts < TL_LOCK_PARTS ? 1 : 0;
-    judge->pending += full->steps;
-    judge->tally.within += full->outside == 0 && full->free == 0 ? full->steps : 0;
-    judge->tally.windows += has_window(judge) ? 1 : 0;
-    bool changed = has_window(judge) && judge_now(judge);
-    if (judge->judged) {
-        learn(judge, full);
+static bool close_part(tl_lock_monitor *monitor) {
+    const tl_lock_part *full = &monitor->part[monitor->at];
+    monitor->parts += monitor->parts < TL_LOCK_PARTS ? 1 : 0;
+    monitor->pending += full->steps;
+    monitor->tally.within += full->outside == 0 && full->free == 0 ? full->steps : 0;
+    monitor->tally.windows += has_window(monitor) ? 1 : 0;
+    bool changed = has_window(monitor) && assess_now(monitor);
+    if (monitor->judged) {
+        learn_usual(monitor, full);
     }
-    judge->at = (judge->at + 1) % TL_LOCK_PARTS;
-    memset(&judge->part[judge->at], 0, sizeof judge->part[judge->at]);
+    monitor->at = (monitor->at + 1) % TL_LOCK_PARTS;
+    memset(&monitor->part[monitor->at], 0, sizeof monitor->part[monitor->at]);
     return changed;
 }
 
@@ -617,44 +630,44 @@ static bool is_stroke(const tl_record *record) {
            (record->outcome != TL_NOMINAL || isfinite(record->objective));
 }
 
-static bool counts(const tl_lock_monitor *judge, const tl_record *record) {
-    return judge->config->adjust_count != 0 && record->outcome != TL_RESUMED &&
-           (!has_strokes(judge->config) || is_stroke(record));
+static bool is_counted(const tl_lock_monitor *monitor, const tl_record *record) {
+    return monitor->config->adjust_count != 0 && record->outcome != TL_RESUMED &&
+           (!has_strokes(monitor->config) || is_stroke(record));
 }
 
-const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *judge, const tl_record *record) {
-    if (!counts(judge, record)) {
+const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_record *record) {
+    if (!is_counted(monitor, record)) {
         return NULL;
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {
-        forget(judge);
+        clear_window(monitor);
     }
-    tl_lock_part *part = &judge->part[judge->at];
+    tl_lock_part *part = &monitor->part[monitor->at];
     double away = 0.0;
-    if (is_compared(judge, record)) {
-        away = see_tolerance(judge, record, part);
+    if (is_compared(monitor, record)) {
+        away = add_distance(monitor, record, part);
     } else if (is_searched(record)) {
         part->between++;
     } else {
         part->free++;
     }
-    if (has_run_away(judge, record, away)) {
+    if (has_run_away(monitor, record, away)) {
         part->ran_away++;
-        judge->tally.ran_away++;
+        monitor->tally.ran_away++;
     }
     part->rests += (record->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
     part->differed += (record->flags & TL_FLAG_DIFFERED) != 0 ? 1 : 0;
-    see_outputs(judge, record, part);
-    see_corrections(judge, record, part);
+    add_outputs(monitor, record, part);
+    add_corrections(monitor, record, part);
     part->steps++;
-    return part->steps == judge->part_steps && close_part(judge) ? &judge->change : NULL;
+    return part->steps == monitor->part_steps && close_part(monitor) ? &monitor->change : NULL;
 }
 
-void tl_lock_monitor_get(const tl_lock_monitor *judge, tl_lock_tally *tally) {
-    tl_lock_monitor last = *judge;
+void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally) {
+    tl_lock_monitor last = *monitor;
     last.pending += last.part[last.at].steps;
     if ((!last.judged || last.part[last.at].ran_away != 0) && last.pending != 0) {
-        (void)judge_now(&last);
+        (void)assess_now(&last);
     }
     last.tally.steps[last.tally.state] += last.pending;
     *tally = last.tally;

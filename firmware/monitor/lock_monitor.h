@@ -148,23 +148,23 @@ tl_lock_window tl_lock_monitor_window(const tl_config *config);
 
 /* Initialises the monitor. `account`: types, steps and bounds of the adjusted variables; they are
  * copied. `config` must outlive the monitor. */
-void tl_lock_monitor_init(tl_lock_monitor *judge, const tl_config *config, const tl_account *account);
+void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, const tl_account *account);
 
 /* Call it after the twin and the configuration (tl_config_retune()) have taken another tuning. It
  * applies from the next step on; the window stays. */
-void tl_lock_monitor_retune(tl_lock_monitor *judge, const tl_tuning *tuning);
+void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning);
 
 /* Adds a sample of the twin. */
-void tl_lock_monitor_sample(tl_lock_monitor *judge, const tl_sample *sample);
+void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample);
 
 /* Adds a step of this run; steps followed from an earlier run are ignored. A step with
  * TL_FLAG_RESET (the FMUs were reset before) starts a new window. Returns the change if the state
  * has changed, valid until the next change; else NULL. */
-const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *judge, const tl_record *record);
+const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_record *record);
 
 /* Returns the tally so far. If the run was shorter than a window, or an output ran away in the last
  * steps, the state is determined from the steps that there are. */
-void tl_lock_monitor_get(const tl_lock_monitor *judge, tl_lock_tally *tally);
+void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally);
 
 /* ---- Recovery of a lost twin: decides when its FMUs are reset.
  *

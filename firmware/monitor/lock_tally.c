@@ -45,13 +45,13 @@ uint64_t tl_lock_tally_total(const tl_lock_tally *tally) {
     return total;
 }
 
-static double percent(const tl_lock_tally *tally, uint64_t steps) {
+static double percent_of(const tl_lock_tally *tally, uint64_t steps) {
     uint64_t total = tl_lock_tally_total(tally);
     return total == 0 ? 0.0 : 100.0 * (double)steps / (double)total;
 }
 
 double tl_lock_tally_percent(const tl_lock_tally *tally) {
-    return percent(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING]);
+    return percent_of(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING]);
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
@@ -63,7 +63,7 @@ bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]) {
     uint64_t total = tl_lock_tally_total(tally);
     if (total == 0) {
-        (void)snprintf(text, TL_LOCK_SENTENCE, "not known: there were no %s", unit);
+        (void)snprintf(text, TL_LOCK_SENTENCE, "unknown: there were no %s", unit);
         return;
     }
     if (tally->steps[TL_LOCK_FREE] == total) {
@@ -80,7 +80,7 @@ void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text
     for (int i = 0; i < TL_LOCK_STATES && length < TL_LOCK_SENTENCE; i++) {
         if (i != TL_LOCK_LOCKED && tally->steps[i] != 0) {
             length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "%s%s %.1f %%", before,
-                               tl_lock_state_name((tl_lock_state)i), percent(tally, tally->steps[i]));
+                               tl_lock_state_name((tl_lock_state)i), percent_of(tally, tally->steps[i]));
             before = ", ";
         }
     }

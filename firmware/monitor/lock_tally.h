@@ -57,7 +57,7 @@ uint64_t tl_lock_tally_total(const tl_lock_tally *tally);
 /* Percentage of steps that are locked or tracking, 0 … 100; 0 if there was no step. */
 double tl_lock_tally_percent(const tl_lock_tally *tally);
 
-/* Writes what follows "in lock", without a full stop. `unit`: of the counts, "steps" or "strokes". */
+/* Writes what follows "in lock", without a full stop. `unit`: of the counts: "steps", "strokes". */
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
 /* Returns true if at least `percent` of the steps were locked or tracking. With `percent` 0: true

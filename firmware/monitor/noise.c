@@ -95,7 +95,7 @@ static double distance_of(const tl_noise_point *middle, int half) {
     return fabs(sum) / sqrt(squares);
 }
 
-static void push(tl_noise_point *points, uint32_t *count, uint32_t room, const tl_noise_point *point) {
+static void push_point(tl_noise_point *points, uint32_t *count, uint32_t room, const tl_noise_point *point) {
     if (*count == room) {
         memmove(points, points + 1, (room - 1) * sizeof *points);
         (*count)--;
@@ -103,8 +103,8 @@ static void push(tl_noise_point *points, uint32_t *count, uint32_t room, const t
     points[(*count)++] = *point;
 }
 
-static void keep(tl_noise_meter *meter, const tl_noise_point *point) {
-    push(meter->window, &meter->window_count, TL_NOISE_WINDOW, point);
+static void keep_point(tl_noise_meter *meter, const tl_noise_point *point) {
+    push_point(meter->window, &meter->window_count, TL_NOISE_WINDOW, point);
     if (meter->window_count < TL_NOISE_WINDOW) {
         return;
     }
@@ -159,7 +159,7 @@ bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool
     }
     meter->readings++;
     meter->repeats += meter->around_count > 0 && !(value < last->value) && !(value > last->value) ? 1 : 0;
-    push(meter->around, &meter->around_count, TL_NOISE_AROUND, &point);
+    push_point(meter->around, &meter->around_count, TL_NOISE_AROUND, &point);
     if (meter->around_count < TL_NOISE_AROUND) {
         return false;
     }
@@ -167,7 +167,7 @@ bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool
     if (*is_outlier) {
         meter->outliers++;
     } else {
-        keep(meter, &meter->around[TL_NOISE_AROUND / 2]);
+        keep_point(meter, &meter->around[TL_NOISE_AROUND / 2]);
     }
     return true;
 }
@@ -214,7 +214,7 @@ void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config) {
     }
 }
 
-static tl_noise_turn judge(tl_noise_watch *watch, size_t match, double *sigma) {
+static tl_noise_turn assess_noise(tl_noise_watch *watch, size_t match, double *sigma) {
     const tl_noise_meter *meter = &watch->meters[match];
     double tolerance = watch->config->match[match].tolerance;
     tl_noise_found found;
@@ -239,8 +239,8 @@ tl_noise_turn tl_noise_watch_sample(tl_noise_watch *watch, const tl_sample *samp
         return TL_NOISE_AS_BEFORE;
     }
     watch->newest[match] = sample->stamps[signal];
-    bool is_judged =
+    bool is_checked =
         tl_noise_meter_put(&watch->meters[match], sample->stamps[signal], sample->values[signal], &is_outlier);
-    return is_judged && watch->meters[match].readings % TL_NOISE_WATCH_EACH == 0 ? judge(watch, match, sigma)
-                                                                                 : TL_NOISE_AS_BEFORE;
+    return is_checked && watch->meters[match].readings % TL_NOISE_WATCH_EACH == 0 ? assess_noise(watch, match, sigma)
+                                                                                  : TL_NOISE_AS_BEFORE;
 }

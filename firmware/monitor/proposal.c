@@ -26,9 +26,9 @@ static const double MOVES = 2.0;         /* times its noise: an input that moves
 static const double FEW_OUTLIERS = 2;    /* with fewer, no proposal */
 enum { MEDIAN = 5 };
 
-static void say(tl_proposal_reason *reason, const char *format, ...) TL_PRINTF(2, 3);
+static void write_reason(tl_proposal_reason *reason, const char *format, ...) TL_PRINTF(2, 3);
 
-static void say(tl_proposal_reason *reason, const char *format, ...) {
+static void write_reason(tl_proposal_reason *reason, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(reason->text, sizeof reason->text, format, arguments);
@@ -58,14 +58,15 @@ static bool has_no_line(const tl_config *config, size_t index, const tl_survey_s
                         tl_proposal_reason *reason) {
     const tl_plan_signal *plan = &config->signals[index].plan;
     if (plan->type != TL_REAL) {
-        say(reason, "it is no Real: between off and on there is nothing");
+        write_reason(reason, "not a Real: there is no value between off and on");
     } else if (config->measurements != TL_LAG) {
-        say(reason, "in this mode no step waits for the next reading");
+        write_reason(reason, "with measurements \"%s\" no step waits for the next reading",
+                     tl_pairing_names[config->measurements]);
     } else if (signal->is_switched) {
-        say(reason, "it has a few values only: between these there is nothing");
+        write_reason(reason, "it has only a few values: there is no value between them");
     } else if (signal->median == 0 || is_too_slow(config, signal)) {
-        say(reason, "its readings are too rare: a step would wait for more than %d steps",
-            (int)TL_CONFIG_LONGEST_SHIFT);
+        write_reason(reason, "its readings are too rare: a step would wait for more than %d steps",
+                     (int)TL_CONFIG_LONGEST_SHIFT);
     } else {
         return false;
     }
@@ -79,12 +80,12 @@ static void propose_between(const tl_config *config, const tl_survey_signal *sig
         return;
     }
     if (signal->most <= config->step) {
-        say(&match->why_between, "there is a reading in each step: a line would do nothing");
+        write_reason(&match->why_between, "there is a reading in each step: a line has no effect");
         return;
     }
     match->between = TL_BETWEEN_LINE;
-    say(&match->why_between, "the last reading is %.3g s old on average, and a step takes %g s",
-        tl_seconds(signal->median) / 2.0, tl_seconds(config->step));
+    write_reason(&match->why_between, "the last reading is %.3g s old on average, and a step takes %g s",
+                 tl_seconds(signal->median) / 2.0, tl_seconds(config->step));
 }
 
 /* Returns the next value of the series 1, 1.5, 2, 3, 4, 5, 6, 8, 10 … after `value`. */
@@ -125,24 +126,25 @@ static void propose_low_pass(const tl_config *config, const tl_survey_signal *si
     bool is_real = config->signals[match->signal].plan.type == TL_REAL && !signal->is_switched;
     double error = 0.0;
     if (!is_real) {
-        say(reason, "it has a few values only");
+        write_reason(reason, "it has only a few values");
     } else if (signal->median == 0 || is_too_slow(config, signal)) {
-        say(reason, "its readings are too rare for a low-pass");
+        write_reason(reason, "its readings are too rare for a low-pass");
     } else if (config->measurements == TL_AHEAD) {
-        say(reason, "in this mode no step waits for a low-pass");
+        write_reason(reason, "with measurements \"%s\" no step waits for a low-pass",
+                     tl_pairing_names[config->measurements]);
     } else if (signal->noise.is_too_fast) {
-        say(reason, "the plant moves too fast between two readings for a low-pass");
+        write_reason(reason, "the plant moves too fast between two readings for a low-pass");
     } else if (!(signal->sigma > 0.0)) {
-        say(reason, "there is no noise");
+        write_reason(reason, "there is no noise");
     } else if ((match->condition.low_pass = find_low_pass(config, signal, &error)) > 0) {
-        say(reason, "a low-pass of %g s brings the error of readings from %.3g to %.3g",
-            tl_seconds(match->condition.low_pass), signal->sigma, sqrt(error));
+        write_reason(reason, "a low-pass of %g s reduces the error of the readings from %.3g to %.3g",
+                     tl_seconds(match->condition.low_pass), signal->sigma, sqrt(error));
     } else {
-        say(reason, "a low-pass would flatten what the plant does by as much as it takes of the noise");
+        write_reason(reason, "a low-pass would remove as much of the plant's motion as of the noise");
     }
     if (match->condition.low_pass > 0 && config->measurements == TL_LAG && match->between == TL_BETWEEN_LAST) {
         match->between = TL_BETWEEN_LINE;
-        say(&match->why_between, "a low-pass goes along the line in any case");
+        write_reason(&match->why_between, "a low-pass always uses the line");
     }
 }
 
@@ -156,16 +158,21 @@ static void propose_rejection(const tl_config *config, const tl_survey_signal *s
     }
     if (signal->nearest > gate) {
         match->condition.gate = rounded_up(sqrt(gate * signal->nearest));
-        say(reason,
-            "%.2g %% of the readings are outliers, nearly all by %.3g and more, and the plant goes %.3g at most: a gate between",
+        write_reason(
+            reason,
+            "%.2g %% of the readings are outliers, nearly all off by %.3g or more; the plant moves by at most %.3g: a gate in "
+            "between",
             percent, signal->nearest, signal->jump);
     } else if (config->measurements == TL_AHEAD || is_too_slow(config, signal)) {
-        say(reason, "%.2g %% of the readings are outliers, within what the plant does: no step waits for a median here",
+        write_reason(
+            reason,
+            "%.2g %% of the readings are outliers, within the motion of the plant: no step waits for a median here",
             percent);
     } else {
         match->condition.median = MEDIAN;
-        say(reason, "%.2g %% of the readings are outliers, within what the plant does: a median needs no limit",
-            percent);
+        write_reason(reason,
+                     "%.2g %% of the readings are outliers, within the motion of the plant: a median needs no limit",
+                     percent);
     }
 }
 
@@ -173,14 +180,14 @@ static void propose_condition(const tl_config *config, const tl_survey_signal *s
     tl_proposal_reason low_pass = {""};
     tl_proposal_reason rejection = {""};
     if (config->event.start.signal != NULL) {
-        say(&match->why_condition, "beside horizon.event it would blur the instant of the event");
+        write_reason(&match->why_condition, "with horizon.event it would blur the time of the event");
         return;
     }
     propose_low_pass(config, signal, match, &low_pass);
     propose_rejection(config, signal, match, &rejection);
     bool both = rejection.text[0] != '\0';
-    say(&match->why_condition, "%.*s%s%.*s", (int)sizeof rejection.text / 2 + 50, rejection.text, both ? "; " : "",
-        (int)sizeof low_pass.text / 2, low_pass.text);
+    write_reason(&match->why_condition, "%.*s%s%.*s", (int)sizeof rejection.text / 2 + 50, rejection.text,
+                 both ? "; " : "", (int)sizeof low_pass.text / 2, low_pass.text);
 }
 
 static void propose_tolerance(const tl_config *config, size_t index, const tl_survey_signal *signal,
@@ -191,21 +198,21 @@ static void propose_tolerance(const tl_config *config, size_t index, const tl_su
     bool has_one = config->synchronise && own->weight > 0.0;
     bool is_real = config->signals[match->signal].plan.type == TL_REAL;
     if (!has_one || !is_real || config->event.start.signal != NULL || !(least > 0.0)) {
-        say(&match->why_tolerance, has_one ? "as it is: there is no noise to go by" : "none: it is compared only");
+        write_reason(&match->why_tolerance, has_one ? "unchanged: there is no noise" : "none: it is only compared");
         return;
     }
     if (own->tolerance >= least && own->tolerance <= STAYS * least) {
         match->tolerance = own->tolerance;
-        say(&match->why_tolerance, "as it is: %.3g times the noise of %.3g%s", own->tolerance / signal->sigma,
-            signal->sigma, at_most);
+        write_reason(&match->why_tolerance, "unchanged: %.3g times the noise of %.3g%s", own->tolerance / signal->sigma,
+                     signal->sigma, at_most);
         return;
     }
     match->tolerance = rounded_up(least);
     match->is_within_noise = tl_noise_exceeds(&signal->noise, own->tolerance);
-    say(&match->why_tolerance, "%s times the noise of %.3g%s%s; configured is %g%s",
-        signal->is_at_rest ? "six" : "three", signal->sigma, at_most,
-        signal->is_at_rest ? ", as the plant rests in this recording: one of it at work tells more" : "",
-        own->tolerance, config->has_epsilon ? ", the root of epsilon" : "");
+    write_reason(&match->why_tolerance, "%s times the noise of %.3g%s%s; configured is %g%s",
+                 signal->is_at_rest ? "six" : "three", signal->sigma, at_most,
+                 signal->is_at_rest ? ", because the plant is at rest in this recording: record it at work" : "",
+                 own->tolerance, config->has_epsilon ? ", the root of epsilon" : "");
 }
 
 /* ---- inputs ---- */
@@ -217,14 +224,16 @@ static void propose_input(const tl_config *config, size_t index, const tl_survey
         return;
     }
     if (signal->is_polled) {
-        say(&input->why, "it is held from one change to the next");
+        write_reason(&input->why, "it keeps its value from one change to the next");
     } else if (signal->move <= MOVES * signal->sigma) {
-        say(&input->why, "it moves by %.3g %s from one reading to the next, and its noise is %.3g: not worth a wait",
-            signal->move, unit, signal->sigma);
+        write_reason(&input->why,
+                     "it moves by %.3g %s between two readings, and its noise is %.3g: a wait is not worth it",
+                     signal->move, unit, signal->sigma);
     } else {
         input->between = TL_BETWEEN_MEAN;
-        say(&input->why,
-            "it moves by %.3g %s from one reading to the next, and its noise is %.3g: the mean over a step is late by nothing",
+        write_reason(
+            &input->why,
+            "it moves by %.3g %s between two readings, and its noise is %.3g: the mean over a step adds no delay",
             signal->move, unit, signal->sigma);
     }
 }
@@ -263,9 +272,9 @@ static const char *const BETWEEN[] = {
 
 /* ---- the page ---- */
 
-static void print(FILE *file, int first, const char *format, ...) TL_PRINTF(3, 4);
+static void print_line(FILE *file, int first, const char *format, ...) TL_PRINTF(3, 4);
 
-static void print(FILE *file, int first, const char *format, ...) {
+static void print_line(FILE *file, int first, const char *format, ...) {
     char text[TEXT];
     va_list arguments;
     va_start(arguments, format);
@@ -278,46 +287,47 @@ static void print(FILE *file, int first, const char *format, ...) {
 static void print_times(const char *name, const tl_survey_signal *signal, FILE *file) {
     char bad[64] = "";
     if (signal->bad > 0) {
-        (void)snprintf(bad, sizeof bad, ", and %" PRIu64 " that are not", signal->bad);
+        (void)snprintf(bad, sizeof bad, ", %" PRIu64 " bad", signal->bad);
     }
     if (signal->median == 0) {
-        print(file, INDENT, "plant.%s: %" PRIu64 " good readings%s", name, signal->good, bad);
+        print_line(file, INDENT, "plant.%s: %" PRIu64 " good readings%s", name, signal->good, bad);
         return;
     }
-    print(file, INDENT,
-          "plant.%s: %s%" PRIu64
-          " good readings%s, one each %.3g s; 95 %% come within %.3g s, 99 %% within %.3g s, the longest took %.3g s",
-          name, signal->is_cut ? "the first " : "", signal->good, bad, tl_seconds(signal->median),
-          tl_seconds(signal->most), tl_seconds(signal->rare), tl_seconds(signal->worst));
+    print_line(file, INDENT,
+               "plant.%s: %s%" PRIu64
+               " good readings%s; interval %.3g s (median), 95 %% within %.3g s, 99 %% within %.3g s, longest %.3g s",
+               name, signal->is_cut ? "the first " : "", signal->good, bad, tl_seconds(signal->median),
+               tl_seconds(signal->most), tl_seconds(signal->rare), tl_seconds(signal->worst));
 }
 
 static void print_noise(const tl_config_signal *own, const tl_survey_signal *signal, FILE *file) {
     const char *unit = tl_show_unit(own->plan.unit);
     if (signal->is_switched) {
-        print(file, DEEPER, "it is switched: it has %d values at most", (int)TL_SURVEY_SWITCH);
+        print_line(file, DEEPER, "it is a switch: it has at most %d values", (int)TL_SURVEY_SWITCH);
         return;
     }
     if (signal->is_polled) {
-        print(file, DEEPER, "%" PRIu64 " of them repeat the one before: it is read more often than it changes",
-              signal->repeats);
+        print_line(file, DEEPER, "%" PRIu64 " of them repeat the one before: it is read more often than it changes",
+                   signal->repeats);
     }
     if (signal->quantum > 0.0) {
-        print(file, DEEPER, "it is counted in steps of %.3g %s", signal->quantum, unit);
+        print_line(file, DEEPER, "it is counted in steps of %.3g %s", signal->quantum, unit);
     }
     if (!signal->noise.is_enough) {
-        print(file, DEEPER, "noise: too few %s to tell, %d are needed", signal->is_polled ? "changes" : "readings",
-              (int)TL_SURVEY_LEAST);
+        print_line(file, DEEPER, "noise: unknown, because there are too few %s (expected at least %d)",
+                   signal->is_polled ? "changes" : "readings", (int)TL_SURVEY_LEAST);
     } else if (signal->noise.is_too_fast) {
-        print(
+        print_line(
             file, DEEPER,
-            "noise: at most %.3g %s; the plant moves too fast between two readings to tell (by 2, 4 and 6 neighbours: %.3g, %.3g, %.3g)",
+            "noise: at most %.3g %s; the plant moves too fast between two readings for an estimate (with 2, 4 and 6 "
+            "neighbours: %.3g, %.3g, %.3g)",
             signal->sigma, unit, signal->noise.by_order[0], signal->noise.by_order[1], signal->noise.by_order[2]);
     } else {
-        print(file, DEEPER, "noise: standard deviation %.3g %s", signal->sigma, unit);
+        print_line(file, DEEPER, "noise: standard deviation %.3g %s", signal->sigma, unit);
     }
     if (signal->outliers > 0) {
-        print(file, DEEPER, "outliers: %" PRIu64 ", %.3g %%, more than %d times that off", signal->outliers,
-              100.0 * (double)signal->outliers / (double)signal->good, (int)TL_NOISE_OUTLIER);
+        print_line(file, DEEPER, "outliers: %" PRIu64 " (%.3g %%), off by more than %d times the noise",
+                   signal->outliers, 100.0 * (double)signal->outliers / (double)signal->good, (int)TL_NOISE_OUTLIER);
     }
 }
 
@@ -342,13 +352,13 @@ static void print_match(const tl_config *config, size_t index, const tl_proposal
     char condition[128];
     print_condition(&match->condition, condition, sizeof condition);
     (void)fprintf(file, "  match %s \342\206\224 %s\n", config->match[index].variable, config->match[index].to);
-    print(file, DEEPER, "between \"%s\": %s", BETWEEN[match->between], match->why_between.text);
+    print_line(file, DEEPER, "between \"%s\": %s", BETWEEN[match->between], match->why_between.text);
     if (config->synchronise) {
-        print(file, DEEPER, "condition%s: %s", condition, match->why_condition.text);
+        print_line(file, DEEPER, "condition%s: %s", condition, match->why_condition.text);
         if (match->tolerance > 0.0) {
-            print(file, DEEPER, "tolerance %g: %s", match->tolerance, match->why_tolerance.text);
+            print_line(file, DEEPER, "tolerance %g: %s", match->tolerance, match->why_tolerance.text);
         } else {
-            print(file, DEEPER, "tolerance %s", match->why_tolerance.text);
+            print_line(file, DEEPER, "tolerance %s", match->why_tolerance.text);
         }
     }
 }
@@ -360,10 +370,12 @@ static void print_warnings(const tl_config *config, const tl_survey *survey, con
         if (match->is_within_noise) {
             (void)fputs(title, file);
             title = "";
-            print(
+            print_line(
                 file, INDENT,
-                "%s: its tolerance, %g, is below three times the noise of its readings, %.3g: the twin follows the noise, and states behind its outputs may drift",
-                config->match[i].where, config->match[i].tolerance, survey->signals[match->signal].sigma);
+                "%s: tolerance %g is below three times the noise of the readings (%.3g): the twin follows the noise, and its "
+                "inner states may drift; set the proposed %g",
+                config->match[i].where, config->match[i].tolerance, survey->signals[match->signal].sigma,
+                match->tolerance);
         }
     }
 }
@@ -457,11 +469,11 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
         const tl_proposal_input *input = &proposal->inputs[i];
         if (config->signals[i].feeds) {
             (void)fprintf(file, "  input plant.%s\n", config->signals[i].plan.name);
-            print(file, DEEPER, "between \"%s\": %s", BETWEEN[input->between], input->why.text);
+            print_line(file, DEEPER, "between \"%s\": %s", BETWEEN[input->between], input->why.text);
         }
     }
     print_warnings(config, survey, proposal, file);
-    (void)fputs("to be put into the configuration\n", file);
+    (void)fputs("add to the configuration\n", file);
     tl_json_writer_begin(&json);
     add_proposal(&json, config, survey, proposal, false);
     tl_status status = tl_json_writer_print(&json, file, error);

@@ -17,7 +17,7 @@ static tl_reading reading_of(const tl_noise_point *point) {
 
 /* Value of a low-pass at `at`, from its value `smooth` at the reading `from`; the next reading `to`
  * is not before `at`. */
-static double follow(tl_time low_pass, const tl_reading *from, double smooth, const tl_reading *to, tl_time at) {
+static double smooth_to(tl_time low_pass, const tl_reading *from, double smooth, const tl_reading *to, tl_time at) {
     const tl_conditioned before = {.reading = *from, .smooth = smooth};
     return at > from->stamp ? tl_conditioner_between(low_pass, &before, to, at) : smooth;
 }
@@ -29,11 +29,11 @@ static double weight_of(const tl_noise_point *point, tl_time low_pass) {
     const tl_reading own = {.value = 1.0, .stamp = point[0].stamp};
     const tl_reading after = {.value = 0.0, .stamp = point[1].stamp};
     tl_time at = own.stamp + low_pass;
-    double smooth = follow(low_pass, &before, 0.0, &own, own.stamp);
+    double smooth = smooth_to(low_pass, &before, 0.0, &own, own.stamp);
     if (at <= after.stamp) {
-        return follow(low_pass, &own, smooth, &after, at);
+        return smooth_to(low_pass, &own, smooth, &after, at);
     }
-    smooth = follow(low_pass, &own, smooth, &after, after.stamp);
+    smooth = smooth_to(low_pass, &own, smooth, &after, after.stamp);
     return smooth * exp(-(double)(at - after.stamp) / (double)low_pass);
 }
 
@@ -49,14 +49,14 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
         for (; next < count && points[next].stamp <= at; next++) {
             const tl_reading from = reading_of(&points[next - 1]);
             const tl_reading to = reading_of(&points[next]);
-            smooth = follow(low_pass, &from, smooth, &to, to.stamp);
+            smooth = smooth_to(low_pass, &from, smooth, &to, to.stamp);
         }
         if (next == count) {
             break;
         }
         const tl_reading from = reading_of(&points[next - 1]);
         const tl_reading to = reading_of(&points[next]);
-        double difference = points[i].value - follow(low_pass, &from, smooth, &to, at);
+        double difference = points[i].value - smooth_to(low_pass, &from, smooth, &to, at);
         differences += difference * difference;
         weights += weight_of(&points[i], low_pass);
         terms++;
@@ -76,35 +76,35 @@ static const double A_FEW_STEPS = 4.0;
 static const double AT_REST = 1.2; /* standard deviation over noise, for a signal that does not move */
 
 /* Receives the readings of a recording. */
-typedef struct listener {
+typedef struct reader {
     const tl_config *config;
     tl_survey *survey;
     tl_time first, last;
     bool any, is_short_of_memory;
-} listener;
+} reader;
 
 static bool is_good(const tl_config_signal *signal, const tl_reading *reading) {
     return reading->quality == TL_GOOD && isfinite(reading->value) && reading->value >= signal->minimum &&
            reading->value <= signal->maximum;
 }
 
-static void hear(void *context, size_t signal, const tl_reading *reading) {
-    listener *self = context;
-    tl_survey_signal *heard = &self->survey->signals[signal];
+static void add_reading(void *context, size_t signal, const tl_reading *reading) {
+    reader *self = context;
+    tl_survey_signal *added = &self->survey->signals[signal];
     if (!is_good(&self->config->signals[signal], reading)) {
-        heard->bad++;
+        added->bad++;
         return;
     }
-    if (heard->kept_count == TL_SURVEY_MOST) {
-        heard->is_cut = true;
+    if (added->kept_count == TL_SURVEY_MOST) {
+        added->is_cut = true;
         return;
     }
-    bool is_later = heard->kept_count == 0 || reading->stamp > heard->kept[heard->kept_count - 1].stamp;
-    tl_noise_point *kept = is_later ? tl_array_grown(heard->kept, heard->kept_count, sizeof *kept) : NULL;
+    bool is_later = added->kept_count == 0 || reading->stamp > added->kept[added->kept_count - 1].stamp;
+    tl_noise_point *kept = is_later ? tl_array_grown(added->kept, added->kept_count, sizeof *kept) : NULL;
     self->is_short_of_memory = self->is_short_of_memory || (is_later && kept == NULL);
     if (kept != NULL) {
-        heard->kept = kept;
-        kept[heard->kept_count++] = (tl_noise_point){.stamp = reading->stamp, .value = reading->value};
+        added->kept = kept;
+        kept[added->kept_count++] = (tl_noise_point){.stamp = reading->stamp, .value = reading->value};
         self->first = self->any && self->first < reading->stamp ? self->first : reading->stamp;
         self->last = self->any && self->last > reading->stamp ? self->last : reading->stamp;
         self->any = true;
@@ -113,7 +113,7 @@ static void hear(void *context, size_t signal, const tl_reading *reading) {
 
 /* ---- message intervals ---- */
 
-static int compare(const void *one, const void *other) {
+static int compare_doubles(const void *one, const void *other) {
     const double a = *(const double *)one;
     const double b = *(const double *)other;
     return a < b ? -1 : a > b ? 1 : 0;
@@ -125,13 +125,13 @@ static double share_of(const double *sorted, size_t count, double share) {
     return sorted[place < count ? place : count - 1];
 }
 
-static void tell_times(tl_survey_signal *signal, double *room) {
+static void measure_times(tl_survey_signal *signal, double *room) {
     size_t count = signal->kept_count < 2 ? 0 : signal->kept_count - 1;
     for (size_t i = 0; i < count; i++) {
         room[i] = tl_seconds(signal->kept[i + 1].stamp - signal->kept[i].stamp);
     }
     if (count > 0) {
-        qsort(room, count, sizeof *room, compare);
+        qsort(room, count, sizeof *room, compare_doubles);
         signal->median = tl_time_of_seconds(share_of(room, count, 0.5));
         signal->most = tl_time_of_seconds(share_of(room, count, 0.95));
         signal->rare = tl_time_of_seconds(share_of(room, count, 0.99));
@@ -159,7 +159,7 @@ static double find_quantum(const double *sorted, size_t count, size_t *values) {
     return least > 0.0 && isfinite(least) && are_whole ? least : 0.0;
 }
 
-static bool repeats(const tl_noise_point *one, const tl_noise_point *before) {
+static bool is_repeat(const tl_noise_point *one, const tl_noise_point *before) {
     return !(one->value < before->value) && !(one->value > before->value);
 }
 
@@ -167,7 +167,7 @@ static bool repeats(const tl_noise_point *one, const tl_noise_point *before) {
 static void drop_repeats(tl_survey_signal *signal) {
     size_t kept = signal->kept_count > 0 ? 1 : 0;
     for (size_t i = 1; i < signal->kept_count; i++) {
-        if (!repeats(&signal->kept[i], &signal->kept[kept - 1])) {
+        if (!is_repeat(&signal->kept[i], &signal->kept[kept - 1])) {
             signal->kept[kept++] = signal->kept[i];
         }
     }
@@ -183,21 +183,21 @@ static double usual_change(const tl_survey_signal *signal, double *room) {
             room[count++] = change;
         }
     }
-    qsort(room, count, sizeof *room, compare);
+    qsort(room, count, sizeof *room, compare_doubles);
     return count > 0 ? share_of(room, count, 0.5) : 0.0;
 }
 
 /* A value with a coarse quantum repeats too, without being polled too often. */
-static void tell_values(tl_survey_signal *signal, double *room) {
+static void measure_values(tl_survey_signal *signal, double *room) {
     size_t values = 0;
     for (size_t i = 0; i < signal->kept_count; i++) {
         room[i] = signal->kept[i].value;
     }
-    qsort(room, signal->kept_count, sizeof *room, compare);
+    qsort(room, signal->kept_count, sizeof *room, compare_doubles);
     signal->quantum = find_quantum(room, signal->kept_count, &values);
     signal->is_switched = values <= TL_SURVEY_SWITCH;
     for (size_t i = 1; i < signal->kept_count; i++) {
-        signal->repeats += repeats(&signal->kept[i], &signal->kept[i - 1]) ? 1 : 0;
+        signal->repeats += is_repeat(&signal->kept[i], &signal->kept[i - 1]) ? 1 : 0;
     }
     bool often = (double)signal->repeats >= POLLED * (double)signal->kept_count;
     bool is_coarse = signal->quantum > 0.0 && usual_change(signal, room) < A_FEW_STEPS * signal->quantum;
@@ -222,21 +222,21 @@ static void drop_outliers(tl_survey_signal *signal, tl_noise_meter *meter, doubl
         if (i < BEHIND) {
             continue;
         }
-        const tl_noise_point judged = signal->kept[i - BEHIND];
+        const tl_noise_point checked = signal->kept[i - BEHIND];
         if (is_outlier) {
-            room[signal->outliers++] = kept > 0 ? fabs(judged.value - signal->kept[kept - 1].value) : 0.0;
+            room[signal->outliers++] = kept > 0 ? fabs(checked.value - signal->kept[kept - 1].value) : 0.0;
         } else {
-            signal->kept[kept++] = judged;
+            signal->kept[kept++] = checked;
         }
     }
     signal->kept_count = kept;
     if (signal->outliers > 0) {
-        qsort(room, (size_t)signal->outliers, sizeof *room, compare);
+        qsort(room, (size_t)signal->outliers, sizeof *room, compare_doubles);
         signal->nearest = share_of(room, (size_t)signal->outliers, 0.1);
     }
 }
 
-static void tell_moves(tl_survey_signal *signal) {
+static void measure_moves(tl_survey_signal *signal) {
     double sum = 0.0;
     for (size_t i = 1; i < signal->kept_count; i++) {
         double move = fabs(signal->kept[i].value - signal->kept[i - 1].value);
@@ -261,7 +261,7 @@ static bool is_at_rest(const tl_survey_signal *signal) {
     return variance <= AT_REST * AT_REST * signal->sigma * signal->sigma;
 }
 
-static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
+static void measure_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
     tl_noise_found first;
     bool is_outlier = false;
     tl_noise_meter_init(meter, 0);
@@ -274,17 +274,17 @@ static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *
     drop_outliers(signal, meter, room);
     tl_noise_meter_tell(meter, &signal->noise);
     signal->sigma = fmax(signal->noise.sigma, COUNTED_NOISE * signal->quantum);
-    tell_moves(signal);
+    measure_moves(signal);
     signal->is_at_rest = is_at_rest(signal);
 }
 
 /* ---- survey of all signals ---- */
 
-static tl_status hear_all(tl_recording *recording, listener *self, tl_error *error) {
+static tl_status read_all(tl_recording *recording, reader *self, tl_error *error) {
     tl_recording_tick tick;
     bool end = false;
     tl_status status = TL_OK;
-    tl_recording_listen(recording, hear, self);
+    tl_recording_listen(recording, add_reading, self);
     while (status == TL_OK && !end && !self->is_short_of_memory) {
         status = tl_interrupt_requested() != NULL ? tl_fail(error, TL_INTERRUPTED, "interrupted")
                                                   : tl_recording_next(recording, &tick, &end, error);
@@ -301,9 +301,9 @@ static size_t most_readings(const tl_survey *survey) {
 }
 
 tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_survey *survey, tl_error *error) {
-    listener self = {.config = config, .survey = survey};
+    reader self = {.config = config, .survey = survey};
     survey->count = config->own_count;
-    tl_status status = hear_all(recording, &self, error);
+    tl_status status = read_all(recording, &self, error);
     if (status != TL_OK) {
         return status;
     }
@@ -315,9 +315,9 @@ tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_su
     for (size_t i = 0; status == TL_OK && i < survey->count; i++) {
         tl_survey_signal *signal = &survey->signals[i];
         signal->good = signal->kept_count;
-        tell_times(signal, room);
-        tell_values(signal, room);
-        tell_noise(signal, meter, room);
+        measure_times(signal, room);
+        measure_values(signal, room);
+        measure_noise(signal, meter, room);
     }
     survey->length = self.any ? self.last - self.first : 0;
     free(meter);

@@ -19,7 +19,7 @@ typedef struct outputs {
 } outputs;
 
 /* Look-ups need increasing stamps, so an output that is not newer is dropped. */
-static void let_out(outputs *to, const tl_conditioned *conditioned) {
+static void add_output(outputs *to, const tl_conditioned *conditioned) {
     tl_time newest = to->conditioner->newest;
     if (newest == TL_TIME_NEVER || conditioned->reading.stamp > newest) {
         to->conditioner->newest = conditioned->reading.stamp;
@@ -29,23 +29,24 @@ static void let_out(outputs *to, const tl_conditioned *conditioned) {
 
 /* ---- the median ---- */
 
-/* Removes the slot that is written next from the order. It is in it, because the window is full. */
-static void forget_oldest(tl_conditioner *self, size_t slot) {
-    size_t place = 0;
-    while (self->order[place] != slot) {
-        place++;
+/* Removes the slot that is written next from the order, which contains it because the window is
+ * full. */
+static void remove_oldest(tl_conditioner *self, size_t slot) {
+    size_t rank = 0;
+    while (self->order[rank] != slot) {
+        rank++;
     }
-    for (; place + 1 < self->condition.median; place++) {
-        self->order[place] = self->order[place + 1];
+    for (; rank + 1 < self->condition.median; rank++) {
+        self->order[rank] = self->order[rank + 1];
     }
 }
 
-static void put_in_order(tl_conditioner *self, size_t slot, size_t others) {
-    size_t place = others;
-    for (; place > 0 && self->window[self->order[place - 1]].value > self->window[slot].value; place--) {
-        self->order[place] = self->order[place - 1];
+static void insert_in_order(tl_conditioner *self, size_t slot, size_t others) {
+    size_t rank = others;
+    for (; rank > 0 && self->window[self->order[rank - 1]].value > self->window[slot].value; rank--) {
+        self->order[rank] = self->order[rank - 1];
     }
-    self->order[place] = slot;
+    self->order[rank] = slot;
 }
 
 /* Returns false if the number of readings is even, because there is no middle one. */
@@ -58,10 +59,10 @@ static bool find_median(tl_conditioner *self, const tl_reading *reading, tl_read
     size_t slot = self->count % size;
     size_t kept = self->count < size ? self->count : size - 1;
     if (self->count >= size) {
-        forget_oldest(self, slot);
+        remove_oldest(self, slot);
     }
     self->window[slot] = *reading;
-    put_in_order(self, slot, kept);
+    insert_in_order(self, slot, kept);
     self->count++;
     middle->value = self->window[self->order[kept / 2]].value;
     middle->stamp = self->window[(self->count - 1 - kept / 2) % size].stamp;
@@ -73,7 +74,7 @@ static bool find_median(tl_conditioner *self, const tl_reading *reading, tl_read
 
 /* For x linear from x0 to x1: y = x1 − r·a + (y0 − x0)·(1 − a), with a = 1 − exp(−Δt/τ), r = (x1 −
  * x0)·τ/Δt. */
-static double follow(tl_time low_pass, const tl_conditioned *before, const tl_reading *after) {
+static double filter_line(tl_time low_pass, const tl_conditioned *before, const tl_reading *after) {
     double stretch = (double)(after->stamp - before->reading.stamp) / (double)low_pass;
     double share = -expm1(-stretch);
     double from = before->reading.value;
@@ -84,30 +85,30 @@ double tl_conditioner_between(tl_time low_pass, const tl_conditioned *before, co
     const tl_reading *from = &before->reading;
     double share = (double)(at - from->stamp) / (double)(after->stamp - from->stamp);
     const tl_reading there = {.value = from->value + share * (after->value - from->value), .stamp = at};
-    return follow(low_pass, before, &there);
+    return filter_line(low_pass, before, &there);
 }
 
-static tl_conditioned pass(tl_conditioner *self, const tl_reading *reading) {
-    tl_conditioned passed = {.reading = *reading, .smooth = reading->value};
+static tl_conditioned apply_low_pass(tl_conditioner *self, const tl_reading *reading) {
+    tl_conditioned filtered = {.reading = *reading, .smooth = reading->value};
     if (self->condition.low_pass > 0 && !self->is_empty) {
-        double smooth = follow(self->condition.low_pass, &self->heard, reading);
-        passed.smooth = isfinite(smooth) ? smooth : reading->value;
+        double smooth = filter_line(self->condition.low_pass, &self->heard, reading);
+        filtered.smooth = isfinite(smooth) ? smooth : reading->value;
     }
     self->is_empty = false;
-    self->heard = passed;
-    return passed;
+    self->heard = filtered;
+    return filtered;
 }
 
-static void start_anew(tl_conditioner *self) {
+static void restart_filters(tl_conditioner *self) {
     self->count = 0;
     self->is_empty = true;
 }
 
-static void filter(outputs *to, const tl_reading *reading) {
+static void filter_reading(outputs *to, const tl_reading *reading) {
     tl_reading middle;
     if (find_median(to->conditioner, reading, &middle)) {
-        const tl_conditioned passed = pass(to->conditioner, &middle);
-        let_out(to, &passed);
+        const tl_conditioned filtered = apply_low_pass(to->conditioner, &middle);
+        add_output(to, &filtered);
     }
 }
 
@@ -144,24 +145,24 @@ size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *readin
     bool is_good = reading->quality == TL_GOOD;
     *is_rejected = false;
     if (is_good && is_lost(conditioner, reading)) {
-        start_anew(conditioner);
+        restart_filters(conditioner);
     } else if (is_good && !is_near(conditioner, &conditioner->accepted, reading)) {
         *is_rejected = !is_new_level(conditioner, reading);
         if (!*is_rejected) {
-            start_anew(conditioner);
-            filter(&to, &conditioner->pending[0]);
-            filter(&to, &conditioner->pending[1]);
+            restart_filters(conditioner);
+            filter_reading(&to, &conditioner->pending[0]);
+            filter_reading(&to, &conditioner->pending[1]);
         }
     }
     if (*is_rejected) {
         keep_pending(conditioner, reading);
     } else if (is_good) {
-        filter(&to, reading);
+        filter_reading(&to, reading);
         conditioner->accepted = *reading;
         conditioner->has_accepted = true;
         conditioner->pending_count = 0;
     } else {
-        let_out(&to, &(tl_conditioned){.reading = *reading, .smooth = reading->value});
+        add_output(&to, &(tl_conditioned){.reading = *reading, .smooth = reading->value});
     }
     bool is_accepted = is_good && !*is_rejected;
     conditioner->since = is_accepted ? 0 : conditioner->since + 1;

@@ -101,10 +101,9 @@ tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
         if (config->signals[i].source == SIZE_MAX) {
             char keys[128];
             list_signal_keys(keys, sizeof keys);
-            return tl_fail(
-                error, TL_BAD_DATA,
-                "%s: plant.%s has no live source: give it one of %s; to run a recording use `twinlock replay`",
-                config->path, config->signals[i].plan.name, keys);
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: plant.%s has no live source: add one of %s; to run a recording use `twinlock replay`",
+                           config->path, config->signals[i].plan.name, keys);
         }
     }
     return TL_OK;

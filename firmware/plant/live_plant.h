@@ -30,7 +30,7 @@ typedef struct tl_live_plant_settings {
     const tl_sample_buffer
         *buffers;         /* one per signal, copied; the memory outlives the plant; no other writer for `kinds` */
     tl_heartbeats *beats; /* each source has a heartbeat there; NULL: none */
-    void (*on_link)(void *context, const char *source, bool up, const char *text);
+    void (*on_link)(void *context, const char *source, bool good, const char *text); /* see plant_reader.h */
     void *context;
 } tl_live_plant_settings;
 

@@ -54,10 +54,10 @@ struct tl_reading_stream {
 };
 
 /* `depth`: that of the sample buffer, a power of two. Returns NULL if memory is out. */
-static tl_reading_stream *make_stream(const tl_condition *condition, tl_time stale, uint32_t depth) {
+static tl_reading_stream *make_stream(const tl_condition *condition_signal, tl_time stale, uint32_t depth) {
     tl_reading_stream *stream = calloc(1, sizeof *stream + 2 * (size_t)depth * sizeof stream->slots[0]);
     if (stream != NULL) {
-        tl_conditioner_init(&stream->conditioner, condition, stale);
+        tl_conditioner_init(&stream->conditioner, condition_signal, stale);
         stream->last.stamp = TL_TIME_NEVER;
         stream->out = (tl_sample_buffer){.slots = stream->slots, .count = &stream->count, .depth = depth};
         stream->smooth =
@@ -153,7 +153,7 @@ static tl_quality worse(tl_quality a, tl_quality b) {
 }
 
 /* Determines the quality of a reading at an instant. Sets a value that is not finite to 0. */
-static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_reading *reading) {
+static tl_quality rate_reading(const tl_plant_limits *limits, tl_time instant, tl_reading *reading) {
     tl_quality quality = reading->quality;
     if (!isfinite(reading->value) || quality >= TL_NOT_A_NUMBER) {
         reading->value = isfinite(reading->value) ? reading->value : 0;
@@ -172,21 +172,21 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
 /* ---- between two readings ---- */
 
 /* How one signal is looked up. */
-typedef struct view {
+typedef struct lookup {
     const tl_sample_buffer *buffer; /* buffer for a look-up of readings; or with a low-pass, of its values */
     const tl_sample_buffer *lines;  /* buffer for lines between readings */
     tl_time low_pass;               /* τ of the low-pass along the line, ns; 0: none */
     const tl_plant_limits *limits;
     tl_time until; /* later readings are not available yet */
-} view;
+} lookup;
 
-static bool is_good(const view *self, const tl_reading *reading) {
+static bool is_good(const lookup *self, const tl_reading *reading) {
     tl_reading own = *reading;
-    return judge(self->limits, own.stamp, &own) == TL_GOOD;
+    return rate_reading(self->limits, own.stamp, &own) == TL_GOOD;
 }
 
 /* Returns true if there is a valid line between two readings. */
-static bool are_joined(const view *self, const tl_reading *before, const tl_reading *after) {
+static bool are_joined(const lookup *self, const tl_reading *before, const tl_reading *after) {
     if (after->stamp == TL_TIME_NEVER || !is_near(after->stamp, before->stamp) || after->stamp <= before->stamp) {
         return false;
     }
@@ -196,7 +196,7 @@ static bool are_joined(const view *self, const tl_reading *before, const tl_read
 
 /* Looks up an instant: a reading at it, a value on the line, or the last reading. Returns false if
  * there was none yet. */
-static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
+static bool interpolate_line(const lookup *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_reading after;
     if (!tl_sample_buffer_around(self->lines, at + alike, self->until, reading, &after) ||
         !is_near(reading->stamp, at)) {
@@ -210,8 +210,9 @@ static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading
     return true;
 }
 
-/* As look_between(), with a low-pass along the line. Its value τ later belongs to the instant. */
-static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
+/* As interpolate_line(), with a low-pass along the line. Its value τ later belongs to the instant.
+ */
+static bool interpolate_smooth(const lookup *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_time later = at + self->low_pass;
     tl_conditioned before;
     tl_reading smooth;
@@ -232,35 +233,35 @@ static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading 
 }
 
 /* Limits the time if a source floods the buffer; the remaining span counts as one line. */
-enum { MOST_OF_A_SPAN = 256 };
+enum { SPAN_LINES = 256 };
 
 /* Integral from the good reading `from` to `end`. */
-static double integrate(const view *self, tl_reading from, tl_time end) {
+static double integrate(const lookup *self, tl_reading from, tl_time end) {
     double sum = 0;
     tl_reading before;
     tl_reading after;
-    for (int i = 0; i < MOST_OF_A_SPAN; i++) {
-        bool goes_on = tl_sample_buffer_around(self->lines, from.stamp, self->until, &before, &after) &&
-                       are_joined(self, &before, &after) && after.stamp > from.stamp && after.stamp < end;
-        if (!goes_on) {
+    for (int i = 0; i < SPAN_LINES; i++) {
+        bool continues = tl_sample_buffer_around(self->lines, from.stamp, self->until, &before, &after) &&
+                         are_joined(self, &before, &after) && after.stamp > from.stamp && after.stamp < end;
+        if (!continues) {
             break;
         }
         sum += (double)(after.stamp - from.stamp) * 0.5 * (from.value + after.value);
         from = after;
     }
     tl_reading last = from;
-    bool any = look_between(self, end, 0, &last) && is_good(self, &last);
+    bool any = interpolate_line(self, end, 0, &last) && is_good(self, &last);
     return sum + (double)(end - from.stamp) * 0.5 * (from.value + (any ? last.value : from.value));
 }
 
 /* Mean over the span that starts at `at`. If there is no good value at its start, the value there
  * is used. */
-static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, tl_reading *reading) {
-    if (!look_between(self, at, 0, reading)) {
+static bool take_mean(const lookup *self, const tl_plant_look *look, tl_time at, tl_reading *reading) {
+    if (!interpolate_line(self, at, 0, reading)) {
         return false;
     }
     tl_reading from = *reading;
-    if (judge(self->limits, at, &from) == TL_GOOD) {
+    if (rate_reading(self->limits, at, &from) == TL_GOOD) {
         from.stamp = at;
         double mean = integrate(self, from, at + look->span) / (double)look->span;
         *reading = (tl_reading){.value = mean, .stamp = at + look->span / 2, .quality = TL_GOOD};
@@ -271,7 +272,7 @@ static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, t
 /* ---- samples ---- */
 
 /* Looks up a reading at the instant, or the last one before, or the next one. */
-static bool look_last(const view *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
+static bool take_last(const lookup *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
     bool any = tl_sample_buffer_at(self->buffer, at + alike, reading);
     bool is_of_it = any && is_near(reading->stamp, at) && reading->stamp >= at - alike && reading->stamp <= at + alike;
     return is_of_it || (!look->next && any) || tl_sample_buffer_from(self->buffer, at, self->until, reading);
@@ -281,7 +282,7 @@ static bool look_last(const view *self, const tl_plant_look *look, tl_time at, t
 static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
     const tl_plant_look *look = &input->looks[signal];
     const tl_reading_stream *stream = input->streams[signal];
-    const view self = {
+    const lookup self = {
         .buffer = stream != NULL ? &stream->smooth : &input->buffers[signal],
         .lines = stream != NULL ? &stream->out : &input->buffers[signal],
         .low_pass = stream != NULL ? stream->conditioner.condition.low_pass : 0,
@@ -291,32 +292,33 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
     tl_time at = instant - look->back;
     switch (look->between) {
     case TL_BETWEEN_LINE:
-        return (self.low_pass > 0 ? look_smooth(&self, at, alike, reading) : look_between(&self, at, alike, reading)) ||
-               look_last(&self, look, at, alike, reading);
+        return (self.low_pass > 0 ? interpolate_smooth(&self, at, alike, reading)
+                                  : interpolate_line(&self, at, alike, reading)) ||
+               take_last(&self, look, at, alike, reading);
     case TL_BETWEEN_MEAN:
-        return look_mean(&self, look, at, reading) || look_last(&self, look, at, alike, reading);
+        return take_mean(&self, look, at, reading) || take_last(&self, look, at, alike, reading);
     case TL_BETWEEN_LAST:
         break;
     }
-    return look_last(&self, look, at, alike, reading);
+    return take_last(&self, look, at, alike, reading);
 }
 
 /* Conditions all new readings of a signal up to `until`; skips implausible stamps. */
-static void condition(const tl_plant_input *input, size_t signal, tl_time until) {
+static void condition_signal(const tl_plant_input *input, size_t signal, tl_time until) {
     tl_reading_stream *stream = input->streams[signal];
     const tl_sample_buffer *buffer = &input->buffers[signal];
     tl_reading reading;
     stream->has_rejected = false;
     for (uint32_t i = 0; i < buffer->depth && next_of_stream(stream, buffer, until, &reading); i++) {
         if (is_near(reading.stamp, until)) {
-            reading.quality = judge(&input->limits[signal], reading.stamp, &reading);
+            reading.quality = rate_reading(&input->limits[signal], reading.stamp, &reading);
             put_into_stream(stream, &reading);
         }
     }
 }
 
 /* Returns the newest reading of a signal as it came, with its quality. */
-static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_reading *reading) {
+static bool take_newest(const tl_plant_input *input, size_t signal, tl_time until, tl_reading *reading) {
     const tl_reading_stream *stream = input->streams[signal];
     if (stream != NULL) {
         *reading = stream->shown;
@@ -324,22 +326,23 @@ static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_r
     }
     bool any = tl_sample_buffer_at(&input->buffers[signal], until, reading);
     if (any && is_near(reading->stamp, until)) {
-        reading->quality = judge(&input->limits[signal], reading->stamp, reading);
+        reading->quality = rate_reading(&input->limits[signal], reading->stamp, reading);
     }
     return any;
 }
 
 /* Takes one signal of a sample with its quality. Returns false if there is no reading. */
-static bool take(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
+static bool take_signal(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike,
+                        tl_reading *reading) {
     const tl_plant_look *look = &input->looks[signal];
     if (look->shows) {
-        return show(input, look->shown, instant + alike, reading) && is_near(reading->stamp, instant);
+        return take_newest(input, look->shown, instant + alike, reading) && is_near(reading->stamp, instant);
     }
     tl_time at = instant - look->back;
     if (!look_up(input, signal, instant, alike, reading) || !is_near(reading->stamp, at)) {
         return false;
     }
-    reading->quality = judge(&input->limits[signal], at, reading);
+    reading->quality = rate_reading(&input->limits[signal], at, reading);
     return true;
 }
 
@@ -349,12 +352,12 @@ void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time inst
     sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
         if (input->streams[i] != NULL) {
-            condition(input, i, instant + alike);
+            condition_signal(input, i, instant + alike);
         }
     }
     for (size_t i = 0; i < input->count; i++) {
         tl_reading reading;
-        if (!take(input, i, instant, alike, &reading)) {
+        if (!take_signal(input, i, instant, alike, &reading)) {
             reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
         }
         sample->values[i] = reading.value;

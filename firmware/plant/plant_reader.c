@@ -34,28 +34,28 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
 /* Drivers need little; the host name resolver needs most. With mlockall() all of it is resident. */
 enum { STACK = 512 * 1024, NAME = 16 };
 
-typedef struct worker {
+typedef struct source_thread {
     tl_plant_readers *readers;
     const tl_plant_source *source;
     pthread_t thread;
     tl_repeated_reading before[TL_MAX_SIGNALS]; /* by channel */
-} worker;
+} source_thread;
 
 struct tl_plant_readers {
     const tl_sample_buffer *buffers;
-    void (*on_link)(void *context, const char *source, bool up, const char *text);
+    void (*on_link)(void *context, const char *source, bool good, const char *text);
     void *context;
     pthread_mutex_t lock;
     pthread_cond_t stopped;
     bool stop; /* protected by the lock */
     const tl_plant_source *sources;
     size_t source_count;
-    size_t started;   /* number of threads */
-    worker workers[]; /* one per source */
+    size_t started;          /* number of threads */
+    source_thread threads[]; /* one per source */
 };
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
-    worker *own = context;
+    source_thread *own = context;
     tl_thread_heartbeat_beat(own->source->heartbeat); /* a poll with many requests may take long */
     const tl_plant_source *source = own->source;
     if (channel < source->signal_count &&
@@ -64,13 +64,13 @@ static void post(void *context, size_t channel, const tl_reading *reading) {
     }
 }
 
-static void link_changed(void *context, bool up, const char *text) {
-    const worker *own = context;
-    own->readers->on_link(own->readers->context, own->source->name, up, text);
+static void forward_report(void *context, bool good, const char *text) {
+    const source_thread *own = context;
+    own->readers->on_link(own->readers->context, own->source->name, good, text);
 }
 
 /* Waits until the instant. Returns true if the thread must stop. */
-static bool rest(tl_plant_readers *readers, tl_time instant) {
+static bool wait_until(tl_plant_readers *readers, tl_time instant) {
     struct timespec until = {.tv_sec = (time_t)(instant / TL_SECOND), .tv_nsec = (long)(instant % TL_SECOND)};
     int waited = 0;
     (void)pthread_mutex_lock(&readers->lock);
@@ -84,18 +84,18 @@ static bool rest(tl_plant_readers *readers, tl_time instant) {
 
 /* The driver has failed for good: reports its error, and posts TL_NO_LINK so that no old value
  * counts as fresh. */
-static void give_up(worker *own, const tl_error *error) {
+static void report_failure(source_thread *own, const tl_error *error) {
     tl_reading none = {.value = 0, .stamp = tl_clock_now(NULL), .quality = TL_NO_LINK};
     for (size_t i = 0; i < own->source->signal_count; i++) {
         post(own, i, &none);
     }
-    link_changed(own, false, error->text);
+    forward_report(own, false, error->text);
 }
 
 static void *run(void *context) {
-    worker *own = context;
+    source_thread *own = context;
     const tl_plant_source *source = own->source;
-    const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
+    const tl_plant_io_sink sink = {.post = post, .link = forward_report, .context = own};
     bool finished = false;
     char name[NAME];
     tl_time next = tl_clock_now(NULL);
@@ -109,12 +109,12 @@ static void *run(void *context) {
         tl_error error = {.status = TL_OK};
         tl_thread_heartbeat_beat(source->heartbeat);
         if (source->driver->poll(source->io, &sink, &finished, &error) != TL_OK) {
-            give_up(own, &error);
+            report_failure(own, &error);
             finished = true;
         }
         tl_time now = tl_clock_now(NULL);
         next += source->period * (now > next ? (now - next) / source->period + 1 : 1);
-    } while (!finished && !rest(own->readers, next));
+    } while (!finished && !wait_until(own->readers, next));
     if (source->driver->finish != NULL) {
         source->driver->finish(source->io, &sink);
     }
@@ -137,7 +137,7 @@ void tl_plant_readers_stop(tl_plant_readers *readers) {
         readers->sources[i].driver->interrupt(readers->sources[i].io);
     }
     for (size_t i = 0; i < readers->started; i++) {
-        (void)pthread_join(readers->workers[i].thread, NULL);
+        (void)pthread_join(readers->threads[i].thread, NULL);
     }
     close_all(readers->sources, readers->source_count);
     (void)pthread_cond_destroy(&readers->stopped);
@@ -145,8 +145,8 @@ void tl_plant_readers_stop(tl_plant_readers *readers) {
     free(readers);
 }
 
-static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
-    tl_plant_readers *readers = calloc(1, sizeof *readers + count * sizeof readers->workers[0]);
+static tl_plant_readers *make_readers(const tl_plant_source *sources, size_t count) {
+    tl_plant_readers *readers = calloc(1, sizeof *readers + count * sizeof readers->threads[0]);
     pthread_condattr_t clock;
     if (readers == NULL || pthread_condattr_init(&clock) != 0) {
         free(readers);
@@ -159,32 +159,32 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
     readers->sources = sources;
     readers->source_count = count;
     for (size_t i = 0; i < count; i++) {
-        readers->workers[i].readers = readers;
-        readers->workers[i].source = &sources[i];
+        readers->threads[i].readers = readers;
+        readers->threads[i].source = &sources[i];
     }
     return readers;
 }
 
 tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_sample_buffer *buffers,
-                                 void (*on_link)(void *context, const char *source, bool up, const char *text),
+                                 void (*on_link)(void *context, const char *source, bool good, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error) {
-    tl_plant_readers *made = make(sources, count);
+    tl_plant_readers *made = make_readers(sources, count);
     if (made == NULL) {
         close_all(sources, count);
-        return tl_fail(error, TL_TRY_AGAIN, "out of memory for %zu plant sources", count);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu plant sources", count);
     }
     made->buffers = buffers;
     made->on_link = on_link;
     made->context = context;
     int failure = 0;
     while (made->started < count && failure == 0) {
-        worker *own = &made->workers[made->started];
+        source_thread *own = &made->threads[made->started];
         failure = tl_side_thread_start(&own->thread, STACK, run, own);
         made->started += failure == 0 ? 1 : 0;
     }
     if (failure != 0) {
         tl_plant_readers_stop(made);
-        return tl_fail(error, TL_TRY_AGAIN, "no thread for a plant source: %s", strerror(failure));
+        return tl_fail(error, TL_TRY_AGAIN, "cannot start a thread for a plant source: %s", strerror(failure));
     }
     *readers = made;
     return TL_OK;

@@ -39,9 +39,9 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
  * of its signals.
  *
  * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
- * Events:  `on_link` reports link changes, from the thread of the source, with the driver's text.
- *          If a driver fails for good, the link is reported as down, its signals are posted once as
- *          TL_NO_LINK, and its thread ends.
+ * Events:  `on_link` passes on the driver's reports, from the thread of the source; `good`: see
+ *          tl_plant_io_sink. If a driver fails for good, the link is reported as down, its signals
+ *          are posted once as TL_NO_LINK, and its thread ends.
  * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
  *          poll are skipped.
  * Owner:   the readers own the `io` of each source from the start.
@@ -66,7 +66,7 @@ typedef struct tl_plant_readers tl_plant_readers;
 /* Starts one thread per source. `sources`, `buffers` and what they point to must outlive stop.
  * Errors: TL_TRY_AGAIN; then every `io` is closed. */
 tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_sample_buffer *buffers,
-                                 void (*on_link)(void *context, const char *source, bool up, const char *text),
+                                 void (*on_link)(void *context, const char *source, bool good, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);
 
 void tl_plant_readers_stop(tl_plant_readers *readers);

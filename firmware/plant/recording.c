@@ -20,9 +20,9 @@
 struct tl_recording {
     char path[PATH_MAX]; /* for messages */
     const tl_config *config;
-    int64_t ticks;           /* number of ticks */
-    int64_t next;            /* next tick */
-    tl_recording_hear *hear; /* NULL: no listener */
+    int64_t ticks;                 /* number of ticks */
+    int64_t next;                  /* next tick */
+    tl_recording_hear *on_reading; /* NULL: no listener */
     void *listener;
     tl_plant_input input;
     void *sample_memory; /* memory of its sample buffers */
@@ -40,7 +40,7 @@ struct tl_recording {
     bool by_recording;          /* stamps, and t_start, are those of the recording that the run replayed */
     tl_recording_beginning beginning;
     tl_recording_tunings tunings;
-    bool anew;                      /* signals are looked up again: */
+    bool looks_up_again;            /* signals are looked up as the configuration requires: */
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest posted reading */
 };
 
@@ -55,8 +55,8 @@ static tl_status open_input(tl_recording *recording, tl_error *error) {
 /* The listener receives only signals of the configuration's own, not further look-ups. */
 static void post_reading(tl_recording *recording, size_t signal, const tl_reading *reading) {
     tl_sample_buffer_post(&recording->input.buffers[signal], reading);
-    if (recording->hear != NULL && recording->config->signals[signal].of == signal) {
-        recording->hear(recording->listener, signal, reading);
+    if (recording->on_reading != NULL && recording->config->signals[signal].of == signal) {
+        recording->on_reading(recording->listener, signal, reading);
     }
 }
 
@@ -87,8 +87,8 @@ static void find_readings(tl_recording *recording, const tl_recorder_signal *sig
         size_t first = config->signals[i].of;
         recording->raw[i] = i < recording->recorded ? i : first;
         for (size_t k = 0; k < count && k < TL_MAX_SIGNALS; k++) {
-            bool shows = is_same_signal(signals[k].name, config->signals[first].plan.name, TL_CONFIG_READING);
-            recording->raw[i] = shows ? k : recording->raw[i];
+            bool matches = is_same_signal(signals[k].name, config->signals[first].plan.name, TL_CONFIG_READING);
+            recording->raw[i] = matches ? k : recording->raw[i];
         }
     }
 }
@@ -125,15 +125,17 @@ static tl_status check_signals(tl_recording *recording, const tl_history_run *ru
     }
     if (count != own || run->step != config->step) {
         return tl_fail(error, TL_BAD_DATA,
-                       "%s: run %" PRId64 " has %zu signals every %g s, the configuration has %zu every %g s", path,
-                       run->run, count, tl_seconds(run->step), own, tl_seconds(config->step));
+                       "%s: run %" PRId64
+                       " has %zu signals every %g s, the configuration has %zu every %g s: use the run's configuration",
+                       path, run->run, count, tl_seconds(run->step), own, tl_seconds(config->step));
     }
     return TL_OK;
 }
 
-static tl_status fail_beginning(const tl_recording *recording, const tl_history_run *run, tl_error *error) {
+static tl_status fail_without_start(const tl_recording *recording, const tl_history_run *run, tl_error *error) {
     return tl_fail(error, TL_BAD_DATA,
-                   "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
+                   "%s: run %" PRId64 " has no start, because it was removed or not recorded: replay another one "
+                   "(--run)",
                    recording->path, run->run);
 }
 
@@ -147,14 +149,13 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
         return status;
     }
     if (checkpoint == NULL || checkpoint->tick != beginning->tick - 1) {
-        return fail_beginning(recording, run, error);
+        return fail_without_start(recording, run, error);
     }
     beginning->checkpoint = checkpoint;
     return checkpoint->whole && checkpoint->size != 0
                ? TL_OK
                : tl_fail(error, TL_BAD_DATA,
-                         "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
-                         "replayed",
+                         "%s: run %" PRId64 " started with a checkpoint that is damaged: replay another one (--run)",
                          recording->path, run->run);
 }
 
@@ -162,7 +163,7 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
 static tl_status find_beginning(tl_recording *recording, const tl_history_run *run, int64_t first, tl_error *error) {
     bool resumed = run->resumption.from != TL_RESUMED_NOT;
     if (run->removed_before > 0 || (first != 0 && !resumed)) {
-        return fail_beginning(recording, run, error);
+        return fail_without_start(recording, run, error);
     }
     recording->beginning = (tl_recording_beginning){
         .run = run->run,
@@ -203,7 +204,7 @@ static bool copy_earlier(tl_recording *recording, size_t index) {
     return false;
 }
 
-static tl_status take_tuning(tl_recording *recording, const tl_history_run *run, const tl_history_tuning *found,
+static tl_status load_tuning(tl_recording *recording, const tl_history_run *run, const tl_history_tuning *found,
                              size_t index, tl_error *error) {
     tl_run_tuning *tuning = &recording->tunings.list[index];
     tl_recorder_known *known = &recording->tunings.known[index];
@@ -220,8 +221,8 @@ static tl_status take_tuning(tl_recording *recording, const tl_history_run *run,
         status = parse_tuning(known->text, recording->config, &tuning->values, &why);
         return status == TL_OK ? TL_OK
                                : tl_fail(error, TL_BAD_DATA,
-                                         "%s: run %" PRId64 " took the configuration %.12s at tick %" PRId64
-                                         ", which cannot be followed: %.200s",
+                                         "%s: run %" PRId64 " changed to the configuration %.12s at tick %" PRId64
+                                         ", which cannot be replayed: %.200s",
                                          recording->path, run->run, found->hash, found->tick, why.text);
     }
     return status;
@@ -238,7 +239,7 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
     }
     if (count > TL_RECORDING_TUNINGS) {
         return tl_fail(error, TL_BAD_DATA,
-                       "%s: run %" PRId64 " took %zu configurations while it ran: at most %d can be followed",
+                       "%s: run %" PRId64 " changed its configuration %zu times: at most %d can be replayed",
                        recording->path, run->run, count, (int)TL_RECORDING_TUNINGS);
     }
     recording->tunings.list = calloc(count, sizeof *recording->tunings.list);
@@ -247,7 +248,7 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
     }
     for (size_t i = 0; status == TL_OK && i < count; i++) {
-        status = take_tuning(recording, run, &found[i], i, error);
+        status = load_tuning(recording, run, &found[i], i, error);
     }
     recording->tunings.count = count;
     return status;
@@ -255,21 +256,21 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
 
 /* ---- look-ups ---- */
 
-static bool look_alike(const tl_config *config, const tl_config *run) {
-    bool alike = config->signal_count == run->signal_count;
-    for (size_t i = 0; alike && i < config->signal_count; i++) {
+static bool has_same_lookups(const tl_config *config, const tl_config *run) {
+    bool same = config->signal_count == run->signal_count;
+    for (size_t i = 0; same && i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         const tl_config_signal *other = &run->signals[i];
         const tl_condition *own = &signal->condition;
         const tl_condition *its = &other->condition;
-        alike = signal->look_back == other->look_back && signal->next == other->next &&
-                signal->between == other->between && own->median == its->median && own->low_pass == its->low_pass &&
-                !(own->gate < its->gate) && !(own->gate > its->gate);
+        same = signal->look_back == other->look_back && signal->next == other->next &&
+               signal->between == other->between && own->median == its->median && own->low_pass == its->low_pass &&
+               !(own->gate < its->gate) && !(own->gate > its->gate);
     }
-    return alike;
+    return same;
 }
 
-static bool looks_back(const tl_config *config) {
+static bool has_delays(const tl_config *config) {
     bool any = config->delays != NULL;
     for (size_t i = 0; i < config->signal_count; i++) {
         any = any || config->signals[i].look_back != 0;
@@ -279,17 +280,17 @@ static bool looks_back(const tl_config *config) {
 
 /* Returns true if the run may have looked up signals at other instants than the configuration. The
  * run's own configuration text decides, if it is available and still valid. */
-static bool sees_otherwise(tl_recording *recording, const tl_history_run *run) {
+static bool differs_in_lookups(tl_recording *recording, const tl_history_run *run) {
     const char *text = NULL;
     tl_config own;
     tl_error error;
     tl_report silent = {.add = NULL};
     if (tl_history_text(recording->history, run->configuration_hash, &text, &error) != TL_OK ||
         tl_config_read_text(recording->config->path, text, strlen(text), &own, &silent) != TL_OK) {
-        return looks_back(recording->config);
+        return has_delays(recording->config);
     }
     tl_config_use_lookups(&own);
-    bool otherwise = !look_alike(recording->config, &own);
+    bool otherwise = !has_same_lookups(recording->config, &own);
     tl_config_free(&own);
     return otherwise;
 }
@@ -314,9 +315,9 @@ static tl_status open_run(tl_recording *recording, tl_error *error) {
     }
     recording->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
     if (!any) {
-        return fail_beginning(recording, run, error);
+        return fail_without_start(recording, run, error);
     }
-    recording->anew = !recording->same_configuration && sees_otherwise(recording, run);
+    recording->looks_up_again = !recording->same_configuration && differs_in_lookups(recording, run);
     recording->by_recording = strcmp(run->verb, "replay") == 0;
     recording->ticks = range[1] + 1;
     status = find_tunings(recording, run, error);
@@ -347,13 +348,13 @@ static void find_start(tl_recording *recording, const tl_sample *sample) {
 }
 
 /* Posts the readings that are new since the last tick, with their own stamps. */
-static void take_readings(tl_recording *recording, const tl_sample *seen) {
+static void post_new_readings(tl_recording *recording, const tl_sample *sample) {
     for (size_t i = 0; i < recording->config->signal_count; i++) {
         size_t from = recording->raw[i];
-        bool is_rejected = seen->quality[from] == TL_OUTLIER; /* the gate decides again */
-        const tl_reading reading = {.value = seen->values[from],
-                                    .stamp = seen->stamps[from],
-                                    .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
+        bool is_rejected = sample->quality[from] == TL_OUTLIER; /* the gate decides again */
+        const tl_reading reading = {.value = sample->values[from],
+                                    .stamp = sample->stamps[from],
+                                    .quality = is_rejected ? TL_GOOD : (tl_quality)sample->quality[from]};
         if (reading.stamp == recording->posted[i]) {
             continue;
         }
@@ -374,8 +375,8 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     }
     if (read.sample.tick != recording->next) {
         return tl_fail(error, TL_BAD_DATA,
-                       "%s: tick %" PRId64 " was lost while it was recorded: it cannot be replayed further",
-                       recording->path, recording->next);
+                       "%s: tick %" PRId64 " is missing in the database: the replay cannot continue", recording->path,
+                       recording->next);
     }
     bool repeat = recording->same_configuration && read.has_step;
     if (read.sample.tick == 0) {
@@ -383,10 +384,10 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     }
     read.sample.instant = tl_time_of_step(recording->start, recording->config->step, read.sample.tick);
     tick->sample = read.sample;
-    if (recording->anew || recording->hear != NULL) {
-        take_readings(recording, &read.sample);
+    if (recording->looks_up_again || recording->on_reading != NULL) {
+        post_new_readings(recording, &read.sample);
     }
-    if (recording->anew) { /* look up as the configuration requires */
+    if (recording->looks_up_again) { /* look up as the configuration requires */
         tl_plant_input_take(&recording->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
     /* After a handover, a run contains steps that it searched itself as a shadow of the run before.
@@ -424,24 +425,26 @@ static tl_status open_reader(const char *path, const tl_config *config, tl_csv_r
 static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_time before, tl_time now,
                            tl_error *error) {
     if ((now - before) / step > TL_RECORDING_GAP) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: between the rows at %.9f s and %.9f s there are %lld steps of %.9g s, at most %lld are "
-                       "allowed: correct the time, or cut the recording there",
-                       path, tl_seconds(before), tl_seconds(now), (long long)((now - before) / step), tl_seconds(step),
-                       (long long)TL_RECORDING_GAP);
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: between the rows at %.9f s and %.9f s there are %lld steps of %.9g s (at most %lld): correct "
+            "the time, or cut the recording there",
+            path, tl_seconds(before), tl_seconds(now), (long long)((now - before) / step), tl_seconds(step),
+            (long long)TL_RECORDING_GAP);
     }
     if ((now - first) / step >= TL_RECORDING_TICKS) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: from the first row to that at %.9f s there are more than %lld steps of %.9g s: cut the "
-                       "recording, or replay it with a larger step_s",
-                       path, tl_seconds(now), (long long)TL_RECORDING_TICKS, tl_seconds(step));
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: up to the row at %.9f s there are more than %lld steps of %.9g s: cut the recording, or raise "
+            "step_s",
+            path, tl_seconds(now), (long long)TL_RECORDING_TICKS, tl_seconds(step));
     }
     return TL_OK;
 }
 
 /* Reads the whole file to validate every row before the first one is used, and to count the ticks.
  */
-static tl_status survey(tl_recording *recording, const char *path, tl_error *error) {
+static tl_status check_rows(tl_recording *recording, const char *path, tl_error *error) {
     const tl_config *config = recording->config;
     tl_csv_reader *reader = NULL;
     tl_status status = open_reader(path, config, &reader, error);
@@ -459,7 +462,7 @@ static tl_status survey(tl_recording *recording, const char *path, tl_error *err
     }
     tl_csv_close(reader);
     if (status == TL_OK && rows == 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: there is a header, but no row", path);
+        return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row", path);
     }
     recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
     return status;
@@ -520,14 +523,15 @@ static bool is_database(const char *path) {
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error) {
     struct stat about;
     if (stat(path, &about) == 0 && !S_ISREG(about.st_mode) && !S_ISDIR(about.st_mode)) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: is no regular file, expected a recording (CSV or database); a FIFO is a live source for "
-                       "`twinlock run`",
-                       path);
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: this is not a regular file (expected a recording: CSV or database); a FIFO is a live source "
+            "for `twinlock run`",
+            path);
     }
     bool from_database = is_database(path);
     if (config->recording_run != 0 && !from_database) {
-        return tl_fail(error, TL_BAD_USAGE, "%s: is no database, and has no run %lld: remove --run", path,
+        return tl_fail(error, TL_BAD_USAGE, "%s: this is not a database, so it has no run %lld: remove --run", path,
                        (long long)config->recording_run);
     }
     tl_recording *opened = calloc(1, sizeof *opened);
@@ -540,7 +544,7 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     if (status == TL_OK && from_database) {
         status = open_database(opened, path, error);
     } else if (status == TL_OK) {
-        status = survey(opened, path, error);
+        status = check_rows(opened, path, error);
         status = status == TL_OK ? open_reader(path, config, &opened->reader, error) : status;
     }
     if (status != TL_OK) {
@@ -573,7 +577,7 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
 }
 
 void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context) {
-    recording->hear = hear;
+    recording->on_reading = hear;
     recording->listener = context;
 }
 

@@ -35,7 +35,7 @@ static tl_sample_buffer_slot *slot_of(const tl_sample_buffer *buffer, uint64_t p
     return &buffer->slots[post & (buffer->depth - 1)];
 }
 
-static uint64_t standing(uint64_t post) {
+static uint64_t complete_sequence(uint64_t post) {
     return 2 * post + 2;
 }
 
@@ -44,11 +44,11 @@ void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *rea
     tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t value = 0;
     memcpy(&value, &reading->value, sizeof value);
-    __atomic_store_n(&slot->sequence, standing(post) - 1, __ATOMIC_RELAXED);
+    __atomic_store_n(&slot->sequence, complete_sequence(post) - 1, __ATOMIC_RELAXED);
     __atomic_store_n(&slot->value, value, __ATOMIC_RELEASE);
     __atomic_store_n(&slot->stamp, reading->stamp, __ATOMIC_RELEASE);
     __atomic_store_n(&slot->quality, (uint64_t)reading->quality, __ATOMIC_RELEASE);
-    __atomic_store_n(&slot->sequence, standing(post), __ATOMIC_RELEASE);
+    __atomic_store_n(&slot->sequence, complete_sequence(post), __ATOMIC_RELEASE);
     __atomic_store_n(buffer->count, post + 1, __ATOMIC_RELEASE);
 }
 
@@ -56,7 +56,7 @@ void tl_sample_buffer_mend(const tl_sample_buffer *buffer) {
     uint64_t post = __atomic_load_n(buffer->count, __ATOMIC_RELAXED);
     tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t sequence = __atomic_load_n(&slot->sequence, __ATOMIC_RELAXED);
-    if (sequence == standing(post)) {
+    if (sequence == complete_sequence(post)) {
         __atomic_store_n(buffer->count, post + 1, __ATOMIC_RELEASE);
     } else if (sequence % 2 != 0) {
         __atomic_store_n(&slot->sequence, 0, __ATOMIC_RELEASE);
@@ -64,14 +64,14 @@ void tl_sample_buffer_mend(const tl_sample_buffer *buffer) {
 }
 
 /* Loads post `post`. Returns false if it is overwritten or incomplete. */
-static bool look(const tl_sample_buffer *buffer, uint64_t post, tl_reading *reading) {
+static bool load_post(const tl_sample_buffer *buffer, uint64_t post, tl_reading *reading) {
     const tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t before = __atomic_load_n(&slot->sequence, __ATOMIC_ACQUIRE);
     uint64_t value = __atomic_load_n(&slot->value, __ATOMIC_ACQUIRE);
     int64_t stamp = __atomic_load_n(&slot->stamp, __ATOMIC_ACQUIRE);
     uint64_t quality = __atomic_load_n(&slot->quality, __ATOMIC_ACQUIRE);
     uint64_t after = __atomic_load_n(&slot->sequence, __ATOMIC_RELAXED);
-    if (before != standing(post) || after != before) {
+    if (before != complete_sequence(post) || after != before) {
         return false;
     }
     memcpy(&reading->value, &value, sizeof value);
@@ -91,20 +91,20 @@ typedef struct neighbours {
 
 /* Checks NEAR posts before `end` one by one, then doubles the distance until it has gone too far,
  * then bisects. A post that is overwritten counts as too far. */
-static void find(const tl_sample_buffer *buffer, uint64_t count, tl_time instant, neighbours *found) {
+static void find_neighbours(const tl_sample_buffer *buffer, uint64_t count, tl_time instant, neighbours *found) {
     uint64_t begin = count > buffer->depth ? count - buffer->depth : 0;
     uint64_t step = 1;
     *found = (neighbours){.end = count, .count = count};
-    for (unsigned looks = 1; begin < found->end; looks++) {
+    for (unsigned probes = 1; begin < found->end; probes++) {
         tl_reading reading = {.quality = TL_NO_LINK};
         uint64_t left = found->end - begin;
         uint64_t post = step < left ? found->end - step : begin + left / 2;
-        bool kept = look(buffer, post, &reading);
+        bool kept = load_post(buffer, post, &reading);
         if (kept && reading.stamp > instant) {
             found->has_after = true;
             found->after = reading;
             found->end = post;
-            step += looks < NEAR ? 0 : step;
+            step += probes < NEAR ? 0 : step;
         } else {
             found->has_before = kept;
             found->before = reading;
@@ -118,14 +118,14 @@ static void find(const tl_sample_buffer *buffer, uint64_t count, tl_time instant
 static void find_last_equal(const tl_sample_buffer *buffer, uint64_t count, uint64_t post, tl_reading *reading) {
     tl_reading next;
     neighbours found;
-    if (post + 1 < count && look(buffer, post + 1, &next) && next.stamp <= reading->stamp) {
-        find(buffer, count, reading->stamp, &found);
+    if (post + 1 < count && load_post(buffer, post + 1, &next) && next.stamp <= reading->stamp) {
+        find_neighbours(buffer, count, reading->stamp, &found);
         *reading = found.has_before ? found.before : *reading;
     }
 }
 
 /* Sets `after` to the result of tl_sample_buffer_from(). Returns false if there is none. */
-static bool choose(const tl_sample_buffer *buffer, tl_time from, tl_time until, neighbours *found) {
+static bool choose_reading(const tl_sample_buffer *buffer, tl_time from, tl_time until, neighbours *found) {
     bool next = found->has_after && found->after.stamp <= until;
     if (next && !(found->has_before && found->before.stamp == from)) {
         find_last_equal(buffer, found->count, found->end, &found->after);
@@ -139,19 +139,19 @@ static bool choose(const tl_sample_buffer *buffer, tl_time from, tl_time until, 
  * repetitions. */
 static bool find_any(const tl_sample_buffer *buffer, tl_time instant, neighbours *found) {
     *found = (neighbours){.has_before = false};
-    for (int search = 0; search < ATTEMPTS && !found->has_before && !found->has_after; search++) {
+    for (int attempt = 0; attempt < ATTEMPTS && !found->has_before && !found->has_after; attempt++) {
         uint64_t count = __atomic_load_n(buffer->count, __ATOMIC_ACQUIRE);
         if (count == 0) {
             return false;
         }
-        find(buffer, count, instant, found);
+        find_neighbours(buffer, count, instant, found);
     }
     return found->has_before || found->has_after;
 }
 
 bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time until, tl_reading *reading) {
     neighbours found;
-    bool any = find_any(buffer, from, &found) && choose(buffer, from, until, &found);
+    bool any = find_any(buffer, from, &found) && choose_reading(buffer, from, until, &found);
     *reading = any ? found.after : *reading;
     return any;
 }
@@ -177,7 +177,7 @@ bool tl_sample_buffer_next(const tl_sample_buffer *buffer, tl_time until, uint64
     *next = *next < begin || *next > count ? begin : *next;
     for (uint64_t post = *next; post < count && post - *next < NEAR; post++) {
         tl_reading found;
-        if (look(buffer, post, &found) && found.stamp <= until) {
+        if (load_post(buffer, post, &found) && found.stamp <= until) {
             *next = post + 1;
             *reading = found;
             return true;

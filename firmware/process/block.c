@@ -20,12 +20,12 @@
 enum { SIZE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL };
 
 /* A kernel rejects flags that it does not know, so retry without them. */
-static int make_file(const char *name) {
+static int make_memory_file(const char *name) {
     int file = memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
     return file >= 0 || errno != EINVAL ? file : memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING);
 }
 
-static void drop(tl_block *block) {
+static void drop_block(tl_block *block) {
     if (block->bytes != NULL) {
         (void)munmap(block->bytes, block->size);
     }
@@ -38,12 +38,13 @@ static void drop(tl_block *block) {
 static tl_status fail_make(const char *name, tl_block *block, tl_error *error) {
     int code = errno;
     size_t size = block->size;
-    drop(block);
-    return tl_fail(error, TL_TRY_AGAIN, "no %zu bytes of memory can be shared for \"%s\": %s; free some and try again",
-                   size, name, strerror(code));
+    drop_block(block);
+    return tl_fail(error, TL_TRY_AGAIN,
+                   "shared memory \"%s\": %zu bytes are not available: %s; free memory and try again", name, size,
+                   strerror(code));
 }
 
-static bool map(tl_block *block, bool is_writable) {
+static bool map_block(tl_block *block, bool is_writable) {
     block->bytes =
         mmap(NULL, block->size, is_writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, block->descriptor, 0);
     block->bytes = block->bytes == MAP_FAILED ? NULL : block->bytes;
@@ -57,7 +58,7 @@ static unsigned read_seals(int descriptor) {
 }
 
 /* Seals against writing first, because F_SEAL_SEAL forbids all further seals. */
-static void seal(tl_block *block, int against_writers) {
+static void seal_block(tl_block *block, int against_writers) {
     if (against_writers != 0) {
         (void)fcntl(block->descriptor, F_ADD_SEALS, against_writers);
     }
@@ -67,7 +68,7 @@ static void seal(tl_block *block, int against_writers) {
 
 /* For a sparse block only the size is sealed, because its writer maps it later. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
-    *block = (tl_block){.size = size, .descriptor = make_file(name)};
+    *block = (tl_block){.size = size, .descriptor = make_memory_file(name)};
     if (block->descriptor < 0) {
         return fail_make(name, block, error);
     }
@@ -76,10 +77,10 @@ tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, t
     } else {
         errno = posix_fallocate(block->descriptor, 0, (off_t)size);
     }
-    if (errno != 0 || (writer != TL_BLOCK_SPARSE && !map(block, true))) {
+    if (errno != 0 || (writer != TL_BLOCK_SPARSE && !map_block(block, true))) {
         return fail_make(name, block, error);
     }
-    seal(block, writer == TL_BLOCK_WE_WRITE ? F_SEAL_FUTURE_WRITE : 0);
+    seal_block(block, writer == TL_BLOCK_WE_WRITE ? F_SEAL_FUTURE_WRITE : 0);
     return TL_OK;
 }
 
@@ -102,20 +103,20 @@ void tl_block_forget(tl_block *block) {
 }
 
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error) {
-    *block = (tl_block){.size = size, .descriptor = make_file(name)};
+    *block = (tl_block){.size = size, .descriptor = make_memory_file(name)};
     if (block->descriptor < 0 || !tl_file_bytes_write(block->descriptor, bytes, size)) {
         return fail_make(name, block, error);
     }
-    seal(block, F_SEAL_WRITE);
-    return map(block, false) ? TL_OK : fail_make(name, block, error);
+    seal_block(block, F_SEAL_WRITE);
+    return map_block(block, false) ? TL_OK : fail_make(name, block, error);
 }
 
 /* Returns the fault of a received block, or NULL. If F_GET_SEALS fails, either the kernel has
  * no seals, or the file is of another kind, which its size or mapping shows. */
-static const char *fault_of(const tl_block *block, const struct stat *status, size_t size, tl_block_writer writer) {
+static const char *find_fault(const tl_block *block, const struct stat *status, size_t size, tl_block_writer writer) {
     bool has_seals = fcntl(block->descriptor, F_GET_SEALS) >= 0;
     if (!S_ISREG(status->st_mode)) {
-        return "is no shared memory";
+        return "is not shared memory";
     }
     if (status->st_size <= 0 || (uint64_t)status->st_size > SIZE_MAX / 2 ||
         (size != 0 && (uint64_t)status->st_size != size)) {
@@ -133,14 +134,14 @@ static const char *fault_of(const tl_block *block, const struct stat *status, si
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
     struct stat status;
     *block = (tl_block){.descriptor = descriptor, .seals = read_seals(descriptor)};
-    const char *fault = fstat(descriptor, &status) != 0 ? "is not open" : fault_of(block, &status, size, writer);
+    const char *fault = fstat(descriptor, &status) != 0 ? "is not open" : find_fault(block, &status, size, writer);
     if (fault == NULL) {
         block->size = (size_t)status.st_size;
-        fault = map(block, writer == TL_BLOCK_THEY_WRITE) ? NULL : "cannot be mapped";
+        fault = map_block(block, writer == TL_BLOCK_THEY_WRITE) ? NULL : "cannot be mapped";
     }
     if (fault != NULL) {
-        drop(block);
-        return tl_fail(error, TL_BAD_DATA, "the shared memory of descriptor %d %s; start the program anew", descriptor,
+        drop_block(block);
+        return tl_fail(error, TL_BAD_DATA, "the shared memory of descriptor %d %s; restart twinlock", descriptor,
                        fault);
     }
     (void)fcntl(descriptor, F_SETFD, FD_CLOEXEC);
@@ -149,7 +150,7 @@ tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_
 
 void tl_block_close(tl_block *block) {
     if (block->size > 0) {
-        drop(block);
+        drop_block(block);
     }
 }
 
@@ -206,12 +207,12 @@ ssize_t tl_packet_take(int socket, void *bytes, size_t size, int *descriptor) {
     struct cmsghdr *header = got >= 0 ? CMSG_FIRSTHDR(&message) : NULL;
     for (; header != NULL; header = CMSG_NXTHDR(&message, header)) {
         bool brings = header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS;
-        size_t here = brings ? (header->cmsg_len - CMSG_LEN(0)) / sizeof(int) : 0;
-        for (size_t i = 0; i < here; i++) {
+        size_t received = brings ? (header->cmsg_len - CMSG_LEN(0)) / sizeof(int) : 0;
+        for (size_t i = 0; i < received; i++) {
             close_descriptor(descriptor);
             memcpy(descriptor, CMSG_DATA(header) + i * sizeof(int), sizeof *descriptor);
         }
-        count += here;
+        count += received;
     }
     if (got >= 0 && (count > 1 || (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0)) {
         close_descriptor(descriptor);

@@ -12,20 +12,20 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512, ENOUGH = 20, REMEMBERED = 256 };
+enum { MANY_FILES = 500, CHECK_INTERVAL = 5, STATUS_TEXT = 4096, BLOCK = 512, FREE_PART = 20, MOST_REMOVED = 256 };
 
 /* ---- the folder ---- */
 
 /* Walk through a folder, without following links, until a bound is exceeded. `open`: open folders,
  * from the outermost on. */
-typedef struct walk {
+typedef struct folder_walk {
     const tl_bounds *bounds;
     DIR *open[TL_BOUNDS_DEPTH];
     int depth;
     uint64_t files;
     uint64_t bytes;
-    const char *barred; /* why it cannot continue */
-} walk;
+    const char *fault; /* why it cannot continue */
+} folder_walk;
 
 static DIR *open_folder(int above, const char *name) {
     int descriptor = openat(above, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
@@ -36,65 +36,65 @@ static DIR *open_folder(int above, const char *name) {
     return folder;
 }
 
-static void enter(walk *at, const char *name) {
+static void open_subfolder(folder_walk *at, const char *name) {
     if (at->depth == TL_BOUNDS_DEPTH) {
-        at->barred = "folders lie too deep in each other";
+        at->fault = "folders are nested too deep";
         return;
     }
     DIR *folder = open_folder(dirfd(at->open[at->depth - 1]), name);
     if (folder != NULL) {
         at->open[at->depth++] = folder;
     } else if (errno != ENOENT) { /* it may have been removed meanwhile */
-        at->barred = "a folder cannot be looked into";
+        at->fault = "a folder cannot be read";
     }
 }
 
-static void count(walk *at, const char *name) {
-    struct stat what;
-    if (fstatat(dirfd(at->open[at->depth - 1]), name, &what, AT_SYMLINK_NOFOLLOW) != 0) {
+static void count_entry(folder_walk *at, const char *name) {
+    struct stat facts;
+    if (fstatat(dirfd(at->open[at->depth - 1]), name, &facts, AT_SYMLINK_NOFOLLOW) != 0) {
         return;
     }
     at->files++;
-    at->bytes += (uint64_t)what.st_blocks * BLOCK;
-    if (S_ISDIR(what.st_mode)) {
-        enter(at, name);
+    at->bytes += (uint64_t)facts.st_blocks * BLOCK;
+    if (S_ISDIR(facts.st_mode)) {
+        open_subfolder(at, name);
     }
 }
 
-static bool is_beyond(uint64_t found, uint64_t bound) {
+static bool is_above(uint64_t found, uint64_t bound) {
     return bound != 0 && found > bound;
 }
 
-static bool goes_on(const walk *at) {
-    return at->depth > 0 && at->barred == NULL && !is_beyond(at->files, at->bounds->files) &&
-           !is_beyond(at->bytes, at->bounds->bytes);
+static bool continues(const folder_walk *at) {
+    return at->depth > 0 && at->fault == NULL && !is_above(at->files, at->bounds->files) &&
+           !is_above(at->bytes, at->bounds->bytes);
 }
 
-static void step(walk *at) {
+static void read_entry(folder_walk *at) {
     const struct dirent *entry = readdir(at->open[at->depth - 1]);
     if (entry == NULL) {
         (void)closedir(at->open[--at->depth]);
     } else if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) {
-        count(at, entry->d_name);
+        count_entry(at, entry->d_name);
     }
 }
 
-static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
-    walk at = {.bounds = bounds};
+static bool check_folder(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
+    folder_walk at = {.bounds = bounds};
     at.open[0] = open_folder(AT_FDCWD, bounds->folder);
     at.depth = at.open[0] != NULL ? 1 : 0;
-    while (goes_on(&at)) {
-        step(&at);
+    while (continues(&at)) {
+        read_entry(&at);
     }
     while (at.depth > 0) {
         (void)closedir(at.open[--at.depth]);
     }
-    bounds->looks_left = at.files > LARGE ? LOOKS_APART - 1 : 0;
-    if (at.barred != NULL) {
-        (void)snprintf(text, TL_BOUNDS_TEXT, "%s in the folder of the FMUs", at.barred);
-    } else if (is_beyond(at.files, bounds->files)) {
+    bounds->looks_left = at.files > MANY_FILES ? CHECK_INTERVAL - 1 : 0;
+    if (at.fault != NULL) {
+        (void)snprintf(text, TL_BOUNDS_TEXT, "%s in the folder of the FMUs", at.fault);
+    } else if (is_above(at.files, bounds->files)) {
         (void)snprintf(text, TL_BOUNDS_TEXT, "more than %" PRIu64 " files in the folder of the FMUs", bounds->files);
-    } else if (is_beyond(at.bytes, bounds->bytes)) {
+    } else if (is_above(at.bytes, bounds->bytes)) {
         (void)snprintf(text, TL_BOUNDS_TEXT, "more than %" PRIu64 " MB in the folder of the FMUs",
                        bounds->bytes / 1000000);
     }
@@ -106,21 +106,21 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
 /* Counts each file once, if there is room to remember it. */
 typedef struct removed_files {
     dev_t disk;
-    ino_t seen[REMEMBERED];
+    ino_t seen[MOST_REMOVED];
     size_t count;
     uint64_t bytes;
 } removed_files;
 
-static void add_removed(removed_files *files, const struct stat *what) {
+static void add_removed(removed_files *files, const struct stat *facts) {
     for (size_t i = 0; i < files->count; i++) {
-        if (files->seen[i] == what->st_ino) {
+        if (files->seen[i] == facts->st_ino) {
             return;
         }
     }
-    if (files->count < REMEMBERED) {
-        files->seen[files->count++] = what->st_ino;
+    if (files->count < MOST_REMOVED) {
+        files->seen[files->count++] = facts->st_ino;
     }
-    files->bytes += (uint64_t)what->st_blocks * BLOCK;
+    files->bytes += (uint64_t)facts->st_blocks * BLOCK;
 }
 
 /* Counts removed files in `name`, a folder of links in /proc/PID. Does nothing if it cannot be
@@ -131,10 +131,10 @@ static void count_removed(removed_files *files, pid_t process, const char *name)
     DIR *folder = opendir(path);
     const struct dirent *entry = NULL;
     while (folder != NULL && (entry = readdir(folder)) != NULL) {
-        struct stat what;
-        if (fstatat(dirfd(folder), entry->d_name, &what, 0) == 0 && S_ISREG(what.st_mode) && what.st_nlink == 0 &&
-            what.st_dev == files->disk) {
-            add_removed(files, &what);
+        struct stat facts;
+        if (fstatat(dirfd(folder), entry->d_name, &facts, 0) == 0 && S_ISREG(facts.st_mode) && facts.st_nlink == 0 &&
+            facts.st_dev == files->disk) {
+            add_removed(files, &facts);
         }
     }
     if (folder != NULL) {
@@ -143,11 +143,11 @@ static void count_removed(removed_files *files, pid_t process, const char *name)
 }
 
 /* Returns the bytes of removed files on that disk that the process still has open or mapped. */
-static uint64_t removed_bytes(const char *folder, pid_t process) {
-    struct stat what;
+static uint64_t count_removed_bytes(const char *folder, pid_t process) {
+    struct stat facts;
     removed_files files = {.count = 0};
-    if (stat(folder, &what) == 0) {
-        files.disk = what.st_dev;
+    if (stat(folder, &facts) == 0) {
+        files.disk = facts.st_dev;
         count_removed(&files, process, "fd");
         count_removed(&files, process, "map_files");
     }
@@ -156,7 +156,7 @@ static uint64_t removed_bytes(const char *folder, pid_t process) {
 
 /* Includes what a process has written to removed files. They are counted again only if a quarter of
  * the bound was used since the last count. */
-static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
+static bool check_disk(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     struct statvfs disk;
     if (bounds->bytes == 0 || statvfs(bounds->folder, &disk) != 0) {
         return true;
@@ -166,24 +166,23 @@ static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_T
     if (bounds->free_before == 0) {
         bounds->free_before = left;
     }
-    const uint64_t gone = bounds->free_before > left ? bounds->free_before - left : 0;
-    bounds->gone_before = gone < bounds->gone_before ? gone : bounds->gone_before;
-    if (gone > bounds->bytes && gone - bounds->bytes / 4 >= bounds->gone_before) {
-        const uint64_t removed = removed_bytes(bounds->folder, process);
-        bounds->gone_before = gone;
+    const uint64_t used = bounds->free_before > left ? bounds->free_before - left : 0;
+    bounds->gone_before = used < bounds->gone_before ? used : bounds->gone_before;
+    if (used > bounds->bytes && used - bounds->bytes / 4 >= bounds->gone_before) {
+        const uint64_t removed = count_removed_bytes(bounds->folder, process);
+        bounds->gone_before = used;
         if (removed > bounds->bytes) {
             (void)snprintf(text, TL_BOUNDS_TEXT,
-                           "%" PRIu64 " MB in files that FMUs have removed and hold open, of which %" PRIu64
-                           " are allowed",
+                           "%" PRIu64 " MB in files that the FMUs removed but keep open (limit %" PRIu64 " MB)",
                            removed / 1000000, bounds->bytes / 1000000);
             return false;
         }
     }
-    if (left < total / ENOUGH && gone > bounds->bytes) {
+    if (left < total / FREE_PART && used > bounds->bytes) {
         (void)snprintf(text, TL_BOUNDS_TEXT,
-                       "the disk of %.100s is nearly full, and %" PRIu64
-                       " MB went since the FMUs began; free some, or set TMPDIR",
-                       bounds->folder, gone / 1000000);
+                       "the disk of %.100s is nearly full, with %" PRIu64
+                       " MB less free space than at the start; free space, or set TMPDIR",
+                       bounds->folder, used / 1000000);
     }
     return text[0] == '\0';
 }
@@ -192,14 +191,14 @@ static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_T
 
 /* Returns the number after `name`, which starts with a newline; 0 if there is none. The kernel
  * escapes newlines in the process's own name. */
-static uint64_t number_behind(const char *text, const char *name) {
+static uint64_t number_after(const char *text, const char *name) {
     const char *found = strstr(text, name);
     return found != NULL ? strtoull(found + strlen(name), NULL, 10) : 0;
 }
 
 /* Reads /proc/PID/status, which any user may read. Memory: resident memory, swapped memory, and
  * page tables. */
-static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
+static bool check_process(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     enum { KILOBYTE = 1024 };
     char path[64];
     char status[STATUS_TEXT];
@@ -210,30 +209,29 @@ static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL
         (void)close(file);
     }
     status[length > 0 ? length : 0] = '\0';
-    const uint64_t threads = number_behind(status, "\nThreads:");
-    const uint64_t memory = KILOBYTE * (number_behind(status, "\nVmRSS:") + number_behind(status, "\nVmPTE:") +
-                                        number_behind(status, "\nVmSwap:"));
-    if (is_beyond(threads, bounds->threads)) {
-        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads, of which %" PRIu64 " are allowed", threads,
-                       bounds->threads);
-    } else if (is_beyond(memory, bounds->memory)) {
-        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " MB of memory, of which %" PRIu64 " are allowed",
-                       memory / 1000000, bounds->memory / 1000000);
+    const uint64_t threads = number_after(status, "\nThreads:");
+    const uint64_t memory = KILOBYTE * (number_after(status, "\nVmRSS:") + number_after(status, "\nVmPTE:") +
+                                        number_after(status, "\nVmSwap:"));
+    if (is_above(threads, bounds->threads)) {
+        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads (limit %" PRIu64 ")", threads, bounds->threads);
+    } else if (is_above(memory, bounds->memory)) {
+        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " MB of memory (limit %" PRIu64 " MB)", memory / 1000000,
+                       bounds->memory / 1000000);
     }
     return text[0] == '\0';
 }
 
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     text[0] = '\0';
-    if (!process_is_kept(bounds, process, text)) {
+    if (!check_process(bounds, process, text)) {
         return false;
     }
-    if (bounds->folder != NULL && !disk_is_kept(bounds, process, text)) {
+    if (bounds->folder != NULL && !check_disk(bounds, process, text)) {
         return false;
     }
     if (bounds->folder == NULL || bounds->looks_left > 0) {
         bounds->looks_left -= bounds->looks_left > 0 ? 1 : 0;
         return true;
     }
-    return folder_is_kept(bounds, text);
+    return check_folder(bounds, text);
 }

@@ -44,18 +44,18 @@ static const char *const phase_names[] = {"starting", "building", "stepping", "e
 
 tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender,
                             uint32_t type, uint32_t length, tl_error *error) {
-    const char *who = side_names[sender];
+    const char *sender_name = side_names[sender];
     const tl_phase phase = phases->of[sender];
     if (type >= TL_MESSAGES) {
-        return tl_fail(error, TL_FMU_FAILED, "%s sent a message of no kind there is, %u", who, type);
+        return tl_fail(error, TL_FMU_FAILED, "%s sent message %u, which does not exist", sender_name, type);
     }
     const struct rule *rule = &rules[type];
     if (rule->sender == sender && (rule->phases & 1U << phase) != 0 && length == sizes->bytes[type]) {
         return TL_OK;
     }
     return tl_fail(error, TL_FMU_FAILED,
-                   "%s sent the message \"%s\" while %s, with %u bytes: not allowed (expected %u bytes of %s)", who,
-                   rule->name, phase_names[phase], length, sizes->bytes[type], side_names[rule->sender]);
+                   "%s sent the message \"%s\" while %s, with %u bytes: not allowed (expected %u bytes of %s)",
+                   sender_name, rule->name, phase_names[phase], length, sizes->bytes[type], side_names[rule->sender]);
 }
 
 void tl_protocol_go_on(tl_protocol_phases *phases, tl_message type) {
@@ -90,7 +90,7 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender) {
  * sees the change of the other. There are no fences, because ThreadSanitizer does not support them.
  */
 
-enum { LINE = 64, PAGE = 4096, MASK = TL_CHANNEL_DEPTH - 1, WANT_BITS = 16, NUDGE_AGAIN_NS = 50000 };
+enum { LINE = 64, PAGE = 4096, MASK = TL_CHANNEL_DEPTH - 1, WANT_BITS = 16, NUDGE_PAUSE_NS = 50000 };
 
 /* Counters of a side, at the start of its block; separate cache lines avoid false sharing. */
 typedef struct tl_channel_control {
@@ -157,21 +157,22 @@ static bool is_broken(const tl_channel *channel) {
 /* A count above the ring size is a fault of the other side. */
 static uint32_t check_count(tl_channel *channel, uint32_t count) {
     if (count > TL_CHANNEL_DEPTH && !is_broken(channel)) {
-        (void)tl_fail(&channel->fault, TL_FMU_FAILED, "%s counts %u messages in a ring of %d",
+        (void)tl_fail(&channel->fault, TL_FMU_FAILED,
+                      "%s reports %u messages in a ring of %d: its shared memory is corrupted",
                       side_names[other_side(channel)], count, (int)TL_CHANNEL_DEPTH);
     }
     return count <= TL_CHANNEL_DEPTH ? count : 0;
 }
 
 /* Returns the number of messages to receive; 0 if the channel is broken. */
-static uint32_t look_for_messages(tl_channel *channel) {
+static uint32_t count_messages(tl_channel *channel) {
     channel->other_pushed = __atomic_load_n(&channel->other->pushed, __ATOMIC_SEQ_CST);
     return check_count(channel, channel->other_pushed - channel->taken);
 }
 
 /* Returns the number of our messages that the other side has not received; 0 if the channel is
  * broken. */
-static uint32_t look_for_backlog(tl_channel *channel) {
+static uint32_t count_backlog(tl_channel *channel) {
     channel->other_taken = __atomic_load_n(&channel->other->taken, __ATOMIC_SEQ_CST);
     return check_count(channel, channel->offered - channel->other_taken);
 }
@@ -184,7 +185,7 @@ static bool is_urgent(uint32_t urgent, uint32_t taken) {
 }
 
 bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload) {
-    if (channel->offered - channel->other_taken >= TL_CHANNEL_DEPTH && look_for_backlog(channel) >= TL_CHANNEL_DEPTH) {
+    if (channel->offered - channel->other_taken >= TL_CHANNEL_DEPTH && count_backlog(channel) >= TL_CHANNEL_DEPTH) {
         return false;
     }
     if (is_broken(channel)) {
@@ -192,11 +193,11 @@ bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload)
     }
     uint32_t length = channel->settings.sizes.bytes[type];
     assert(tl_protocol_check(&channel->settings.sizes, &channel->phases, channel->side, type, length, NULL) == TL_OK);
-    slot *place = (slot *)(void *)(channel->own_slots + (channel->offered & MASK) * channel->own_stride);
-    place->type = (uint32_t)type;
-    place->length = length;
+    slot *target = (slot *)(void *)(channel->own_slots + (channel->offered & MASK) * channel->own_stride);
+    target->type = (uint32_t)type;
+    target->length = length;
     if (length > 0) {
-        memcpy(place->payload, payload, length);
+        memcpy(target->payload, payload, length);
     }
     channel->offered++;
     if (type != TL_MESSAGE_TICK && type != TL_MESSAGE_RESULT) {
@@ -211,9 +212,9 @@ static void wake_all(const uint32_t *bell) {
     (void)syscall(SYS_futex, bell, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
 }
 
-/* Wakes the other side if it sleeps and its condition is met; with `anything`, if it is partly met.
+/* Wakes the other side if it sleeps and its condition is met; with `partly`, if it is partly met.
  */
-static void wake_other(tl_channel *channel, bool anything) {
+static void wake_other(tl_channel *channel, bool partly) {
     uint32_t sleep = __atomic_load_n(&channel->other->sleep, __ATOMIC_SEQ_CST);
     if ((sleep & 1) == 0 || sleep == channel->woken) {
         return;
@@ -221,19 +222,19 @@ static void wake_other(tl_channel *channel, bool anything) {
     uint32_t wants = __atomic_load_n(&channel->other->wants, __ATOMIC_RELAXED);
     uint32_t messages = wants & ((1U << WANT_BITS) - 1);
     uint32_t room = wants >> WANT_BITS;
-    uint32_t there = look_for_backlog(channel);
-    uint32_t pending = look_for_messages(channel);
-    uint32_t room_there = TL_CHANNEL_DEPTH - pending;
+    uint32_t waiting = count_backlog(channel);
+    uint32_t pending = count_messages(channel);
+    uint32_t free_slots = TL_CHANNEL_DEPTH - pending;
     bool urgent = is_urgent(channel->urgent, channel->other_taken);
-    if ((messages > 0 && there >= (anything || urgent ? 1 : messages)) ||
-        (room > 0 && room_there >= (anything ? 1 : room))) {
+    if ((messages > 0 && waiting >= (partly || urgent ? 1 : messages)) ||
+        (room > 0 && free_slots >= (partly ? 1 : room))) {
         channel->woken = sleep;
         (void)__atomic_add_fetch(&channel->own->bell, 1, __ATOMIC_SEQ_CST);
         wake_all(&channel->own->bell);
     }
 }
 
-static void show(tl_channel *channel) {
+static void publish_counters(tl_channel *channel) {
     if (!is_urgent(channel->urgent, channel->other_taken)) {
         channel->urgent = channel->other_taken; /* keeps up, so that wrap-around does not make it look new */
     }
@@ -248,7 +249,7 @@ void tl_channel_show(tl_channel *channel) {
 }
 
 void tl_channel_push(tl_channel *channel) {
-    show(channel);
+    publish_counters(channel);
     wake_other(channel, false);
 }
 
@@ -265,20 +266,20 @@ static void fetch_ahead(const tl_channel *channel) {
 }
 
 tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *payload) {
-    if (!is_broken(channel) && channel->other_pushed == channel->taken && look_for_messages(channel) == 0 &&
+    if (!is_broken(channel) && channel->other_pushed == channel->taken && count_messages(channel) == 0 &&
         !is_broken(channel)) {
         return TL_CHANNEL_NOTHING;
     }
-    const slot *place =
+    const slot *target =
         (const slot *)(const void *)(channel->other_slots + (channel->taken & MASK) * channel->other_stride);
-    uint32_t kind = __atomic_load_n(&place->type, __ATOMIC_RELAXED);
-    uint32_t length = __atomic_load_n(&place->length, __ATOMIC_RELAXED);
+    uint32_t kind = __atomic_load_n(&target->type, __ATOMIC_RELAXED);
+    uint32_t length = __atomic_load_n(&target->length, __ATOMIC_RELAXED);
     if (is_broken(channel) || tl_protocol_check(&channel->settings.sizes, &channel->phases, other_side(channel), kind,
                                                 length, &channel->fault) != TL_OK) {
         return TL_CHANNEL_BROKEN;
     }
     if (length > 0) {
-        memcpy(payload, place->payload, length);
+        memcpy(payload, target->payload, length);
     }
     *type = (tl_message)kind;
     tl_protocol_go_on(&channel->phases, *type);
@@ -302,11 +303,11 @@ static bool is_nudged(tl_channel *channel) {
 static bool is_served(tl_channel *channel, uint32_t messages, uint32_t room) {
     uint32_t sleep = __atomic_load_n(&channel->other->sleep, __ATOMIC_SEQ_CST);
     bool sleeps = (sleep & 1) != 0 && sleep != channel->woken;
-    uint32_t there = look_for_messages(channel);
-    uint32_t room_there = TL_CHANNEL_DEPTH - look_for_backlog(channel);
+    uint32_t waiting = count_messages(channel);
+    uint32_t free_slots = TL_CHANNEL_DEPTH - count_backlog(channel);
     bool urgent = is_urgent(__atomic_load_n(&channel->other->urgent, __ATOMIC_RELAXED), channel->taken);
-    return (messages > 0 && there >= (sleeps || urgent ? 1 : messages)) ||
-           (room > 0 && room_there >= (sleeps ? 1 : room));
+    return (messages > 0 && waiting >= (sleeps || urgent ? 1 : messages)) ||
+           (room > 0 && free_slots >= (sleeps ? 1 : room));
 }
 
 /* Returns 0, or an errno: the time is over, or a signal arrived. */
@@ -317,7 +318,7 @@ static int wait_for_bell(const tl_channel *channel, uint32_t bell, tl_time until
     return result == 0 || errno == EAGAIN ? 0 : errno;
 }
 
-static tl_channel_news look_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until, bool *is_over) {
+static tl_channel_news wait_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until, bool *is_over) {
     uint32_t bell = __atomic_load_n(&channel->other->bell, __ATOMIC_SEQ_CST);
     uint32_t sleep = channel->own->sleep + 1;
     int code = 0;
@@ -348,20 +349,20 @@ tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t
     bool is_over = false;
     tl_channel_news news = TL_CHANNEL_NOTHING;
     assert(messages + room > 0 && messages <= TL_CHANNEL_DEPTH && room <= TL_CHANNEL_DEPTH);
-    show(channel);
+    publish_counters(channel);
     while (news == TL_CHANNEL_NOTHING && !is_over) { /* a change of the bell without a reason has no effect */
-        news = look_once(channel, messages, room, until, &is_over);
+        news = wait_once(channel, messages, room, until, &is_over);
     }
     return news;
 }
 
 void tl_channel_nudge(tl_channel *channel) {
-    const struct timespec pause = {.tv_nsec = NUDGE_AGAIN_NS};
-    uint32_t mine = __atomic_add_fetch(&channel->nudges, 1, __ATOMIC_SEQ_CST);
+    const struct timespec pause = {.tv_nsec = NUDGE_PAUSE_NS};
+    uint32_t own_nudge = __atomic_add_fetch(&channel->nudges, 1, __ATOMIC_SEQ_CST);
     /* We cannot write the other side's bell. So wake our waiting thread again and again until it
      * has noticed. */
     while (__atomic_load_n(&channel->sleeps, __ATOMIC_SEQ_CST) &&
-           (int32_t)(__atomic_load_n(&channel->heeded, __ATOMIC_SEQ_CST) - mine) < 0) {
+           (int32_t)(__atomic_load_n(&channel->heeded, __ATOMIC_SEQ_CST) - own_nudge) < 0) {
         wake_all(&channel->other->bell);
         (void)nanosleep(&pause, NULL);
     }

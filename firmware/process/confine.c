@@ -27,7 +27,7 @@ static bool read_capabilities(struct __user_cap_data_struct data[_LINUX_CAPABILI
     return syscall(SYS_capget, &header, data) == 0;
 }
 
-static bool has(unsigned capability) {
+static bool has_capability(unsigned capability) {
     struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
     return read_capabilities(data) && (data[CAP_TO_INDEX(capability)].effective & CAP_TO_MASK(capability)) != 0;
 }
@@ -43,13 +43,13 @@ static bool has_none(void) {
 }
 
 static bool may_change_user(void) {
-    return has(CAP_SETUID) && has(CAP_SETGID);
+    return has_capability(CAP_SETUID) && has_capability(CAP_SETGID);
 }
 
 /* Drops capabilities that exec could give back. Without CAP_SETPCAP this is not possible. The
  * process then has only its present capabilities to drop. */
-static bool drop_to_come(void) {
-    if (!has(CAP_SETPCAP)) {
+static bool forbid_new(void) {
+    if (!has_capability(CAP_SETPCAP)) {
         return true;
     }
     for (unsigned long capability = 0; prctl(PR_CAPBSET_READ, capability) >= 0; capability++) {
@@ -61,7 +61,7 @@ static bool drop_to_come(void) {
 }
 
 /* Does nothing without capabilities, because a service's filter may refuse capset(). */
-static bool drop_present(void) {
+static bool drop_effective(void) {
     if (has_none()) {
         return true;
     }
@@ -73,9 +73,9 @@ static bool drop_present(void) {
 }
 
 static tl_status drop_privileges(tl_error *error) {
-    return drop_to_come() && drop_present()
+    return forbid_new() && drop_effective()
                ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN, "capabilities could not be given up: %s", strerror(errno));
+               : tl_fail(error, TL_TRY_AGAIN, "capabilities cannot be dropped: %s", strerror(errno));
 }
 
 /* Changes to user and group `user` (> 0), without other groups and capabilities. Sets
@@ -84,14 +84,12 @@ static tl_status become_user(uint32_t user, tl_error *error) {
     int signal = 0;
     const pid_t parent = getppid();
     (void)prctl(PR_GET_PDEATHSIG, &signal);
-    if (!drop_to_come() || setgroups(0, NULL) != 0 || setresgid(user, user, user) != 0 ||
-        setresuid(user, user, user) != 0 || !drop_present() || prctl(PR_SET_PDEATHSIG, signal) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "the user could not be changed to %lu: %s", (unsigned long)user,
+    if (!forbid_new() || setgroups(0, NULL) != 0 || setresgid(user, user, user) != 0 ||
+        setresuid(user, user, user) != 0 || !drop_effective() || prctl(PR_SET_PDEATHSIG, signal) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "the user cannot be changed to %lu: %s", (unsigned long)user,
                        strerror(errno));
     }
-    return signal == 0 || getppid() == parent
-               ? TL_OK
-               : tl_fail(error, TL_INTERRUPTED, "the process that started this one has ended");
+    return signal == 0 || getppid() == parent ? TL_OK : tl_fail(error, TL_INTERRUPTED, "the parent process has ended");
 }
 
 /* ---- limits ---- */
@@ -101,10 +99,10 @@ static tl_status become_user(uint32_t user, tl_error *error) {
 #define LARGEST_STACK ((rlim_t)64 * 1024 * 1024)
 
 /* No memory limit with a sanitizer, whose own memory is larger. */
-static const bool HOLDS_MEMORY = TL_HAS_SANITIZER == 0;
+static const bool LIMITS_MEMORY = TL_HAS_SANITIZER == 0;
 
 /* Lowers a limit; never raises one that was set from outside. */
-static bool limit(int resource, rlim_t most) {
+static bool lower_limit(int resource, rlim_t most) {
     struct rlimit now;
     if (getrlimit((__rlimit_resource_t)resource, &now) != 0) {
         return false;
@@ -135,13 +133,13 @@ static rlim_t open_descriptors(void) {
 static tl_status set_limits(uint64_t memory, uint64_t file, tl_error *error) {
     struct rlimit stack;
     bool has_stack = getrlimit(RLIMIT_STACK, &stack) == 0 && stack.rlim_cur != RLIM_INFINITY;
-    bool done = (memory == 0 || !HOLDS_MEMORY || limit(RLIMIT_DATA, (rlim_t)memory)) &&
-                (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) &&
-                limit(RLIMIT_STACK, has_stack ? stack.rlim_cur : LARGEST_STACK) && limit(RLIMIT_MSGQUEUE, 0) &&
-                limit(RLIMIT_SIGPENDING, TL_PROCESS_LIMITS_SIGNALS) &&
-                limit(RLIMIT_NOFILE, open_descriptors() + TL_PROCESS_LIMITS_DESCRIPTORS) &&
+    bool done = (memory == 0 || !LIMITS_MEMORY || lower_limit(RLIMIT_DATA, (rlim_t)memory)) &&
+                (file == 0 || lower_limit(RLIMIT_FSIZE, (rlim_t)file)) && lower_limit(RLIMIT_CORE, 0) &&
+                lower_limit(RLIMIT_STACK, has_stack ? stack.rlim_cur : LARGEST_STACK) &&
+                lower_limit(RLIMIT_MSGQUEUE, 0) && lower_limit(RLIMIT_SIGPENDING, TL_PROCESS_LIMITS_SIGNALS) &&
+                lower_limit(RLIMIT_NOFILE, open_descriptors() + TL_PROCESS_LIMITS_DESCRIPTORS) &&
                 prctl(PR_SET_DUMPABLE, 0) == 0;
-    return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
+    return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "the process limits cannot be set: %s", strerror(errno));
 }
 
 void tl_process_limits_permit(int resource, rlim_t least) {
@@ -163,7 +161,7 @@ void tl_confine_probe(tl_confine_facts *facts) {
         .filter = tl_filter_is_offered(),
         .notifies = tl_filter_can_notify(),
         .landlock = tl_landlock_version(),
-        .memory = HOLDS_MEMORY,
+        .memory = LIMITS_MEMORY,
         .user = may_change_user(),
     };
 }
@@ -180,7 +178,7 @@ uint64_t tl_confine_fair_memory(void) {
 
 /* Keeps capabilities with a plant or keeps_files, because devices and files of other users may need
  * them. */
-static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
+static tl_status reduce_privileges(const tl_confine_settings *settings, tl_error *error) {
     if (settings->user != 0) {
         return become_user(settings->user, error);
     }
@@ -195,7 +193,7 @@ static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_
         *facts = (tl_confine_facts){.filter = filters,
                                     .notifies = listener != NULL && *listener >= 0,
                                     .landlock = settings->landlock,
-                                    .memory = settings->memory != 0 && HOLDS_MEMORY,
+                                    .memory = settings->memory != 0 && LIMITS_MEMORY,
                                     .user = settings->user != 0};
     }
     return status;
@@ -211,12 +209,13 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
         *listener = -1;
     }
     if (own.folder != NULL && (chdir(own.folder) != 0 || setenv("TMPDIR", own.folder, 1) != 0)) {
-        return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be entered: %s", own.folder, strerror(errno));
+        return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be used as working folder: %s", own.folder,
+                       strerror(errno));
     }
-    tl_status status = give_up_privileges(&own, error);
+    tl_status status = reduce_privileges(&own, error);
     status = status != TL_OK ? status : set_limits(own.memory, own.file_bytes, error);
     if (status == TL_OK && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
-        status = tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
+        status = tl_fail(error, TL_TRY_AGAIN, "no_new_privs cannot be set: %s", strerror(errno));
     }
     status = status == TL_OK && own.landlock > 0 ? tl_landlock_restrict(&own, error) : status;
     return status == TL_OK ? restrict_calls(&own, facts, listener, error) : status;
@@ -227,14 +226,15 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
 void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]) {
     const char *const sentences[] = {
         facts->landlock > 0 ? ""
-        : facts->user       ? "FMUs can read and write what every user may: this kernel has no Landlock"
-                            : "FMUs can read and write files of this user, and so take over its other processes "
-                              "(/proc/PID/mem): this kernel has no Landlock",
+        : facts->user
+            ? "this kernel has no Landlock: FMUs can read and write what every user may"
+            : "this kernel has no Landlock: FMUs can read and write files of this user, and control its other "
+              "processes (/proc/PID/mem)",
         facts->filter
             ? ""
-            : "FMUs can open sockets, start programs and signal processes of this user: this kernel has no seccomp",
+            : "this kernel has no seccomp: FMUs can open sockets, start programs and signal processes of this user",
         facts->filter && !facts->notifies
-            ? "what FMUs are refused is not told: this kernel's seccomp has no notifications"
+            ? "denied system calls of FMUs are not reported, because this kernel's seccomp has no notifications"
             : "",
         facts->memory ? "" : "the memory of FMUs has no limit",
     };

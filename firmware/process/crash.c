@@ -38,17 +38,17 @@ enum { SIGNALS = sizeof signals / sizeof signals[0] };
 
 static pid_t process;
 static char prefix[TL_LOG_PREFIX];
-static pid_t teller; /* thread that reports; 0: none */
+static pid_t reporting_thread; /* thread that reports; 0: none */
 
 /* Alternate stacks of the main thread and of the FMU thread. */
 static unsigned char alternate[2][ALTERNATE_STACK] __attribute__((aligned(64)));
 
-static __thread tl_crash_thread kind;
+static __thread tl_crash_thread thread_kind;
 static __thread uintptr_t stack_end; /* lowest address of the thread's stack */
 static __thread uintptr_t stack_guard;
 static __thread uintptr_t in_foreign; /* frame that calls an FMU's handler; 0: none */
 
-static crash_signal *find(int number) {
+static crash_signal *find_signal(int number) {
     for (size_t i = 0; i < SIGNALS; i++) {
         if (signals[i].number == number) {
             return &signals[i];
@@ -59,12 +59,12 @@ static crash_signal *find(int number) {
 
 /* ---- the line ---- */
 
-typedef struct told {
+typedef struct crash_line {
     char text[LINE];
     size_t length;
-} told;
+} crash_line;
 
-static void add(told *line, const char *text) {
+static void add_text(crash_line *line, const char *text) {
     for (; *text != '\0' && line->length < sizeof line->text - 1; text++) {
         line->text[line->length++] = *text;
     }
@@ -77,43 +77,44 @@ static bool is_overflow(int number, const siginfo_t *info) {
            address < stack_end + stack_guard;
 }
 
-static void add_blame(told *line, const char *signal, bool overflow) {
+static void describe_crash(crash_line *line, const char *signal, bool overflow) {
     tl_fmu_call call;
-    const char *how = overflow ? "it needs more stack than its thread has (8 MiB)" : signal;
-    if (kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
-        add(line, "FMU ");
-        add(line, call.fmu);
-        add(line, " crashed in ");
-        add(line, call.function);
-        add(line, ": ");
-        add(line, how);
-        add(line, strcmp(call.function, "fmi2DeSerializeFMUstate") == 0
-                      ? "; a state that another process has saved is nothing to it: with \"record.resume_s\": 0 "
-                        "none is loaded, and --supervise --state DIR finds it out before"
-                      : "; export it again, or ask who made it");
-    } else if (kind == TL_CRASH_FOREIGN) {
-        add(line, "a thread that an FMU has begun crashed: ");
-        add(line, how);
-        add(line, "; export the FMU again, or ask who made it");
+    const char *cause = overflow ? "stack overflow (its thread has 8 MiB)" : signal;
+    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+        add_text(line, "FMU ");
+        add_text(line, call.fmu);
+        add_text(line, " crashed in ");
+        add_text(line, call.function);
+        add_text(line, ": ");
+        add_text(line, cause);
+        add_text(line,
+                 strcmp(call.function, "fmi2DeSerializeFMUstate") == 0
+                     ? "; it cannot load a state of another process: set \"record.resume_s\": 0, or use --supervise "
+                       "--state DIR"
+                     : "; export it again, or contact its maker");
+    } else if (thread_kind == TL_CRASH_FOREIGN) {
+        add_text(line, "a thread of an FMU crashed: ");
+        add_text(line, cause);
+        add_text(line, "; export the FMU again, or contact its maker");
     } else {
-        add(line, "twinlock crashed outside of its FMUs: ");
-        add(line, how);
-        add(line, "; a bug of twinlock, or an FMU has destroyed memory that is not its own: please report it");
+        add_text(line, "twinlock crashed outside of its FMUs: ");
+        add_text(line, cause);
+        add_text(line, "; a bug of twinlock, or an FMU has overwritten twinlock's memory: please report it");
     }
 }
 
-static void tell(const crash_signal *signal, const siginfo_t *info) {
-    told line = {.length = 0};
-    add(&line, prefix);
-    add_blame(&line, signal->name, is_overflow(signal->number, info));
-    add(&line, "\n");
+static void report_crash(const crash_signal *signal, const siginfo_t *info) {
+    crash_line line = {.length = 0};
+    add_text(&line, prefix);
+    describe_crash(&line, signal->name, is_overflow(signal->number, info));
+    add_text(&line, "\n");
     ssize_t written = write(STDERR_FILENO, line.text, line.length);
     (void)written; /* if stderr fails, there is no other output */
 }
 
 /* ---- the handler ---- */
 
-static void call(const struct sigaction *action, int number, siginfo_t *info, void *context) {
+static void call_handler(const struct sigaction *action, int number, siginfo_t *info, void *context) {
     if ((action->sa_flags & SA_SIGINFO) != 0) {
         action->sa_sigaction(number, info, context);
     } else {
@@ -128,11 +129,11 @@ static bool is_handler(const struct sigaction *action) {
 /* Returns true if an FMU's handler has handled the signal. Returns false if there is none, or if it
  * has forwarded the signal: raised it in the handler, or left it pending until this returns. If
  * that handler has jumped away, in_foreign is still set, but then this frame is not below it. */
-static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *context) {
+static bool is_handled(const crash_signal *signal, siginfo_t *info, void *context) {
     uintptr_t frame = (uintptr_t)__builtin_frame_address(0);
     sigset_t set;
-    bool passed_on = info->si_code <= 0 && in_foreign != 0 && frame < in_foreign;
-    if (!__atomic_load_n(&signal->has_foreign, __ATOMIC_ACQUIRE) || passed_on) {
+    bool is_forwarded = info->si_code <= 0 && in_foreign != 0 && frame < in_foreign;
+    if (!__atomic_load_n(&signal->has_foreign, __ATOMIC_ACQUIRE) || is_forwarded) {
         return false;
     }
     in_foreign = frame;
@@ -141,19 +142,19 @@ static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *con
         (void)sigaddset(&set, signal->number);
         (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
     }
-    call(&signal->foreign, signal->number, info, context);
+    call_handler(&signal->foreign, signal->number, info, context);
     in_foreign = 0;
     return sigpending(&set) != 0 || sigismember(&set, signal->number) != 1;
 }
 
 /* Only one thread reports. Other crashing threads wait for the end of the process. */
-static bool may_tell(void) {
-    pid_t nobody = 0;
+static bool may_report(void) {
+    pid_t expected = 0;
     pid_t self = gettid();
-    if (__atomic_compare_exchange_n(&teller, &nobody, self, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+    if (__atomic_compare_exchange_n(&reporting_thread, &expected, self, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
         return true;
     }
-    while (nobody != self) {
+    while (expected != self) {
         (void)pause();
     }
     return false;
@@ -161,16 +162,16 @@ static bool may_tell(void) {
 
 static void on_crash(int number, siginfo_t *info, void *context) {
     int saved = errno;
-    const crash_signal *signal = find(number);
+    const crash_signal *signal = find_signal(number);
     tl_process_end_if_ending();
-    if (is_dealt_with(signal, info, context)) {
+    if (is_handled(signal, info, context)) {
         errno = saved;
         return;
     }
-    if (process == getpid() && may_tell()) {
-        tell(signal, info);
+    if (process == getpid() && may_report()) {
+        report_crash(signal, info);
         if (is_handler(&signal->before)) {
-            call(&signal->before, number, info, context);
+            call_handler(&signal->before, number, info, context);
         }
     }
     /* Raises the signal again with the default action; it is delivered when this returns. A fault
@@ -190,8 +191,8 @@ static bool is_own(const struct sigaction *action) {
 
 /* An FMU has installed `foreign`, and ours was restored. From now on ours calls it first. SIG_DFL,
  * SIG_IGN and our own handler cannot be called. */
-static void chain(int number, const struct sigaction *foreign) {
-    crash_signal *signal = find(number);
+static void chain_handler(int number, const struct sigaction *foreign) {
+    crash_signal *signal = find_signal(number);
     if (signal == NULL) {
         return;
     }
@@ -228,7 +229,7 @@ static void find_stack(void) {
 }
 
 void tl_crash_enter(tl_crash_thread entered) {
-    kind = entered;
+    thread_kind = entered;
     if (entered == TL_CRASH_CALLS_FMUS) {
         use_alternate_stack(alternate[1]);
         find_stack();
@@ -247,7 +248,7 @@ void tl_crash_install(void) {
         struct sigaction now;
         if (sigaction(signals[i].number, NULL, &now) == 0 && !is_own(&now) && now.sa_handler != SIG_IGN) {
             signals[i].before = now;
-            (void)tl_host_state_handle(signals[i].number, &own, chain);
+            (void)tl_host_state_handle(signals[i].number, &own, chain_handler);
         }
     }
 }

@@ -233,7 +233,7 @@ static void allow_memory(rules *list) {
 static void add_opening(rules *list, const char *call, unsigned flags, const tl_confine_settings *settings) {
     const uint32_t nameless = settings->keeps_files ? 0 : NO_NAME;
     const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
-    const struct scmp_arg_cmp ways[] = {
+    const struct scmp_arg_cmp flag_masks[] = {
         MASKED(flags, O_TRUNC | nameless, 0),
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_WRONLY),
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_RDWR),
@@ -242,8 +242,8 @@ static void add_opening(rules *list, const char *call, unsigned flags, const tl_
         add_rule(list, SCMP_ACT_ALLOW, call, &named, nameless != 0 ? 1 : 0);
         return;
     }
-    for (size_t way = 0; way < COUNT(ways); way++) {
-        allow_one(list, call, ways[way]);
+    for (size_t i = 0; i < COUNT(flag_masks); i++) {
+        allow_one(list, call, flag_masks[i]);
     }
 }
 
@@ -459,5 +459,5 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
     }
     return failure == 0
                ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN, "the filter of system calls could not be loaded: %s", strerror(-failure));
+               : tl_fail(error, TL_TRY_AGAIN, "the system call filter cannot be loaded: %s", strerror(-failure));
 }

@@ -27,9 +27,9 @@ bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_cal
     const tl_fmu_call *call = view->call;
     note_time(patience, view);
     if (view->times > patience->times && (call != NULL || view->whatever)) {
-        int length = snprintf(text, size, "asked twice to end, by %s: ended at once", view->asked);
+        int length = snprintf(text, size, "%s received twice: ended at once", view->asked);
         if (call != NULL && length > 0 && (size_t)length < size) {
-            (void)snprintf(text + length, size - (size_t)length, ", in FMU %s's %s", call->fmu, call->function);
+            (void)snprintf(text + length, size - (size_t)length, ", while FMU %s was in %s", call->fmu, call->function);
         }
         return true;
     }
@@ -37,14 +37,13 @@ bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_cal
         return false;
     }
     if (patience->asked >= TL_FMU_CALL_TIMEOUT_END && patience->lasted >= TL_FMU_CALL_TIMEOUT_END) {
-        (void)snprintf(text, size, "%s asked to end, and FMU %s has not returned from %s for %.0f s: ended without it",
+        (void)snprintf(text, size, "%s received, but FMU %s has not returned from %s for %.0f s: ended without waiting",
                        view->asked, call->fmu, call->function, tl_seconds(patience->lasted));
         return true;
     }
     if (patience->limit > 0 && patience->lasted >= patience->limit) {
         (void)snprintf(text, size,
-                       "FMU %s has not returned from %s for %g s: it hangs, or needs longer; --call-limit S "
-                       "permits that",
+                       "FMU %s has not returned from %s for %g s: it hangs, or needs more time (raise --call-limit)",
                        call->fmu, call->function, tl_seconds(patience->limit));
         return true;
     }

@@ -3,7 +3,7 @@
 
 #include <stdio.h>
 
-enum { FAREWELL_BITS = 8 };
+enum { END_CAUSE_BITS = 8 };
 
 /* ---- in the monitored process ---- */
 
@@ -11,11 +11,11 @@ tl_thread_heartbeat *tl_thread_heartbeat_start(tl_heartbeats *beats, const char 
     if (beats == NULL) {
         return NULL;
     }
-    size_t place = __atomic_fetch_add(&beats->count, 1, __ATOMIC_RELAXED);
-    if (place >= TL_HEARTBEATS) {
+    size_t index = __atomic_fetch_add(&beats->count, 1, __ATOMIC_RELAXED);
+    if (index >= TL_HEARTBEATS) {
         return NULL;
     }
-    tl_thread_heartbeat *heartbeat = &beats->hearts[place];
+    tl_thread_heartbeat *heartbeat = &beats->hearts[index];
     (void)snprintf(heartbeat->name, sizeof heartbeat->name, "%s", name);
     __atomic_store_n(&heartbeat->patience, patience, __ATOMIC_RELEASE);
     return heartbeat;
@@ -51,7 +51,7 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
 }
 
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code) {
-    __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
+    __atomic_store_n(&beats->farewell, (uint32_t)code << END_CAUSE_BITS | (uint32_t)why, __ATOMIC_RELAXED);
 }
 
 /* ---- in the supervisor ---- */
@@ -60,7 +60,7 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
     tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
     tl_fmu_call call;
     const char *silent = NULL;
-    bool has = false;
+    bool has_heartbeat = false;
     passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
     seen->looked = now;
     bool same = tl_fmu_calls_look(&beats->calls, &call) && call.begun == seen->call;
@@ -70,17 +70,17 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
         const tl_thread_heartbeat *heartbeat = &beats->hearts[i];
         tl_time patience = __atomic_load_n(&heartbeat->patience, __ATOMIC_ACQUIRE);
         uint64_t count = __atomic_load_n(&heartbeat->beats, __ATOMIC_RELAXED);
-        bool lives = patience > 0; /* a heartbeat that was not started, or was stopped, is not silent */
-        seen->silence[i] = lives && count == seen->beats[i] ? seen->silence[i] + passed : 0;
+        bool is_active = patience > 0; /* a heartbeat that was not started, or was stopped, is not silent */
+        seen->silence[i] = is_active && count == seen->beats[i] ? seen->silence[i] + passed : 0;
         seen->beats[i] = count;
-        has = has || lives;
-        if (lives && seen->silence[i] > patience && silent == NULL) {
+        has_heartbeat = has_heartbeat || is_active;
+        if (is_active && seen->silence[i] > patience && silent == NULL) {
             silent = heartbeat->name;
             *silence = seen->silence[i];
         }
     }
-    seen->had = seen->had || has;
-    seen->no_heart = seen->had && !has ? seen->no_heart + passed : 0;
+    seen->had = seen->had || has_heartbeat;
+    seen->no_heart = seen->had && !has_heartbeat ? seen->no_heart + passed : 0;
     if (seen->no_heart > TL_HEARTBEAT_NONE) {
         silent = "every thread";
         *silence = seen->no_heart;
@@ -90,14 +90,14 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
 
 bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
                             tl_fmu_call *call) {
-    bool under_way = tl_fmu_calls_look(&beats->calls, call);
-    return under_way && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
+    bool is_running = tl_fmu_calls_look(&beats->calls, call);
+    return is_running && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
 }
 
 tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code) {
     uint32_t farewell = __atomic_load_n(&beats->farewell, __ATOMIC_RELAXED);
-    uint32_t why = farewell & ((1U << FAREWELL_BITS) - 1);
-    *code = (int)(farewell >> FAREWELL_BITS & 0xFFU);
+    uint32_t why = farewell & ((1U << END_CAUSE_BITS) - 1);
+    *code = (int)(farewell >> END_CAUSE_BITS & 0xFFU);
     return why <= TL_END_CAUSE_FAILED ? (tl_end_cause)why : TL_END_CAUSE_NONE;
 }
 

@@ -10,7 +10,7 @@
 
 /* ---- host state ---- */
 
-enum { HANDLED = 16, LOCALE_NAME = 64 };
+enum { MOST_HANDLERS = 16, LOCALE_NAME = 64 };
 
 /* Categories of the process's locale that are restored. LC_CTYPE is not: interpreters set it, and
  * it changes no number. */
@@ -19,11 +19,11 @@ static const int categories[] = {LC_NUMERIC, LC_TIME, LC_COLLATE, LC_MONETARY, L
 enum { CATEGORIES = sizeof categories / sizeof categories[0] };
 
 /* A handler of the program. */
-typedef struct handled {
+typedef struct kept_handler {
     int signal;
     struct sigaction action;
     tl_host_state_displaced *displaced;
-} handled;
+} kept_handler;
 
 /* struct sched_attr of the kernel, in its first version (Linux 3.14). */
 typedef struct scheduling {
@@ -47,7 +47,7 @@ static struct {
     int folder; /* O_PATH; -1: none */
     dev_t device;
     ino_t inode; /* inode of the folder */
-    handled handlers[HANDLED];
+    kept_handler handlers[MOST_HANDLERS];
     size_t handler_count;
 } host = {.folder = -1};
 
@@ -89,20 +89,20 @@ int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_sta
     if (sigaction(signal, action, NULL) != 0) {
         return -1;
     }
-    size_t place = 0;
-    while (place < host.handler_count && host.handlers[place].signal != signal) {
-        place++;
+    size_t index = 0;
+    while (index < host.handler_count && host.handlers[index].signal != signal) {
+        index++;
     }
-    if (place < HANDLED) {
-        host.handlers[place] = (handled){signal, *action, displaced};
-        host.handler_count = place == host.handler_count ? place + 1 : host.handler_count;
+    if (index < MOST_HANDLERS) {
+        host.handlers[index] = (kept_handler){signal, *action, displaced};
+        host.handler_count = index == host.handler_count ? index + 1 : host.handler_count;
     }
     return 0;
 }
 
 /* ---- restore ---- */
 
-static unsigned put_back_rounding(void) {
+static unsigned restore_rounding(void) {
     if (tl_fp_control_get() == host.rounding) {
         return 0;
     }
@@ -112,7 +112,7 @@ static unsigned put_back_rounding(void) {
 
 /* Our code and the FMUs that we call use the thread's locale. Threads of an FMU use the process's.
  */
-static unsigned put_back_locale(void) {
+static unsigned restore_locale(void) {
     unsigned changed = 0;
     if (uselocale((locale_t)0) != host.locale) {
         (void)uselocale(host.locale);
@@ -127,7 +127,7 @@ static unsigned put_back_locale(void) {
     return changed;
 }
 
-static unsigned put_back_mask(void) {
+static unsigned restore_mask(void) {
     sigset_t now;
     if (pthread_sigmask(SIG_SETMASK, NULL, &now) != 0) {
         return 0;
@@ -141,11 +141,11 @@ static unsigned put_back_mask(void) {
     return 0;
 }
 
-static unsigned put_back_handlers(void) {
+static unsigned restore_handlers(void) {
     unsigned changed = 0;
     for (size_t i = 0; i < host.handler_count; i++) {
         struct sigaction now;
-        const handled *own = &host.handlers[i];
+        const kept_handler *own = &host.handlers[i];
         if (sigaction(own->signal, NULL, &now) == 0 &&
             ((now.sa_flags & SA_SIGINFO) != (own->action.sa_flags & SA_SIGINFO) ||
              now.sa_handler != own->action.sa_handler)) {
@@ -159,7 +159,7 @@ static unsigned put_back_handlers(void) {
     return changed;
 }
 
-static unsigned put_back_folder(void) {
+static unsigned restore_folder(void) {
     struct stat now;
     if (host.folder < 0 || (stat(".", &now) == 0 && now.st_dev == host.device && now.st_ino == host.inode)) {
         return 0;
@@ -167,7 +167,7 @@ static unsigned put_back_folder(void) {
     return fchdir(host.folder) == 0 ? TL_HOST_FOLDER : 0;
 }
 
-static unsigned put_back_scheduling(void) {
+static unsigned restore_scheduling(void) {
     const scheduling now = read_scheduling();
     if (memcmp(&now, &host.scheduling, sizeof now) == 0) {
         return 0;
@@ -179,8 +179,8 @@ unsigned tl_host_state_put_back(void) {
     if (!host.kept) {
         return 0;
     }
-    return put_back_rounding() | put_back_locale() | put_back_mask() | put_back_handlers() | put_back_folder() |
-           (umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK) | put_back_scheduling();
+    return restore_rounding() | restore_locale() | restore_mask() | restore_handlers() | restore_folder() |
+           (umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK) | restore_scheduling();
 }
 
 /* ---- describe ---- */

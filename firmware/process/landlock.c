@@ -21,7 +21,7 @@ enum { PLACE = 4096, WITH_PORTS = 4 }; /* first version with TCP ports */
 
 #define EMPTY_FILE (UINT64_C(1) << 14)
 #define COMMAND_DEVICE (UINT64_C(1) << 15)
-#define TAKE_TCP_PORT (UINT64_C(1) << 0)
+#define BIND_TCP_PORT (UINT64_C(1) << 0)
 #define CONNECT_TCP_PORT (UINT64_C(1) << 1)
 #define RULE_TCP_PORT 2
 #define ABSTRACT_SOCKETS (UINT64_C(1) << 0)
@@ -44,12 +44,12 @@ enum { FILES_ONLY = sizeof(uint64_t), WITH_NETWORK = 2 * sizeof(uint64_t) };
 
 /* ---- rights ---- */
 
-#define LOOK (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR)
+#define READ_FILES (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR)
 /* Without devices, sockets, pipes and links. */
-#define CHANGE                                                                                                         \
+#define CHANGE_FILES                                                                                                   \
     (LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_DIR |                       \
      LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_REFER | EMPTY_FILE)
-#define NEVER                                                                                                          \
+#define NEVER_ALLOWED                                                                                                  \
     (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_BLOCK |                       \
      LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_SYM)
 /* Rights that apply to a file that is no folder. */
@@ -129,31 +129,31 @@ typedef struct landlock_rules {
 /* Adds a rule and returns the open path, which the caller closes. A path that is missing or not
  * accessible needs no rule: returns -1. */
 static int allow_open(landlock_rules *list, const char *path, uint64_t rights) {
-    struct stat what = {.st_mode = 0};
-    int place = open(path, O_PATH | O_CLOEXEC);
-    if (place < 0) {
+    struct stat facts = {.st_mode = 0};
+    int file = open(path, O_PATH | O_CLOEXEC);
+    if (file < 0) {
         list->failed = errno != ENOENT && errno != ENOTDIR && errno != EACCES;
-        return place;
+        return file;
     }
-    list->failed = fstat(place, &what) != 0;
+    list->failed = fstat(file, &facts) != 0;
     const struct landlock_path_beneath_attr rule = {
-        .allowed_access = S_ISDIR(what.st_mode) ? rights : rights & OF_FILES, .parent_fd = place};
+        .allowed_access = S_ISDIR(facts.st_mode) ? rights : rights & OF_FILES, .parent_fd = file};
     list->failed = list->failed || syscall(SYS_landlock_add_rule, list->set, LANDLOCK_RULE_PATH_BENEATH, &rule, 0) != 0;
-    return place;
+    return file;
 }
 
-static void allow(landlock_rules *list, const char *path, uint64_t rights) {
-    int place = allow_open(list, path, rights);
+static void allow_path(landlock_rules *list, const char *path, uint64_t rights) {
+    int file = allow_open(list, path, rights);
     int cause = errno;
-    if (place >= 0) {
-        (void)close(place);
+    if (file >= 0) {
+        (void)close(file);
     }
     errno = cause;
 }
 
 static void allow_all(landlock_rules *list, const char *const *paths, size_t count, uint64_t rights) {
     for (size_t i = 0; i < count && !list->failed; i++) {
-        allow(list, paths[i], rights);
+        allow_path(list, paths[i], rights);
     }
 }
 
@@ -172,7 +172,7 @@ static void allow_settings(landlock_rules *list, uint64_t rights) {
     while (!list->failed && folder != NULL && (entry = readdir(folder)) != NULL) {
         if (is_setting(entry->d_name)) {
             (void)snprintf(path, sizeof path, "/etc/%s", entry->d_name);
-            allow(list, path, rights);
+            allow_path(list, path, rights);
         }
     }
     if (folder != NULL) {
@@ -180,23 +180,23 @@ static void allow_settings(landlock_rules *list, uint64_t rights) {
     }
 }
 
-static void allow_places(landlock_rules *list, const tl_confine_settings *places, uint64_t all) {
-    const uint64_t look = all & LOOK;
-    const uint64_t change = all & (LOOK | CHANGE);
-    allow_all(list, readable, COUNT(readable), look);
+static void allow_places(landlock_rules *list, const tl_confine_settings *settings, uint64_t all) {
+    const uint64_t read_rights = all & READ_FILES;
+    const uint64_t change_rights = all & (READ_FILES | CHANGE_FILES);
+    allow_all(list, readable, COUNT(readable), read_rights);
     for (size_t i = 0; i < COUNT(own) && !list->failed; i++) {
-        (void)allow_open(list, own[i], look); /* stays open */
+        (void)allow_open(list, own[i], read_rights); /* stays open */
     }
-    allow_settings(list, look);
-    allow_all(list, writable, COUNT(writable), change);
-    allow_all(list, places->read, places->read_count, look);
-    allow_all(list, places->write, places->write_count, change | (all & COMMAND_DEVICE));
-    allow_all(list, &places->folder, places->folder != NULL ? 1 : 0, change);
+    allow_settings(list, read_rights);
+    allow_all(list, writable, COUNT(writable), change_rights);
+    allow_all(list, settings->read, settings->read_count, read_rights);
+    allow_all(list, settings->write, settings->write_count, change_rights | (all & COMMAND_DEVICE));
+    allow_all(list, &settings->folder, settings->folder != NULL ? 1 : 0, change_rights);
 }
 
-static void allow_ports(landlock_rules *list, const tl_confine_settings *places) {
-    for (size_t i = 0; i < places->port_count && !list->failed; i++) {
-        const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
+static void allow_ports(landlock_rules *list, const tl_confine_settings *settings) {
+    for (size_t i = 0; i < settings->port_count && !list->failed; i++) {
+        const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = settings->ports[i]};
         list->failed = syscall(SYS_landlock_add_rule, list->set, RULE_TCP_PORT, &rule, 0) != 0;
     }
 }
@@ -210,8 +210,8 @@ int tl_landlock_version(void) {
 
 static int make_rules(int version) {
     const rule_set set = {
-        .files = (LOOK | CHANGE | NEVER | COMMAND_DEVICE) & known(version),
-        .network = TAKE_TCP_PORT | CONNECT_TCP_PORT,
+        .files = (READ_FILES | CHANGE_FILES | NEVER_ALLOWED | COMMAND_DEVICE) & known(version),
+        .network = BIND_TCP_PORT | CONNECT_TCP_PORT,
         .scopes = SIGNALS | ABSTRACT_SOCKETS,
     };
     size_t size = version >= 6 ? sizeof set : version >= WITH_PORTS ? WITH_NETWORK : FILES_ONLY;
@@ -232,5 +232,5 @@ tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *er
     if (list.set >= 0) {
         (void)close(list.set);
     }
-    return list.failed ? tl_fail(error, TL_TRY_AGAIN, "Landlock could not be switched on: %s", strerror(cause)) : TL_OK;
+    return list.failed ? tl_fail(error, TL_TRY_AGAIN, "Landlock cannot be enabled: %s", strerror(cause)) : TL_OK;
 }

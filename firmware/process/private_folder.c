@@ -35,8 +35,8 @@ typedef struct removal {
 
 /* Sets the mode so that entries can be removed. */
 static void make_ours(int folder) {
-    struct stat about;
-    if (folder >= 0 && fstat(folder, &about) == 0 && (about.st_mode & S_IRWXU) != S_IRWXU) {
+    struct stat facts;
+    if (folder >= 0 && fstat(folder, &facts) == 0 && (facts.st_mode & S_IRWXU) != S_IRWXU) {
         (void)fchmod(folder, S_IRWXU);
     }
 }
@@ -47,10 +47,10 @@ static int open_folder(int parent, const char *name) {
     char path[NAME_ROOM];
     int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder < 0 && errno == EACCES) {
-        int place = openat(parent, name, O_PATH | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", place);
-        bool is_opened = place >= 0 && chmod(path, S_IRWXU) == 0;
-        (void)close(place);
+        int folder_link = openat(parent, name, O_PATH | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", folder_link);
+        bool is_opened = folder_link >= 0 && chmod(path, S_IRWXU) == 0;
+        (void)close(folder_link);
         folder = is_opened ? openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC) : -1;
     }
     make_ours(folder);
@@ -59,7 +59,7 @@ static int open_folder(int parent, const char *name) {
 
 /* Moves a subfolder to the root under an unused name. */
 static void move_up(removal *work, int parent, const char *name) {
-    char fresh[NAME_ROOM];
+    char new_name[NAME_ROOM];
     int result = -1;
     int folder = open_folder(parent, name); /* moving a folder needs write permission for it */
     if (folder < 0) {
@@ -67,8 +67,8 @@ static void move_up(removal *work, int parent, const char *name) {
     }
     (void)close(folder);
     do {
-        (void)snprintf(fresh, sizeof fresh, "%lu", work->names++);
-        result = renameat(parent, name, work->root, fresh);
+        (void)snprintf(new_name, sizeof new_name, "%lu", work->names++);
+        result = renameat(parent, name, work->root, new_name);
     } while (result != 0 && (errno == ENOTEMPTY || errno == EEXIST || errno == ENOTDIR));
     work->changes += result == 0 ? 1 : 0;
 }
@@ -81,9 +81,9 @@ static void remove_entry(removal *work, int parent, const char *name) {
     }
 }
 
-/* Calls `act` for each entry, until a whole pass changes nothing: readdir() may skip entries while
- * others are removed. Closes the folder. */
-static void for_each(removal *work, int folder, void (*act)(removal *work, int folder, const char *name)) {
+/* Calls `action` for each entry, until a whole pass changes nothing: readdir() may skip entries
+ * while others are removed. Closes the folder. */
+static void for_each(removal *work, int folder, void (*action)(removal *work, int folder, const char *name)) {
     DIR *entries = fdopendir(folder);
     size_t before = 0;
     if (entries == NULL) {
@@ -95,7 +95,7 @@ static void for_each(removal *work, int folder, void (*act)(removal *work, int f
         rewinddir(entries);
         for (struct dirent *entry = readdir(entries); entry != NULL; entry = readdir(entries)) {
             if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) {
-                act(work, folder, entry->d_name);
+                action(work, folder, entry->d_name);
             }
         }
     } while (work->changes != before);
@@ -124,19 +124,19 @@ static void remove_tree(int root, const char *path) {
         for_each(&work, root, remove_root_entry);
     }
     if (rmdir(path) != 0 && errno != ENOENT) {
-        tl_log(TL_LOG_WARNING, "%s cannot be removed completely; remove it by hand", path);
+        tl_log(TL_LOG_WARNING, "%s: cannot be removed completely; remove it by hand", path);
     }
 }
 
 /* The parent removes the folders of this process. */
-static bool leaves;
+static bool parent_removes;
 
 void tl_private_folder_leave(void) {
-    leaves = true;
+    parent_removes = true;
 }
 
 void tl_private_folder_remove(tl_private_folder *folder) {
-    if (folder->path[0] != '\0' && leaves) {
+    if (folder->path[0] != '\0' && parent_removes) {
         (void)close(folder->descriptor);
     } else if (folder->path[0] != '\0') {
         remove_tree(folder->descriptor, folder->path);
@@ -181,7 +181,7 @@ static bool sweep_one(int parent, const char *parent_path, const char *name) {
         (void)close(folder);
         return false;
     }
-    tl_log(TL_LOG_INFO, "removing %s, left by a process that was killed", path);
+    tl_log(TL_LOG_INFO, "%s: removing it, because its process was killed", path);
     remove_tree(folder, path);
     return true;
 }
@@ -191,7 +191,7 @@ static bool sweep_one(int parent, const char *parent_path, const char *name) {
 enum { SWEEPS = 50, SWEEP_PAUSE_US = 10000 };
 
 /* Returns false if a folder is still locked. */
-static bool sweep(const char *parent_path, const char *kind) {
+static bool sweep_parent(const char *parent_path, const char *kind) {
     DIR *parent = opendir(parent_path);
     bool is_clean = true;
     if (parent == NULL) {
@@ -223,7 +223,7 @@ void tl_private_folder_sweep(const char *kind) {
     if (!find_parent(&name, parent)) {
         return;
     }
-    for (int i = 0; i < SWEEPS && !sweep(parent, kind); i++) {
+    for (int i = 0; i < SWEEPS && !sweep_parent(parent, kind); i++) {
         (void)usleep(SWEEP_PAUSE_US);
     }
 }
@@ -232,15 +232,15 @@ void tl_private_folder_sweep(const char *kind) {
 
 /* Locks and shares the folder. The owner does not change, because sweep_one() removes only our own
  * folders. */
-static tl_status claim(uint32_t user, tl_private_folder *folder, tl_error *error) {
+static tl_status lock_folder(uint32_t user, tl_private_folder *folder, tl_error *error) {
     folder->descriptor = open(folder->path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder->descriptor < 0 || flock(folder->descriptor, LOCK_EX | LOCK_NB) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s cannot be locked: %s; try again", folder->path, strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be locked: %s; try again", folder->path, strerror(errno));
     }
     if (user != 0 && (fchown(folder->descriptor, (uid_t)-1, (gid_t)user) != 0 ||
                       fchmod(folder->descriptor, S_IRWXU | S_IRWXG) != 0)) {
         return tl_fail(error, TL_TRY_AGAIN,
-                       "%s cannot be shared with user %u: %s; start the program as root, or set no user", folder->path,
+                       "%s: cannot be shared with user %u: %s; start twinlock as root, or set no user", folder->path,
                        user, strerror(errno));
     }
     return TL_OK;
@@ -254,22 +254,22 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
         return tl_fail(error, TL_TRY_AGAIN, "the folder for temporary files, %s, cannot be used: %s; set TMPDIR", name,
                        strerror(errno));
     }
-    if (!leaves) {
-        (void)sweep(parent, kind);
+    if (!parent_removes) {
+        (void)sweep_parent(parent, kind);
     }
     int length =
         snprintf(folder->path, sizeof folder->path, "%s/" PREFIX "%s-%ld-XXXXXX", parent, kind, (long)getpid());
     if (length < 0 || (size_t)length > sizeof folder->path - TL_PRIVATE_FOLDER_ROOM) {
         folder->path[0] = '\0';
-        return tl_fail(error, TL_TRY_AGAIN, "TMPDIR is too long a path; set a shorter one");
+        return tl_fail(error, TL_TRY_AGAIN, "TMPDIR: the path is too long; set a shorter one");
     }
     if (mkdtemp(folder->path) == NULL) {
         int code = errno;
         folder->path[0] = '\0';
-        return tl_fail(error, TL_TRY_AGAIN, "no folder can be made in %s: %s; free space or set TMPDIR", parent,
+        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder can be created here: %s; free space or set TMPDIR", parent,
                        strerror(code));
     }
-    tl_status status = claim(user, folder, error);
+    tl_status status = lock_folder(user, folder, error);
     if (status != TL_OK) {
         tl_private_folder_remove(folder);
     }

@@ -29,8 +29,8 @@ enum { FMU_FAILED = 70, FLUSH_S = 1 };
 static pid_t process; /* the process that this module ends; processes that an FMU forks are not affected */
 static volatile sig_atomic_t ending;
 static volatile sig_atomic_t end_code;
-static tl_process_keeper *kept_by;
-static void *kept_for;
+static tl_process_keeper *end_keeper;
+static void *keeper_context;
 static bool runs_exit_handlers;
 
 static void end_late(int number) {
@@ -39,7 +39,7 @@ static void end_late(int number) {
 }
 
 /* After this time the process exits, even if a lock is not released. */
-static void limit(unsigned seconds) {
+static void limit_duration(unsigned seconds) {
     struct sigaction action = {.sa_handler = end_late};
     sigset_t set;
     (void)sigemptyset(&action.sa_mask);
@@ -55,7 +55,7 @@ static void limit(unsigned seconds) {
 static void flush_and_end(void) __attribute__((noreturn));
 
 static void flush_and_end(void) {
-    limit(FLUSH_S);
+    limit_duration(FLUSH_S);
     (void)fflush(NULL);
 #if defined(TL_COVERAGE)
     __gcov_dump();
@@ -71,7 +71,7 @@ static void set_ending(int code) {
 /* exit() was called: by us, after all handlers that were registered later have run, or by an FMU.
  */
 static void on_exit_called(int code, void *unused) {
-    char why[256];
+    char reason[256];
     tl_fmu_call call;
     (void)unused;
     if (process != getpid()) {
@@ -81,17 +81,18 @@ static void on_exit_called(int code, void *unused) {
         flush_and_end();
     }
     if (tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
-        (void)snprintf(why, sizeof why,
-                       "FMU %s called exit(%d) in %s, which ends the program it is in; export it again, or ask who "
-                       "made it",
-                       call.fmu, code, call.function);
+        (void)snprintf(
+            reason, sizeof reason,
+            "FMU %s called exit(%d) in %s, which ends the whole process; export it again, or contact its maker",
+            call.fmu, code, call.function);
     } else {
-        (void)snprintf(why, sizeof why,
-                       "an FMU called exit(%d) outside of its functions, in a thread of its own, which ends the "
-                       "program it is in; export it again, or ask who made it",
-                       code);
+        (void)snprintf(
+            reason, sizeof reason,
+            "an FMU called exit(%d) in a thread of its own, which ends the whole process; export it again, or contact "
+            "its maker",
+            code);
     }
-    tl_process_give_up(why);
+    tl_process_give_up(reason);
 }
 
 void tl_process_begin(void) {
@@ -104,7 +105,7 @@ void tl_process_end(int code) {
     set_ending(code);
     if (__atomic_load_n(&runs_exit_handlers,
                         __ATOMIC_RELAXED)) { /* interpreters free their memory themselves, if at all */
-        limit(TL_PROCESS_END_S);
+        limit_duration(TL_PROCESS_END_S);
         exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
     }
 #if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
@@ -115,19 +116,19 @@ void tl_process_end(int code) {
 
 void tl_process_give_up(const char *why) {
     set_ending(FMU_FAILED);
-    tl_process_keeper *keeper = __atomic_load_n(&kept_by, __ATOMIC_ACQUIRE);
-    limit(TL_PROCESS_END_S);
+    tl_process_keeper *keeper = __atomic_load_n(&end_keeper, __ATOMIC_ACQUIRE);
+    limit_duration(TL_PROCESS_END_S);
     tl_log(TL_LOG_ERROR, "%s", why);
     if (keeper != NULL) {
-        keeper(kept_for, why);
+        keeper(keeper_context, why);
     }
     flush_and_end();
 }
 
 void tl_process_keep(tl_process_keeper *keeper, void *context) {
-    __atomic_store_n(&kept_by, NULL, __ATOMIC_RELEASE);
-    kept_for = context;
-    __atomic_store_n(&kept_by, keeper, __ATOMIC_RELEASE);
+    __atomic_store_n(&end_keeper, NULL, __ATOMIC_RELEASE);
+    keeper_context = context;
+    __atomic_store_n(&end_keeper, keeper, __ATOMIC_RELEASE);
 }
 
 void tl_process_run_exit_handlers(void) {

@@ -15,23 +15,23 @@
 /* Names by number. They are copied once, because libseccomp allocates them on the heap. */
 enum { NAMES = 512 };
 static char names[NAMES][TL_REFUSAL_NAME];
-static bool named;
+static bool names_ready;
 
 /* If two threads do this at once, both write the same. */
-static void prepare(void) {
-    for (int number = 0; number < NAMES && !__atomic_load_n(&named, __ATOMIC_ACQUIRE); number++) {
+static void read_names(void) {
+    for (int number = 0; number < NAMES && !__atomic_load_n(&names_ready, __ATOMIC_ACQUIRE); number++) {
         char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, number);
         if (name != NULL) {
             (void)snprintf(names[number], sizeof names[number], "%s", name);
         }
         free(name);
     }
-    __atomic_store_n(&named, true, __ATOMIC_RELEASE);
+    __atomic_store_n(&names_ready, true, __ATOMIC_RELEASE);
 }
 
-static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
-    const int number = asked->data.nr;
-    *refusal = (tl_refusal){.id = asked->id};
+static void describe_request(const struct seccomp_notif *request, tl_refusal *refusal) {
+    const int number = request->data.nr;
+    *refusal = (tl_refusal){.id = request->id};
     if (number >= 0 && number < NAMES && names[number][0] != '\0') {
         (void)snprintf(refusal->name, sizeof refusal->name, "%s", names[number]);
     } else {
@@ -42,13 +42,13 @@ static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
 /* The command number contains the size of the struct that the kernel fills. */
 bool tl_refusal_take(int listener, tl_refusal *refusal) {
     struct pollfd waiting = {.fd = listener, .events = POLLIN};
-    struct seccomp_notif asked = {.id = 0};
+    struct seccomp_notif request = {.id = 0};
     if (listener < 0 || poll(&waiting, 1, 0) != 1 || (waiting.revents & POLLIN) == 0 ||
-        ioctl(listener, SECCOMP_IOCTL_NOTIF_RECV, &asked) != 0) {
+        ioctl(listener, SECCOMP_IOCTL_NOTIF_RECV, &request) != 0) {
         return false;
     }
-    prepare();
-    describe(&asked, refusal);
+    read_names();
+    describe_request(&request, refusal);
     return true;
 }
 
@@ -63,8 +63,8 @@ void tl_refusal_answer(int listener, const tl_refusal *refusal) {
 
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls) {
     tl_fmu_call call;
-    bool is_called = tl_fmu_calls_look(calls, &call);
-    const char *fmu = is_called ? call.fmu : "";
+    bool in_call = tl_fmu_calls_look(calls, &call);
+    const char *fmu = in_call ? call.fmu : "";
     for (size_t i = 0; i < refusals->count; i++) {
         const tl_fmu_refused *known = &refusals->entries[i];
         if (strcmp(known->call, refusal->name) == 0 && strcmp(known->fmu, fmu) == 0) {
@@ -77,12 +77,12 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     tl_fmu_refused *noted = &refusals->entries[refusals->count++];
     (void)snprintf(noted->call, sizeof noted->call, "%s", refusal->name);
     (void)snprintf(noted->fmu, sizeof noted->fmu, "%s", fmu);
-    if (is_called) {
-        (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once", fmu,
+    if (in_call) {
+        (void)snprintf(noted->said, sizeof noted->said, "FMU %s: system call %s denied in %s (reported once)", fmu,
                        refusal->name, call.function);
     } else {
         (void)snprintf(noted->said, sizeof noted->said,
-                       "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
+                       "a thread of an FMU: system call %s denied outside of its functions (reported once)",
                        refusal->name);
     }
     return true;

@@ -21,11 +21,11 @@
 
 /* Descriptors after those of the child: the program, and the pipe that reports the result of exec.
  * All are first duplicated to GATHER and above. */
-enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = FIRST_TO_CLOSE, NOT_EXECUTED = 127 };
+enum { PROGRAM = TL_ROLE_DESCRIPTORS, EXEC_RESULT, FIRST_TO_CLOSE, FREE_NUMBERS = FIRST_TO_CLOSE, NOT_EXECUTED = 127 };
 
 /* State of this process. */
 static int program = -1;
-static char **words;               /* the original command line; NULL: this process has a role */
+static char **command_line;        /* the original command line; NULL: this process has a role */
 static int program_fault = ENOSYS; /* errno of opening the program; 0: none */
 static pid_t parent;               /* parent process, if this process has a role */
 static char *own_title;            /* part of its argv[0] */
@@ -33,14 +33,14 @@ static char *own_title;            /* part of its argv[0] */
 /* ---- At the start ---- */
 
 /* Saves the order, because getopt_long() changes it later. */
-static void keep_words(char *const *argv) {
+static void keep_command_line(char *const *argv) {
     size_t count = 0;
     while (argv[count] != NULL) {
         count++;
     }
-    words = calloc(count + 1, sizeof *words);
-    for (size_t i = 0; words != NULL && i < count; i++) {
-        words[i] = argv[i];
+    command_line = calloc(count + 1, sizeof *command_line);
+    for (size_t i = 0; command_line != NULL && i < count; i++) {
+        command_line[i] = argv[i];
     }
 }
 
@@ -49,7 +49,7 @@ const char *tl_role_begin(char *const *argv) {
         own_title = argv[0] + strlen(PREFIX);
         return own_title;
     }
-    keep_words(argv);
+    keep_command_line(argv);
     tl_role_open_program();
     while (waitpid(-1, NULL, WNOHANG) > 0) { /* children from before tl_role_restart() */
     }
@@ -73,8 +73,8 @@ void tl_role_restart(void) {
     sigset_t none;
     (void)sigemptyset(&none);
     (void)pthread_sigmask(SIG_SETMASK, &none, NULL);
-    if (words != NULL && program >= 0) {
-        (void)fexecve(program, words, environ);
+    if (command_line != NULL && program >= 0) {
+        (void)fexecve(program, command_line, environ);
     }
 }
 
@@ -94,17 +94,17 @@ typedef struct launch {
     char *argv[2];
     char **environment;
     pid_t parent;
-    int news[2]; /* pipe: errno of a failed exec; empty if exec succeeded */
+    int result_pipe[2]; /* pipe: errno of a failed exec; empty if exec succeeded */
 } launch;
 
 static void reset_signals(void) {
-    const struct sigaction standard = {.sa_handler = SIG_DFL};
+    const struct sigaction default_action = {.sa_handler = SIG_DFL};
     struct sigaction now;
     sigset_t none;
     for (int number = 1; number < NSIG; number++) {
-        bool stays = number == SIGHUP && sigaction(number, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
-        if (!stays) {
-            (void)sigaction(number, &standard, NULL);
+        bool is_ignored = number == SIGHUP && sigaction(number, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
+        if (!is_ignored) {
+            (void)sigaction(number, &default_action, NULL);
         }
     }
     (void)sigemptyset(&none);
@@ -112,14 +112,14 @@ static void reset_signals(void) {
 }
 
 /* Duplicates a descriptor above all numbers of the child; −1 stays. */
-static int gather(int descriptor) {
-    int gathered = descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
-    errno = gathered < 0 && errno == EINVAL ? EMFILE : errno; /* GATHER is above the limit */
-    return gathered;
+static int move_up(int descriptor) {
+    int moved = descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, FREE_NUMBERS);
+    errno = moved < 0 && errno == EINVAL ? EMFILE : errno; /* FREE_NUMBERS is above the limit */
+    return moved;
 }
 
 /* Duplicates it to its number, without close-on-exec. −1 closes that number. */
-static bool place(int descriptor, int number) {
+static bool move_to(int descriptor, int number) {
     if (descriptor < 0) {
         (void)close(number);
         return true;
@@ -128,26 +128,26 @@ static bool place(int descriptor, int number) {
 }
 
 /* Returns false with errno if descriptors are missing. */
-static bool place_all(const launch *start) {
-    int gathered[TL_ROLE_DESCRIPTORS];
-    int own_program = gather(program);
-    int news = gather(start->news[1]);
-    bool is_placed = news >= 0;
+static bool move_descriptors(const launch *start) {
+    int moved[TL_ROLE_DESCRIPTORS];
+    int own_program = move_up(program);
+    int result_pipe = move_up(start->result_pipe[1]);
+    bool is_moved = result_pipe >= 0;
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        gathered[i] = gather(start->settings->descriptors[i]);
-        is_placed = is_placed && (gathered[i] >= 0) == (start->settings->descriptors[i] >= 0);
+        moved[i] = move_up(start->settings->descriptors[i]);
+        is_moved = is_moved && (moved[i] >= 0) == (start->settings->descriptors[i] >= 0);
     }
-    if (!is_placed) {
+    if (!is_moved) {
         return false;
     }
-    for (int i = 0; i < TL_ROLE_DESCRIPTORS && is_placed; i++) {
-        is_placed = place(gathered[i], i);
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS && is_moved; i++) {
+        is_moved = move_to(moved[i], i);
     }
-    is_placed = is_placed && place(own_program, PROGRAM) && place(news, NEWS);
+    is_moved = is_moved && move_to(own_program, PROGRAM) && move_to(result_pipe, EXEC_RESULT);
     closefrom(FIRST_TO_CLOSE);
     (void)fcntl(PROGRAM, F_SETFD, FD_CLOEXEC);
-    (void)fcntl(NEWS, F_SETFD, FD_CLOEXEC);
-    return is_placed;
+    (void)fcntl(EXEC_RESULT, F_SETFD, FD_CLOEXEC);
+    return is_moved;
 }
 
 /* Returns whether the kernel or emulator cannot execute a descriptor. Any other code is a failure.
@@ -156,7 +156,7 @@ static bool cannot_execute(int code) {
     return code == ENOEXEC || code == ENOSYS || (program < 0 && code == program_fault);
 }
 
-static void tell(int descriptor, int code) {
+static void send_exec_result(int descriptor, int code) {
     (void)!write(descriptor, &code, sizeof code);
 }
 
@@ -165,7 +165,7 @@ static void run_forked(const launch *start) __attribute__((noreturn));
 static void run_forked(const launch *start) {
     const tl_role_settings *settings = start->settings;
     (void)close(PROGRAM);
-    (void)close(NEWS);
+    (void)close(EXEC_RESULT);
     program = -1;
     environ = start->environment;
     parent = start->parent;
@@ -174,13 +174,13 @@ static void run_forked(const launch *start) {
     tl_process_end(settings->fallback(settings->title, settings->context));
 }
 
-static void be_child(const launch *start) __attribute__((noreturn));
+static void run_child(const launch *start) __attribute__((noreturn));
 
-static void be_child(const launch *start) {
+static void run_child(const launch *start) {
     reset_signals();
     (void)setsid();
-    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || !place_all(start)) {
-        tell(start->news[1], errno);
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || !move_descriptors(start)) {
+        send_exec_result(start->result_pipe[1], errno);
         _exit(NOT_EXECUTED);
     }
     if (getppid() != start->parent) {
@@ -191,7 +191,7 @@ static void be_child(const launch *start) {
         (void)fexecve(PROGRAM, start->argv, start->environment);
         code = errno;
     }
-    tell(NEWS, code);
+    send_exec_result(EXEC_RESULT, code);
     if (start->settings->fallback == NULL || !cannot_execute(code)) {
         _exit(NOT_EXECUTED);
     }
@@ -248,7 +248,7 @@ static pid_t fork_child(const launch *start) {
     (void)pthread_sigmask(SIG_SETMASK, &all, &before);
     pid_t pid = fork();
     if (pid == 0) {
-        be_child(start);
+        run_child(start);
     }
     int code = errno;
     (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
@@ -257,9 +257,9 @@ static pid_t fork_child(const launch *start) {
 }
 
 /* Waits for the child's exec and returns its errno; 0: it succeeded. */
-static int hear(int news) {
+static int read_exec_result(int result_pipe) {
     int code = 0;
-    return tl_file_bytes_read(news, (char *)&code, sizeof code) == (ssize_t)sizeof code ? code : 0;
+    return tl_file_bytes_read(result_pipe, (char *)&code, sizeof code) == (ssize_t)sizeof code ? code : 0;
 }
 
 static tl_status fail_start(const tl_role_settings *settings, int code, tl_error *error) {
@@ -272,12 +272,12 @@ static tl_status launch_child(launch *start, tl_role *role, tl_error *error) {
     const tl_role_settings *settings = start->settings;
     role->pid = fork_child(start);
     int code = role->pid < 0 ? errno : 0;
-    (void)close(start->news[1]);
+    (void)close(start->result_pipe[1]);
     if (code == 0) {
-        code = hear(start->news[0]);
+        code = read_exec_result(start->result_pipe[0]);
         role->is_forked = code != 0 && settings->fallback != NULL && cannot_execute(code);
     }
-    (void)close(start->news[0]);
+    (void)close(start->result_pipe[0]);
     if (code != 0 && !role->is_forked) {
         role->pid = role->pid < 0 ? 0 : role->pid;
         tl_role_kill(role);
@@ -292,13 +292,13 @@ tl_status tl_role_start(const tl_role_settings *settings, tl_role *role, tl_erro
     launch start = {.settings = settings, .argv = {title, NULL}, .parent = getpid()};
     *role = (tl_role){0};
     (void)snprintf(title, sizeof title, PREFIX "%s", settings->title);
-    if (pipe2(start.news, O_CLOEXEC) != 0) {
+    if (pipe2(start.result_pipe, O_CLOEXEC) != 0) {
         return fail_start(settings, errno, error);
     }
     start.environment = make_environment(settings);
     if (start.environment == NULL) {
-        (void)close(start.news[0]);
-        (void)close(start.news[1]);
+        (void)close(start.result_pipe[0]);
+        (void)close(start.result_pipe[1]);
         return fail_start(settings, ENOMEM, error);
     }
     tl_status status = launch_child(&start, role, error);
@@ -308,7 +308,7 @@ tl_status tl_role_start(const tl_role_settings *settings, tl_role *role, tl_erro
 
 /* ---- Watching ---- */
 
-static bool reap(tl_role *role, int flags) {
+static bool collect_child(tl_role *role, int flags) {
     siginfo_t info = {.si_pid = 0};
     int result = 0;
     do {
@@ -325,12 +325,12 @@ static bool reap(tl_role *role, int flags) {
 }
 
 bool tl_role_watch(tl_role *role) {
-    return role->pid == 0 ? role->has_ended : reap(role, WNOHANG);
+    return role->pid == 0 ? role->has_ended : collect_child(role, WNOHANG);
 }
 
 void tl_role_kill(tl_role *role) {
-    if (role->pid != 0 && !reap(role, WNOHANG)) {
+    if (role->pid != 0 && !collect_child(role, WNOHANG)) {
         (void)kill(role->pid, SIGKILL);
-        (void)reap(role, 0);
+        (void)collect_child(role, 0);
     }
 }

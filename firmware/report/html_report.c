@@ -34,12 +34,12 @@ struct tl_html_report {
 };
 
 /* Data for writing a page. */
-typedef struct filling {
+typedef struct page_data {
     const tl_html_report *report;
     const tl_run_figures *figures;
     const char *ended;
     FILE *file;
-} filling;
+} page_data;
 
 /* Returns the first of the three channels of a match. */
 static size_t match_channel(size_t match) {
@@ -56,7 +56,7 @@ enum { SHOWN = 16, LONGEST = 4 };
 
 /* Copies the next character in the form in which it may be shown (text.h); line ends stay. Returns
  * the text after it. */
-static const char *take(const char *text, char shown[SHOWN]) {
+static const char *take_character(const char *text, char shown[SHOWN]) {
     uint32_t code = 0;
     size_t length = tl_utf8_read(text, strnlen(text, LONGEST), &code);
     length = length == 0 ? 1 : length;
@@ -73,7 +73,7 @@ void tl_html_put_text(FILE *file, const char *text) {
     static const char *const entities[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
     while (*text != '\0') {
         char shown[SHOWN];
-        text = take(text, shown);
+        text = take_character(text, shown);
         const char *mark = strchr(marks, shown[0]);
         if (mark != NULL) {
             (void)fputs(entities[mark - marks], file);
@@ -87,7 +87,7 @@ void tl_html_put_string(FILE *file, const char *text) {
     (void)fputc('"', file);
     while (*text != '\0') {
         char shown[SHOWN];
-        text = take(text, shown);
+        text = take_character(text, shown);
         for (const char *c = shown; *c != '\0'; c++) {
             if ((unsigned char)*c < ' ' || strchr("\"\\<>&'", *c) != NULL) {
                 (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)*c);
@@ -207,7 +207,7 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     (void)fputc('}', file);
 }
 
-static void put_data(const filling *page) {
+static void put_data(const page_data *page) {
     static const char *const keys[] = {"applied", "nominal", "correction"};
     const tl_html_report *report = page->report;
     FILE *file = page->file;
@@ -295,10 +295,10 @@ static void put_name_cell(FILE *file, const char *name) {
 }
 
 static void put_unit_cell(FILE *file, const char *unit) {
-    put_within(file, "<td class=\"unit\">", unit, "</td>");
+    put_within(file, "<td class=\"unit\">", unit[0] == '\0' ? "–" : unit, "</td>");
 }
 
-/* Writes for example "(rad/s)²"; nothing is squared if there is no unit. */
+/* Writes for example "(rad/s)²"; "–" if there is no unit. */
 static void put_square(FILE *file, const char *unit) {
     if (unit[0] == '\0') {
         put_unit_cell(file, unit);
@@ -329,36 +329,36 @@ static void put_utc(const char *at, FILE *file) {
 
 static void put_solver(const tl_html_settings *settings, FILE *file) {
     begin_fact(file, "Solver");
-    tl_html_put_text(file, settings->solver[0] == '\0' ? "none: the twin runs free" : settings->solver);
+    tl_html_put_text(file, settings->solver[0] == '\0' ? "none: free-running" : settings->solver);
     if (settings->fallback[0] != '\0') {
-        put_within(file, ", then ", settings->fallback, "");
+        put_within(file, ", fallback ", settings->fallback, "");
     }
     (void)fputs(FACT_END, file);
 }
 
 /* Each of these functions writes one part of the page, for which page.html has a placeholder. */
-static void put_facts(const filling *page) {
+static void put_facts(const page_data *page) {
     const tl_html_report *report = page->report;
     FILE *file = page->file;
     const tl_html_settings *settings = &report->settings;
     char duration[TEXT];
     tl_show_duration((double)report->recorded * tl_seconds(settings->step), duration, sizeof duration);
     put_fact(file, settings->live ? "Source" : "Recording", settings->source);
-    begin_fact(file, settings->live ? "Begun" : "Made");
+    begin_fact(file, settings->live ? "Started" : "Created");
     put_utc(settings->begun, file);
     (void)fputs(FACT_END, file);
     begin_fact(file, "Steps");
     tl_html_put_count(file, report->recorded);
     (void)fprintf(file, ", %s", duration);
     (void)fputs(FACT_END, file);
-    begin_fact(file, "Macro step, horizon");
+    begin_fact(file, "Step, horizon, pairing");
     (void)fprintf(file, "T<sub>S</sub> = %.10g s, T<sub>P</sub> = %" PRIu32 ", ", tl_seconds(settings->step),
                   settings->prediction);
     tl_html_put_text(file, settings->measurements);
     (void)fputs(FACT_END, file);
     put_solver(settings, file);
-    put_fact(file, "Program", settings->version);
-    put_fact(file, "End", page->ended);
+    put_fact(file, "twinlock", settings->version);
+    put_fact(file, "Ended", page->ended);
 }
 
 /* ---- Key figures at a glance ----------------------------------------------------------------- */
@@ -393,7 +393,7 @@ static void put_deviation_tile(const tl_html_report *report, const tl_run_figure
         return;
     }
     size_t i = worst_match(report, figures);
-    begin_tile(file, "Largest deviation");
+    begin_tile(file, "Largest error");
     put_value(file, "tile", i, "max", tl_run_figures_maximum(figures, i), false);
     put_within(file, " <small>", tl_show_unit(settings->match[i].unit), "</small>");
     put_within(file, "</p><p class=\"sub\">", settings->match[i].name, "");
@@ -433,9 +433,9 @@ static double saved_share(const tl_recorder_component *entry) {
 
 static void put_executions_tile(const tl_run_figures *figures, FILE *file) {
     tl_recorder_component total = tl_run_figures_total(figures);
-    begin_tile(file, "Executions");
+    begin_tile(file, "Executions of the models");
     if (figures->ledger_count == 0) {
-        (void)fputs("–</p><p class=\"sub\">no ledger was kept", file);
+        (void)fputs("–</p><p class=\"sub\">not recorded", file);
     } else {
         tl_html_put_count(file, total.executions);
         (void)fprintf(file, "</p><p class=\"sub\">%.3g %% of ", saved_share(&total));
@@ -470,10 +470,12 @@ static void end_table(FILE *file) {
 
 static void put_matches(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     const tl_html_settings *settings = &report->settings;
-    begin_table(file, "Simulated against measured",
-                "<th>output y</th><th>measured ŷ</th><th class=\"n\">MSE</th><th></th><th class=\"n\">MAX</th>"
-                "<th class=\"n\">tolerance</th><th></th><th class=\"n\">pairs</th><th class=\"n\">left out</th>"
-                "<th class=\"n\">MSE at readings</th><th class=\"n\">readings</th><th class=\"n\">rejected</th>");
+    begin_table(
+        file, "Error: simulated minus measured",
+        "<th>simulated y</th><th>measured ŷ</th><th class=\"n\">mean square</th><th class=\"unit\">unit</th>"
+        "<th class=\"n\">largest</th><th class=\"n\">tolerance</th><th class=\"unit\">unit</th><th class=\"n\">pairs</th>"
+        "<th class=\"n\">left out</th><th class=\"n\">mean square at the sensor's instants</th>"
+        "<th class=\"n\">readings</th><th class=\"n\">rejected</th>");
     for (size_t i = 0; i < settings->match_count; i++) {
         const tl_metrics *metrics = &figures->match[i];
         const tl_recorder_signal *signal = &settings->match[i];
@@ -500,9 +502,9 @@ static void put_adjusted(const tl_html_report *report, const tl_run_figures *fig
     if (report->settings.adjust_count == 0) {
         return;
     }
-    begin_table(file, "What had to be corrected",
-                "<th>variable u</th><th class=\"n\">first</th><th class=\"n\">last</th><th class=\"n\">mean</th>"
-                "<th class=\"n\">mean Δu</th><th></th>");
+    begin_table(file, "Corrections",
+                "<th>applied u</th><th class=\"n\">first</th><th class=\"n\">last</th><th class=\"n\">mean</th>"
+                "<th class=\"n\">mean correction Δu</th><th class=\"unit\">unit</th>");
     for (size_t i = 0; i < report->settings.adjust_count; i++) {
         (void)fputs("<tr>", file);
         put_name_cell(file, report->settings.adjust[i].name);
@@ -533,9 +535,9 @@ static void put_ledger(const tl_run_figures *figures, FILE *file) {
         return;
     }
     begin_table(file, "Executions",
-                "<th>component</th><th class=\"n\">done</th><th class=\"n\">without saving</th>"
-                "<th class=\"n\">saved</th><th class=\"n\" title=\"executions done less those predicted\">"
-                "off the ledger</th>");
+                "<th>component</th><th class=\"n\">executions</th><th class=\"n\">without saving</th>"
+                "<th class=\"n\">saved</th><th class=\"n\" title=\"executions − repeated − predicted\">"
+                "not predicted</th>");
     for (size_t i = 0; i < figures->ledger_count; i++) {
         put_ledger_row(file, "<tr>", figures->ledger[i].name, i, &figures->ledger[i].counts);
     }
@@ -562,13 +564,13 @@ static void put_steps(const tl_html_report *report, const tl_run_figures *figure
         }
     }
     put_row(file, "evaluations", "evaluations", figures->evaluations);
-    put_row(file, "steps that searched", "optimised_steps", figures->optimised_steps);
+    put_row(file, "steps with a search", "optimised_steps", figures->optimised_steps);
     if (figures->rested != 0) {
-        put_row(file, "at rest: the twin left alone was nearer", "rested_steps", figures->rested);
+        put_row(file, "at nominal: the free-running twin was nearer", "rested_steps", figures->rested);
     }
     if (report->settings.clock) {
-        put_row(file, "searches ended by time", "time_limited", figures->time_limited);
-        put_row(file, "longer than their period", "late", figures->late);
+        put_row(file, "searches stopped by the time budget", "time_limited", figures->time_limited);
+        put_row(file, "longer than T_S", "late", figures->late);
     }
     if (report->settings.clock || figures->skipped != 0) {
         put_row(file, "ticks missed", "skipped", figures->skipped);
@@ -576,7 +578,7 @@ static void put_steps(const tl_html_report *report, const tl_run_figures *figure
     end_table(file);
 }
 
-static void put_figures(const filling *page) {
+static void put_figures(const page_data *page) {
     const tl_html_report *report = page->report;
     const tl_run_figures *figures = page->figures;
     FILE *file = page->file;
@@ -588,27 +590,28 @@ static void put_figures(const filling *page) {
     (void)fputs("</div>\n<div class=\"tables\">\n", file);
     put_matches(report, figures, file);
     put_adjusted(report, figures, file);
-    (void)fputs("<div class=\"pair\">\n", file);
+    (void)fputs("<details><summary>Details: executions and outcomes of the steps</summary>\n<div class=\"pair\">\n",
+                file);
     put_ledger(figures, file);
     put_steps(report, figures, file);
-    (void)fputs("</div>\n</div>\n</section>\n", file);
+    (void)fputs("</div>\n</details>\n</div>\n</section>\n", file);
 }
 
 /* ---- Notes on the plots ---------------------------------------------------------------------- */
 
-static void put_thinning(const filling *page) {
+static void put_thinning(const page_data *page) {
     const tl_html_report *report = page->report;
     FILE *file = page->file;
     if (report->curves.width > 1) {
-        (void)fputs(
-            "<p class=\"note\" id=\"thinning\">Thinned: the plots show the least and the largest value of every ",
-            file);
+        (void)fputs("<p class=\"note\" id=\"thinning\">The plots show the smallest and the largest value of every ",
+                    file);
         put_counted(file, "width", (uint64_t)report->curves.width);
-        (void)fputs(" steps, in the order in which they came. No extreme is left out.</p>\n", file);
+        (void)fputs(" steps, in the order of time. No extreme is left out.</p>\n", file);
     }
     if (!report->settings.clock) {
         (void)fputs(
-            "<p class=\"note\">A replay has no clock: there is no budget of time, and no plot of its use.</p>\n", file);
+            "<p class=\"note\">A replay has no clock, so there is no time budget and no plot of the computing time.</p>\n",
+            file);
     }
 }
 
@@ -642,7 +645,7 @@ static void put_event(const tl_html_settings *settings, const tl_html_entry *ent
     put_within(file, "<td class=\"text\">", entry->text, "</td></tr>\n");
 }
 
-static void put_events(const filling *page) {
+static void put_events(const page_data *page) {
     const tl_html_report *report = page->report;
     FILE *file = page->file;
     uint64_t count = report->event_count;
@@ -657,7 +660,7 @@ static void put_events(const filling *page) {
         tl_html_put_count(file, count);
         (void)fputs(".</p>\n", file);
     }
-    begin_table(file, "", "<th class=\"n\">time</th><th></th><th>from</th><th>what</th>");
+    begin_table(file, "", "<th class=\"n\">time</th><th>severity</th><th>source</th><th>event</th>");
     for (uint64_t i = first; i < count; i++) {
         put_event(&report->settings, &report->events[i % TL_HTML_EVENTS], file);
     }
@@ -667,16 +670,16 @@ static void put_events(const filling *page) {
 
 /* ---- The page: page.html with its placeholders replaced. */
 
-static void put_name(const filling *page) {
+static void put_name(const page_data *page) {
     tl_html_put_text(page->file, page->report->settings.name);
 }
 
-static void put_version(const filling *page) {
+static void put_version(const page_data *page) {
     tl_html_put_text(page->file, TL_VERSION);
 }
 
 /* Permits the two embedded scripts only. */
-static void put_policy(const filling *page) {
+static void put_policy(const page_data *page) {
     char library[TL_HTML_DIGEST];
     char script[TL_HTML_DIGEST];
     tl_html_digest(tl_html_library.bytes, tl_html_library.size, library);
@@ -687,8 +690,8 @@ static void put_policy(const filling *page) {
 static const struct {
     const char *name;
     const tl_html_resource *resource; /* the text for the placeholder, or NULL: `put` writes it */
-    void (*put)(const filling *page);
-} places[] = {
+    void (*put)(const page_data *page);
+} placeholders[] = {
     {"name", NULL, put_name},          {"version", NULL, put_version},
     {"policy", NULL, put_policy},      {"library-style", &tl_html_library_style, NULL},
     {"style", &tl_html_style, NULL},   {"library", &tl_html_library, NULL},
@@ -700,15 +703,15 @@ static const struct {
 
 /* Replaces the placeholder `name` of `length` characters. An unknown one stays as it is, so that a
  * test finds it. */
-static void fill(const filling *page, const char *name, size_t length) {
-    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
-        if (strlen(places[i].name) != length || memcmp(places[i].name, name, length) != 0) {
+static void fill_placeholder(const page_data *page, const char *name, size_t length) {
+    for (size_t i = 0; i < sizeof placeholders / sizeof placeholders[0]; i++) {
+        if (strlen(placeholders[i].name) != length || memcmp(placeholders[i].name, name, length) != 0) {
             continue;
         }
-        if (places[i].resource != NULL) {
-            (void)fwrite(places[i].resource->bytes, 1, places[i].resource->size, page->file);
+        if (placeholders[i].resource != NULL) {
+            (void)fwrite(placeholders[i].resource->bytes, 1, placeholders[i].resource->size, page->file);
         } else {
-            places[i].put(page);
+            placeholders[i].put(page);
         }
         return;
     }
@@ -716,7 +719,7 @@ static void fill(const filling *page, const char *name, size_t length) {
 }
 
 void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file) {
-    const filling page = {report, figures, ended, file};
+    const page_data page = {report, figures, ended, file};
     const char *at = (const char *)tl_html_frame.bytes;
     const char *end = at + tl_html_frame.size;
     for (const char *open; (open = memmem(at, (size_t)(end - at), "{{", 2)) != NULL;) {
@@ -725,7 +728,7 @@ void tl_html_report_write(const tl_html_report *report, const tl_run_figures *fi
             break;
         }
         (void)fwrite(at, 1, (size_t)(open - at), file);
-        fill(&page, open + 2, (size_t)(close - open) - 2);
+        fill_placeholder(&page, open + 2, (size_t)(close - open) - 2);
         at = close + 2;
     }
     (void)fwrite(at, 1, (size_t)(end - at), file);
@@ -747,17 +750,17 @@ tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report
     while (buckets > LEAST_BUCKETS && buckets * channels > POINTS) {
         buckets /= 2;
     }
-    tl_html_report *made = calloc(1, sizeof *made);
-    if (made == NULL) {
+    tl_html_report *created = calloc(1, sizeof *created);
+    if (created == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
     }
-    made->settings = *settings;
-    tl_status status = tl_envelope_init(&made->curves, channels, buckets, error);
+    created->settings = *settings;
+    tl_status status = tl_envelope_init(&created->curves, channels, buckets, error);
     if (status != TL_OK) {
-        free(made);
+        free(created);
         return status;
     }
-    *report = made;
+    *report = created;
     return TL_OK;
 }
 

@@ -151,7 +151,7 @@ static tl_status add_tunings(tl_json_writer *json, const tl_show_request *reques
     return status;
 }
 
-static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+static tl_status add_all(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
     tl_show_summary summary;
     tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &summary, error);
     if (status != TL_OK) {
@@ -187,7 +187,7 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
 tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error) {
     tl_json_writer json;
     tl_json_writer_begin(&json);
-    tl_status status = fill(&json, request, error);
+    tl_status status = add_all(&json, request, error);
     if (status == TL_OK) {
         status = tl_json_writer_print(&json, file, error);
     }

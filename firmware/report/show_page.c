@@ -41,19 +41,19 @@ static char *next_text(void) {
     return texts[next++ % TEXTS];
 }
 
-static const char *clean(const show_page *page, const char *text) {
+static const char *clean_line(const show_page *page, const char *text) {
     char *made = next_text();
     tl_show_clean(page->request->style, text, made, TEXT);
     return made;
 }
 
-static const char *number(double value, bool sign) {
+static const char *number_text(double value, bool sign) {
     char *made = next_text();
     tl_show_number(value, sign, made, TEXT);
     return made;
 }
 
-static const char *duration(double seconds) {
+static const char *duration_text(double seconds) {
     char *made = next_text();
     tl_show_duration(seconds, made, TEXT);
     return made;
@@ -66,9 +66,9 @@ static const char *short_time(const char *utc) {
     return made;
 }
 
-static void heading(const show_page *page, const char *format, ...) TL_PRINTF(2, 3);
+static void print_heading(const show_page *page, const char *format, ...) TL_PRINTF(2, 3);
 
-static void heading(const show_page *page, const char *format, ...) {
+static void print_heading(const show_page *page, const char *format, ...) {
     bool colour = page->request->style.colour;
     va_list arguments;
     (void)fputs(colour ? "\n\x1b[1m" : "\n", page->file);
@@ -109,9 +109,9 @@ static void add_run(tl_show_table *table, const show_page *page, const tl_histor
     tl_show_table_add(table, "%s", run->run == page->request->run->run ? ">" : "");
     tl_show_table_add(table, "%lld", (long long)run->run);
     tl_show_table_add(table, "%s", short_time(started));
-    tl_show_table_add(table, "%s", duration(seconds_between(started, run->committed)));
+    tl_show_table_add(table, "%s", duration_text(seconds_between(started, run->committed)));
     tl_show_table_add(table, "%s", run->verb);
-    tl_show_table_add(table, "%s", run->ended == NULL ? "is being written" : run->ended_reason);
+    tl_show_table_add(table, "%s", run->ended == NULL ? "running, or killed" : run->ended_reason);
     if (page->request->verbose) {
         tl_show_table_add(table, "%llu", (unsigned long long)run->steps);
         tl_show_table_add(table, "%.*s", HASH_SHOWN, run->configuration_hash);
@@ -131,7 +131,7 @@ static tl_status print_runs(const show_page *page, tl_error *error) {
         return status;
     }
     size_t first = count > RUNS_SHOWN ? count - RUNS_SHOWN : 0;
-    heading(page, "Runs");
+    print_heading(page, "Runs");
     if (first > 0) {
         (void)fprintf(page->file, "  (%zu older ones: --json lists them)\n", first);
     }
@@ -148,9 +148,9 @@ static void print_when(const show_page *page) {
     const tl_history_run *run = page->request->run;
     const char *started = own_start(run);
     (void)fprintf(page->file, "  when           %s %s %s UTC, %s; %s%s\n", short_time(started), page->until,
-                  short_time(run->committed), duration(seconds_between(started, run->committed)),
-                  run->ended == NULL ? "is being written, or was killed" : "ended: ",
-                  run->ended == NULL ? "" : clean(page, run->ended_reason));
+                  short_time(run->committed), duration_text(seconds_between(started, run->committed)),
+                  run->ended == NULL ? "running, or killed" : "ended: ",
+                  run->ended == NULL ? "" : clean_line(page, run->ended_reason));
 }
 
 static void print_steps(const show_page *page) {
@@ -160,7 +160,7 @@ static void print_steps(const show_page *page) {
     bool strokes = figures->outcomes[TL_HELD] > 0;
     double step = tl_seconds(run->step);
     (void)fprintf(page->file, "  steps          %llu of %s: %s of the plant\n", (unsigned long long)steps,
-                  duration(step), duration(step * (double)steps));
+                  duration_text(step), duration_text(step * (double)steps));
     if (page->request->verbose) {
         (void)fprintf(page->file, "                 horizon %s%u %s, pairing %s\n", strokes ? "at most " : "",
                       (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps",
@@ -170,7 +170,7 @@ static void print_steps(const show_page *page) {
         }
     }
     if (figures->time_limited > 0) {
-        (void)fprintf(page->file, "                 the search ran out of time in %llu of them\n",
+        (void)fprintf(page->file, "                 the search was stopped by the time budget in %llu of them\n",
                       (unsigned long long)figures->time_limited);
     }
     if (figures->rested > 0) {
@@ -216,10 +216,10 @@ static void print_recorded(const show_page *page) {
 
 static void print_run(const show_page *page) {
     const tl_history_run *run = page->request->run;
-    heading(page, "Run %lld: %s", (long long)run->run, clean(page, run->name));
+    print_heading(page, "Run %lld: %s", (long long)run->run, clean_line(page, run->name));
     print_when(page);
     (void)fprintf(page->file, "  configuration  %.*s, run by twinlock %s\n", HASH_SHOWN,
-                  clean(page, run->configuration_hash), clean(page, run->version));
+                  clean_line(page, run->configuration_hash), clean_line(page, run->version));
     print_steps(page);
     if (tl_lock_tally_total(&page->summary.lock) > 0) {
         char text[TL_LOCK_SENTENCE];
@@ -239,8 +239,8 @@ static void print_run(const show_page *page) {
 static void add_details(tl_show_table *table, const tl_run_figures *figures, size_t match) {
     const tl_metrics *readings = &figures->readings[match];
     tl_show_table_add(table, "%llu", (unsigned long long)figures->match[match].pairs);
-    tl_show_table_add(table, "%s", number(tl_run_figures_mse(figures, match), false));
-    tl_show_table_add(table, "%s", number(tl_run_figures_mse_readings(figures, match), false));
+    tl_show_table_add(table, "%s", number_text(tl_run_figures_mse(figures, match), false));
+    tl_show_table_add(table, "%s", number_text(tl_run_figures_mse_readings(figures, match), false));
     tl_show_table_add(table, "%llu", (unsigned long long)readings->pairs);
     tl_show_table_add(table, "%llu", (unsigned long long)readings->left_out);
 }
@@ -256,7 +256,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
     if (page->summary.match_count == 0) {
         return TL_OK;
     }
-    heading(page, "Error: simulated minus measured");
+    print_heading(page, "Error: simulated minus measured");
     begin_table(&table, page, page->request->verbose ? "llrrlrrrrrr" : "llrrlr", names);
     for (size_t i = 0; page->request->verbose && i < sizeof details / sizeof details[0]; i++) {
         tl_show_table_add(&table, "%s", details[i]);
@@ -266,8 +266,8 @@ static tl_status print_match(const show_page *page, tl_error *error) {
         const tl_run_figures *figures = &page->summary.figures;
         tl_show_table_add(&table, "%s", signal->name);
         tl_show_table_add(&table, "%s", signal->to == NULL ? "" : signal->to);
-        tl_show_table_add(&table, "%s", number(sqrt(tl_run_figures_mse(figures, i)), false));
-        tl_show_table_add(&table, "%s", number(tl_run_figures_maximum(figures, i), false));
+        tl_show_table_add(&table, "%s", number_text(sqrt(tl_run_figures_mse(figures, i)), false));
+        tl_show_table_add(&table, "%s", number_text(tl_run_figures_maximum(figures, i), false));
         tl_show_table_add(&table, "%s", unit_of(signal));
         tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
         if (page->request->verbose) {
@@ -292,7 +292,7 @@ static void add_numbers(tl_show_table *table, const tl_show_summary *summary, si
                                     detail->least,
                                     detail->largest};
     for (size_t i = 0; i < NUMBERS; i++) {
-        tl_show_table_add(table, "%s", number(adjusted->count == 0 ? (double)NAN : values[i], i == 0));
+        tl_show_table_add(table, "%s", number_text(adjusted->count == 0 ? (double)NAN : values[i], i == 0));
     }
 }
 
@@ -300,7 +300,7 @@ static tl_status print_adjust(const show_page *page, tl_error *error) {
     static const char *const names[] = {"variable", "correction", "first", "last", "mean",
                                         "least",    "largest",    "unit",  NULL};
     tl_show_table table;
-    heading(page, "Mean correction, and applied values");
+    print_heading(page, "Mean correction, and applied values");
     begin_table(&table, page, "lrrrrrrl", names);
     for (size_t i = 0; i < page->summary.adjust_count; i++) {
         tl_show_table_add(&table, "%s", page->summary.adjust[i].name);
@@ -314,7 +314,7 @@ static void print_curve(const show_page *page, size_t adjust) {
     double means[TL_SHOW_POINTS];
     double least = (double)INFINITY;
     double largest = (double)-INFINITY;
-    const char *name = clean(page, page->summary.adjust[adjust].name);
+    const char *name = clean_line(page, page->summary.adjust[adjust].name);
     char curve[TL_SHOW_CURVE];
     for (size_t i = 0; i < page->summary.points; i++) {
         means[i] = tl_show_part_mean(&page->summary.detail[adjust].points[i]);
@@ -323,17 +323,17 @@ static void print_curve(const show_page *page, size_t adjust) {
     }
     tl_show_curve(page->request->style, means, page->summary.points, curve, sizeof curve);
     if (largest > least) {
-        (void)fprintf(page->file, "  %s: correction from %s to %s\n    |%s|\n", name, number(least, true),
-                      number(largest, true), curve);
+        (void)fprintf(page->file, "  %s: correction from %s to %s\n    |%s|\n", name, number_text(least, true),
+                      number_text(largest, true), curve);
     } else {
-        (void)fprintf(page->file, "  %s: correction %s throughout\n", name, number(least, true));
+        (void)fprintf(page->file, "  %s: correction %s throughout\n", name, number_text(least, true));
     }
 }
 
 /* ---- Changes of the corrections -------------------------------------------------------------- */
 
 /* Returns the start of a step: UTC in a live run, else the time since the start of the run. */
-static const char *instant(const show_page *page, int64_t step) {
+static const char *instant_text(const show_page *page, int64_t step) {
     const tl_history_run *run = page->request->run;
     if (tl_show_is_live(run)) {
         char utc[TL_UTC_TEXT];
@@ -351,7 +351,7 @@ static const char *instant(const show_page *page, int64_t step) {
 static tl_status print_windows(const show_page *page, tl_error *error) {
     const tl_show_summary *summary = &page->summary;
     tl_show_table table;
-    heading(page, "Mean correction over time");
+    print_heading(page, "Mean correction over time");
     tl_show_table_begin(&table, page->request->style, "rrrrrrrrr");
     table.columns = 1 + summary->adjust_count;
     tl_show_table_add(&table, "from");
@@ -359,9 +359,9 @@ static tl_status print_windows(const show_page *page, tl_error *error) {
         tl_show_table_add(&table, "%s", summary->adjust[i].name);
     }
     for (size_t window = 0; window < summary->windows; window++) {
-        tl_show_table_add(&table, "%s", instant(page, tl_show_window_start(summary, window)));
+        tl_show_table_add(&table, "%s", instant_text(page, tl_show_window_start(summary, window)));
         for (size_t i = 0; i < summary->adjust_count; i++) {
-            tl_show_table_add(&table, "%s", number(tl_show_part_mean(&summary->detail[i].windows[window]), true));
+            tl_show_table_add(&table, "%s", number_text(tl_show_part_mean(&summary->detail[i].windows[window]), true));
         }
     }
     return tl_show_table_end(&table, page->file, error);
@@ -371,16 +371,16 @@ static void print_change(const show_page *page, size_t adjust) {
     const tl_recorder_signal *signal = &page->summary.adjust[adjust];
     const tl_show_part *windows = page->summary.detail[adjust].windows;
     size_t window = tl_show_largest_change(&page->summary, adjust);
-    const char *name = clean(page, signal->name);
+    const char *name = clean_line(page, signal->name);
     if (window == 0) {
         (void)fprintf(page->file, "  %s: no change larger than the scatter\n", name);
         return;
     }
     (void)fprintf(page->file, "  %s: largest change at %s, %s %s %s%s%s\n", name,
-                  instant(page, tl_show_window_start(&page->summary, window)),
-                  number(tl_show_part_mean(&windows[window - 1]), true), page->arrow,
-                  number(tl_show_part_mean(&windows[window]), true), signal->unit[0] == '\0' ? "" : " ",
-                  clean(page, signal->unit));
+                  instant_text(page, tl_show_window_start(&page->summary, window)),
+                  number_text(tl_show_part_mean(&windows[window - 1]), true), page->arrow,
+                  number_text(tl_show_part_mean(&windows[window]), true), signal->unit[0] == '\0' ? "" : " ",
+                  clean_line(page, signal->unit));
 }
 
 static tl_status print_corrections(const show_page *page, tl_error *error) {
@@ -405,9 +405,9 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
 
 static void print_tuning(const show_page *page, const tl_history_tuning *tuning) {
     (void)fprintf(page->file, "  %s  tick %-10lld  configuration %.12s  %s%s%s%s%s\n", short_time(tuning->at),
-                  (long long)tuning->tick, tuning->hash, clean(page, tuning->who),
-                  tuning->origin[0] != '\0' ? ", " : "", clean(page, tuning->origin),
-                  tuning->why[0] != '\0' ? ": " : "", clean(page, tuning->why));
+                  (long long)tuning->tick, tuning->hash, clean_line(page, tuning->who),
+                  tuning->origin[0] != '\0' ? ", " : "", clean_line(page, tuning->origin),
+                  tuning->why[0] != '\0' ? ": " : "", clean_line(page, tuning->why));
 }
 
 /* Most runs have no tunings. */
@@ -416,7 +416,7 @@ static tl_status print_tunings(show_page *page, tl_error *error) {
     size_t count = 0;
     tl_status status = tl_history_tunings(page->request->history, page->request->run, &tunings, &count, error);
     if (status == TL_OK && count != 0) {
-        heading(page, "Tunings during the run (UTC)");
+        print_heading(page, "Tunings during the run (UTC)");
         for (size_t i = 0; i < count; i++) {
             print_tuning(page, &tunings[i]);
         }
@@ -433,8 +433,8 @@ static void take_event(void *context, const tl_history_event *event) {
                         : strcmp(event->severity, "warning") == 0 ? "\x1b[33m"
                                                                   : "";
     (void)fprintf(page->file, "  %s  %s%-7s%s  %-8s  %s", short_time(event->at), colour ? paint : "",
-                  clean(page, event->severity), colour && paint[0] != '\0' ? "\x1b[0m" : "", clean(page, event->source),
-                  clean(page, event->text));
+                  clean_line(page, event->severity), colour && paint[0] != '\0' ? "\x1b[0m" : "",
+                  clean_line(page, event->source), clean_line(page, event->text));
     if (event->has_tick) {
         (void)fprintf(page->file, " (tick %lld)", (long long)event->tick);
     }
@@ -446,7 +446,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
     if (request->run->events == 0) {
         return TL_OK;
     }
-    heading(page, request->all_events ? "Events (UTC)" : "Last events (UTC)");
+    print_heading(page, request->all_events ? "Events (UTC)" : "Last events (UTC)");
     const tl_history_visitor visitor = {.context = page, .event = take_event};
     return tl_history_events(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
                              &visitor, error);
@@ -463,7 +463,7 @@ static void print_title(const show_page *page) {
     double bytes = stat(page->request->path, &file) == 0 ? (double)file.st_size : 0.0;
     bytes += stat(log_path, &log) == 0 ? (double)log.st_size : 0.0;
     tl_show_bytes(bytes, size, TEXT);
-    (void)fprintf(page->file, "%s, %s\n", clean(page, page->request->path), size);
+    (void)fprintf(page->file, "%s, %s\n", clean_line(page, page->request->path), size);
 }
 
 tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error) {

@@ -51,12 +51,12 @@ static const char *solver_of(const recorded_run *run) {
         return run->config.algorithm;
     }
     if (run->config.name == NULL) {
-        return "not known";
+        return "unknown";
     }
     return run->summary.adjust[0].type == TL_BOOLEAN ? "boolean" : "secant";
 }
 
-static void describe(recorded_run *run) {
+static void fill_settings(recorded_run *run) {
     const tl_history_run *recorded = run->request->run;
     const tl_show_summary *summary = &run->summary;
     bool live = tl_show_is_live(recorded);
@@ -95,7 +95,7 @@ static tl_status write_page(const recorded_run *run, const char *path, tl_error 
         return status;
     }
     const tl_history_run *recorded = run->request->run;
-    const char *ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
+    const char *ended = recorded->ended == NULL ? "running, or killed" : recorded->ended_reason;
     tl_html_report_write(run->report, &run->summary.figures, ended, file.file);
     return tl_new_file_keep(&file, error);
 }
@@ -110,7 +110,7 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
     if (status != TL_OK) {
         return status;
     }
-    describe(run);
+    fill_settings(run);
     status = tl_html_report_create(&run->settings, &run->report, error);
     if (status != TL_OK) {
         return status;

@@ -75,8 +75,8 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
         }
     }
     return tl_fail(error, TL_NOT_LOCKED,
-                   "never in lock: no error stayed within its tolerance. Record with --db and read the events with "
-                   "`twinlock show`; check tolerances, bounds of what is adjusted, and the model");
+                   "never in lock: the errors did not stay within the tolerances. Check tolerances, bounds of the "
+                   "adjusted variables, and the model; `twinlock show` lists the events of a run with --db");
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
@@ -98,8 +98,8 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
     if (summary->lock.ran_away != 0) {
         return tl_fail(error, TL_NOT_LOCKED,
                        "an output or J ran away in %" PRIu64
-                       " steps. Record with --db and read the events with `twinlock show`; check the model and the "
-                       "bounds of what is adjusted",
+                       " steps. Check the model and the bounds of the adjusted variables; `twinlock show` lists the "
+                       "events of a run with --db",
                        summary->lock.ran_away);
     }
     return fail_never_locked(summary, config, error);
@@ -282,7 +282,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
 
 enum { NARROWEST = 12, WIDEST = 32 }; /* of its first column */
 
-static void widen(printing *page, const char *name) {
+static void widen_column(printing *page, const char *name) {
     int length = (int)strlen(name);
     page->width = length > page->width && length <= WIDEST ? length : page->width;
 }
@@ -413,9 +413,10 @@ static void print_free_twin(const printing *page) {
     const tl_free_twin_counts *beside = &page->account->free_twin;
     uint64_t steps = tl_run_figures_committed(&page->figures);
     if (page->account->has_free_twin != 0 && steps != 0) {
-        print_line(page, "free twin", "nearer in %.1f %% of the steps, so u rested at nominal, %" PRIu64 " times",
+        print_line(page, "free twin",
+                   "nearer in %.1f %% of the steps, so nominal values were applied, %" PRIu64 " times",
                    100.0 * (double)page->figures.rested / (double)steps, beside->turns);
-        print_line(page, "", "%" PRIu64 " executions of its own", beside->executions);
+        print_line(page, "", "%" PRIu64 " further executions", beside->executions);
     }
 }
 
@@ -476,10 +477,10 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     page.file = file;
     page.width = NARROWEST;
     for (size_t i = 0; i < config->match_count; i++) {
-        widen(&page, config->match[i].variable);
+        widen_column(&page, config->match[i].variable);
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
-        widen(&page, config->adjust[i].variable);
+        widen_column(&page, config->adjust[i].variable);
     }
     (void)fprintf(file, "%s\n", config->name);
     print_lock(&page);

@@ -26,7 +26,8 @@ typedef enum outcome {
 /* A row of the table at the end of this file. */
 typedef struct step_row {
     tl_control_step step; /* as clients see it */
-    unsigned ways; /* bits of tl_activation_way: only candidates with one of these execute the step; 0: every change */
+    unsigned
+        methods; /* bits of tl_activation_way: only candidates with one of these execute the step; 0: every change */
     outcome (*begin)(tl_activation *self);       /* NULL: nothing to do */
     outcome (*poll)(tl_activation *self);        /* NULL: nothing to wait for */
     tl_time limit;                               /* 0: none, or that of the worker process */
@@ -56,7 +57,7 @@ static tl_activation_view view_now(const tl_activation *self) {
     return view;
 }
 
-static void find_in_force(const tl_activation *self, char hash[TL_SHA256_TEXT]) {
+static void find_running_hash(const tl_activation *self, char hash[TL_SHA256_TEXT]) {
     self->settings.host->in_force(self->settings.host->context, hash);
 }
 
@@ -64,13 +65,13 @@ static void find_in_force(const tl_activation *self, char hash[TL_SHA256_TEXT]) 
  * interrupted. */
 static bool is_unfinished(const tl_activation *self) {
     char hash[TL_SHA256_TEXT];
-    find_in_force(self, hash);
+    find_running_hash(self, hash);
     return active_of(self)->number != 0 && strcmp(active_of(self)->hash, hash) != 0;
 }
 
 /* Passes the tolerances of the version that the probation would return to; zeroed without a
  * probation. */
-static void show_tolerances(const tl_activation *self) {
+static void pass_tolerances(const tl_activation *self) {
     static const tl_lock_tolerances none;
     const tl_activation_host *host = self->settings.host;
     host->judge_by(host->context, is_on_probation(self) ? &self->probation.account.tolerances : &none);
@@ -81,30 +82,30 @@ static void end_shadow(tl_activation *self) {
     self->settings.host->end_shadow(self->settings.host->context);
 }
 
-static tl_activation_shadow look_at_shadow(const tl_activation *self) {
+static tl_activation_shadow poll_shadow(const tl_activation *self) {
     tl_activation_shadow shadow;
     self->settings.host->look_at_shadow(self->settings.host->context, &shadow);
     return shadow;
 }
 
 /* Returns the phase of the shadow if it uses the version that the probation would return to. */
-static tl_activation_phase phase_of_former(const tl_activation *self) {
+static tl_activation_phase previous_phase(const tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = is_on_probation(self) ? tl_versions_get(versions, versions->probation.return_to) : NULL;
     if (before == NULL) {
         return TL_ACTIVATION_NO_SHADOW;
     }
-    const tl_activation_shadow shadow = look_at_shadow(self);
+    const tl_activation_shadow shadow = poll_shadow(self);
     return strcmp(shadow.hash, before->hash) == 0 ? shadow.phase : TL_ACTIVATION_NO_SHADOW;
 }
 
 /* ---- messages ---- */
 
-static void say(const tl_activation *self, const tl_control_reply *reply) {
+static void send_reply(const tl_activation *self, const tl_control_reply *reply) {
     self->settings.say(self->settings.listener, reply);
 }
 
-static void TL_PRINTF(3, 4) say_step(const tl_activation *self, tl_control_step step, const char *format, ...) {
+static void TL_PRINTF(3, 4) report_step(const tl_activation *self, tl_control_step step, const char *format, ...) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STEP);
     va_list arguments;
     va_start(arguments, format);
@@ -112,17 +113,17 @@ static void TL_PRINTF(3, 4) say_step(const tl_activation *self, tl_control_step 
     va_end(arguments);
     reply.as.progress.step = (uint32_t)step;
     reply.as.progress.left_s = tl_activation_left_s(self);
-    say(self, &reply);
+    send_reply(self, &reply);
 }
 
-static void say_end(const tl_activation *self, tl_control_result result, const char *text) {
+static void report_end(const tl_activation *self, tl_control_result result, const char *text) {
     const tl_version *active = active_of(self);
     const tl_control_reply reply = tl_control_new_end(result, active->number, active->hash, text);
-    say(self, &reply);
+    send_reply(self, &reply);
 }
 
 /* Records an event, which is also logged. */
-static void TL_PRINTF(3, 4) tell(const tl_activation *self, tl_severity severity, const char *format, ...) {
+static void TL_PRINTF(3, 4) record_event(const tl_activation *self, tl_severity severity, const char *format, ...) {
     char text[TL_CONTROL_TEXT + 128];
     va_list arguments;
     va_start(arguments, format);
@@ -132,7 +133,7 @@ static void TL_PRINTF(3, 4) tell(const tl_activation *self, tl_severity severity
 }
 
 /* The verdict lists only the first of `count` problems or changes. */
-static void say_list(const tl_activation *self, tl_control_kind kind, uint32_t count, uint32_t most) {
+static void report_list(const tl_activation *self, tl_control_kind kind, uint32_t count, uint32_t most) {
     uint32_t listed = count < most ? count : most;
     for (uint32_t i = 0; i < listed; i++) {
         tl_control_reply reply = tl_control_new_reply(kind);
@@ -142,33 +143,33 @@ static void say_list(const tl_activation *self, tl_control_kind kind, uint32_t c
         } else {
             reply.as.change = self->verdict.change[i];
         }
-        say(self, &reply);
+        send_reply(self, &reply);
     }
 }
 
-static void say_problems(const tl_activation *self) {
-    say_list(self, TL_CONTROL_PROBLEM, self->verdict.problems, TL_VERDICT_PROBLEMS);
+static void report_problems(const tl_activation *self) {
+    report_list(self, TL_CONTROL_PROBLEM, self->verdict.problems, TL_VERDICT_PROBLEMS);
 }
 
 /* Reports how long the lock must be evaluated, unless `time` of live samples is certainly enough.
  * `option` gives more time, of which `lead_in` does not count. */
-static void say_window(const tl_activation *self, tl_control_step step, tl_time time, tl_time lead_in,
-                       const char *option) {
+static void report_window(const tl_activation *self, tl_control_step step, tl_time time, tl_time lead_in,
+                          const char *option) {
     const tl_verdict *verdict = &self->verdict;
     if (verdict->strokes != 0) {
-        say_step(self, step,
-                 "its lock is judged by strokes that have ended, and by %u of them at first: if they do not come "
-                 "within %.3g s, it is not judged here; %s S gives it more",
-                 verdict->strokes, tl_seconds(time), option);
+        report_step(
+            self, step,
+            "the lock needs %u completed strokes: without them in %.3g s it is not evaluated here; %s S gives more time",
+            verdict->strokes, tl_seconds(time), option);
     } else if (verdict->window > time) {
-        say_step(self, step, "its lock is judged over %.3g s, and this gives it %.3g s: use %s %.0f",
-                 tl_seconds(verdict->window), tl_seconds(time), option, ceil(tl_seconds(verdict->window + lead_in)));
+        report_step(self, step, "the lock is evaluated over %.3g s, but only %.3g s are given: use %s %.0f",
+                    tl_seconds(verdict->window), tl_seconds(time), option, ceil(tl_seconds(verdict->window + lead_in)));
     }
 }
 
 /* ---- ends of a change ---- */
 
-static void forget_change(tl_activation *self) {
+static void clear_change(tl_activation *self) {
     if (self->rehearsal.is_begun) {
         end_shadow(self);
     }
@@ -182,14 +183,15 @@ static void forget_change(tl_activation *self) {
 }
 
 /* A technical failure: the client, or the next config manager, may retry. */
-static outcome fail(const tl_activation *self, const char *text) {
-    tell(self, TL_EVENT_ERROR, "the configuration could not be changed: %s", text);
-    say_end(self, TL_CONTROL_FAILED, text);
+static outcome fail_change(const tl_activation *self, const char *text) {
+    record_event(self, TL_EVENT_ERROR, "configuration not changed: %s", text);
+    report_end(self, TL_CONTROL_FAILED, text);
     return ENDED;
 }
 
 /* The candidate is refused or cancelled. This is saved, unless it was only checked. */
-static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_result result, const char *format, ...) {
+static outcome TL_PRINTF(3, 4)
+    refuse_candidate(const tl_activation *self, tl_control_result result, const char *format, ...) {
     bool is_cancelled = result == TL_CONTROL_CANCELLED;
     char text[TL_CONTROL_TEXT];
     tl_error error;
@@ -197,13 +199,13 @@ static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_resu
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    tell(self, TL_EVENT_WARNING, "a configuration of %s was %s%s", self->request.who,
-         is_cancelled ? "cancelled " : "refused: ", text);
+    record_event(self, is_cancelled ? TL_EVENT_INFO : TL_EVENT_WARNING, "configuration from %s %s%s", self->request.who,
+                 is_cancelled ? "cancelled " : "refused: ", text);
     if ((self->request.flags & TL_CONTROL_ONLY_CHECK) == 0) { /* if the disk rejects it, it is in the log */
         (void)tl_refusals_add(self->settings.refusals, &self->request, is_cancelled ? "cancelled" : "refused", text,
                               &error);
     }
-    say_end(self, result, text);
+    report_end(self, result, text);
     return ENDED;
 }
 
@@ -214,28 +216,33 @@ static outcome begin_authorisation(tl_activation *self) {
     const tl_control_request *request = &self->request;
     bool is_active = strcmp(active_of(self)->hash, request->hash) == 0;
     tl_error error;
-    say_step(self, TL_CONTROL_AUTHORISE, "%s", tl_change_rights[request->right]);
+    report_step(self, TL_CONTROL_AUTHORISE, "%s", tl_change_rights[request->right]);
     if (request->right < TL_RIGHT_RETUNE) {
-        return refuse(self, TL_CONTROL_FORBIDDEN, "it was sent with the right to read only");
+        return refuse_candidate(self, TL_CONTROL_FORBIDDEN,
+                                "the request has the right read only (expected retune or commission)");
     }
     if (request->if_match[0] != '\0' && strcmp(active_of(self)->hash, request->if_match) != 0) {
-        return refuse(self, TL_CONTROL_CHANGED, "somebody has changed the configuration meanwhile: look at it first");
+        return refuse_candidate(
+            self, TL_CONTROL_CHANGED,
+            "the active configuration is %.12s now (expected %.12s): read it, then send the change again",
+            active_of(self)->hash, request->if_match);
     }
     if (self->text == NULL) {
-        return fail(self, "not enough memory");
+        return fail_change(self, "not enough memory for the configuration");
     }
     /* The same text names other FMUs if one of their files was replaced. */
     self->has_other_fmus = is_active && host->has_other_fmus(host->context, self->text, self->size);
     if (is_active && !self->has_other_fmus) {
-        say_end(self, TL_CONTROL_SAME, "that is what is active");
+        report_end(self, TL_CONTROL_SAME, "this configuration is already active");
         return ENDED;
     }
     if (memchr(self->text, '\0', self->size) != NULL) {
-        return refuse(self, TL_CONTROL_INVALID, "it holds a byte 0: it is no text");
+        return refuse_candidate(self, TL_CONTROL_INVALID,
+                                "the configuration contains a NUL byte (expected a JSON text)");
     }
     if ((request->flags & TL_CONTROL_ONLY_CHECK) == 0 &&
         tl_versions_check_room(self->settings.versions, self->size, &error) != TL_OK) {
-        return fail(self, error.text); /* before the client waits for the other steps */
+        return fail_change(self, error.text); /* before the client waits for the other steps */
     }
     return DONE;
 }
@@ -255,7 +262,7 @@ static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_ti
     settings.job.text[TL_WORKER_CANDIDATE] = self->text;
     settings.job.memory_limit = self->settings.memory_limit;
     settings.job.unconfined = self->settings.unconfined;
-    return tl_worker_start(&self->worker, &settings, &error) == TL_OK ? RUNNING : fail(self, error.text);
+    return tl_worker_start(&self->worker, &settings, &error) == TL_OK ? RUNNING : fail_change(self, error.text);
 }
 
 /* Returns the text of a version; the caller calls free(). A text that is damaged on disk is copied
@@ -273,15 +280,14 @@ static char *read_text(const tl_activation *self, uint64_t number, tl_error *err
     text = version == NULL ? NULL : malloc(TL_CONTROL_MOST + 1);
     if (text == NULL || !host->text(host->context, version->hash, text, &size)) {
         free(text);
-        (void)tl_fail(error, status, "%.700s; start the run anew: it begins with the newest version that can be read",
-                      cause.text);
+        (void)tl_fail(error, status, "%.700s; restart the run: it starts with the newest readable version", cause.text);
         return NULL;
     }
     bool is_mended = tl_versions_mend(self->settings.versions, number, text, size, error) == TL_OK;
-    tell(
-        self, is_mended ? TL_EVENT_WARNING : TL_EVENT_ERROR,
-        "the text of version %" PRIu64 " was damaged on disk, and %s%s", number,
-        is_mended ? "is written anew from the run's memory" : "cannot be written anew: ", is_mended ? "" : error->text);
+    record_event(self, is_mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "version %" PRIu64 ": its file was damaged%s%s",
+                 number,
+                 is_mended ? ", and is restored from the run's memory; check the disk" : " and cannot be rewritten: ",
+                 is_mended ? "" : error->text);
     return text;
 }
 
@@ -292,21 +298,21 @@ static outcome begin_validation(tl_activation *self) {
     tl_error error;
     const tl_versions *versions = self->settings.versions;
     const char *list_path = self->settings.allowed;
-    find_in_force(self, hash);
-    const tl_version *in_force =
+    find_running_hash(self, hash);
+    const tl_version *running =
         self->cause == TL_ACTIVATION_SETTLES ? tl_versions_of_hash(versions, hash) : active_of(self);
-    say_step(self, TL_CONTROL_VALIDATE, "the text is read, and held against the active one");
-    if (in_force == NULL || in_force->number == 0) {
-        return fail(self, "no version is active");
+    report_step(self, TL_CONTROL_VALIDATE, "validating the text, and comparing it with the active version");
+    if (running == NULL || running->number == 0) {
+        return fail_change(self, "no version is active");
     }
     if (self->cause != TL_ACTIVATION_CANDIDATE) {
         bool is_return = self->cause == TL_ACTIVATION_RETURN;
         self->text = read_text(self, is_return ? versions->probation.return_to : versions->active, &error);
         self->size = self->text == NULL ? 0 : strlen(self->text);
     }
-    char *before = self->text == NULL ? NULL : read_text(self, in_force->number, &error);
+    char *before = self->text == NULL ? NULL : read_text(self, running->number, &error);
     if (before == NULL) {
-        return fail(self, error.text);
+        return fail_change(self, error.text);
     }
     const tl_version *last = tl_versions_commissioned(versions);
     char *commissioned = last == NULL ? NULL : read_text(self, last->number, &error);
@@ -314,7 +320,7 @@ static outcome begin_validation(tl_activation *self) {
     char *list = list_path == NULL ? NULL : tl_box_read_list(list_path, fault);
     char *file = tl_box_read_file(self->settings.path);
     if (fault[0] != '\0') {
-        say_step(self, TL_CONTROL_VALIDATE, "%s", fault);
+        report_step(self, TL_CONTROL_VALIDATE, "%s", fault);
     }
     const tl_worker_job job = {.kind = TL_WORKER_VALIDATOR,
                                .text = {[TL_WORKER_IN_FORCE] = before,
@@ -323,17 +329,17 @@ static outcome begin_validation(tl_activation *self) {
                                         [TL_WORKER_ON_THE_BOX] = file,
                                         [TL_WORKER_LIST] = list,
                                         [TL_WORKER_LIST_PATH] = list_path}};
-    outcome sent = start_worker(self, &job, VALIDATION_LIMIT, NULL);
+    outcome started = start_worker(self, &job, VALIDATION_LIMIT, NULL);
     free(before);
     free(kept);
     free(commissioned);
     free(list);
     free(file);
-    return sent;
+    return started;
 }
 
 /* In safe hold there is no twin that could change its tuning, or be compared with a shadow. */
-static tl_activation_way way_of(const tl_activation *self) {
+static tl_activation_way choose_method(const tl_activation *self) {
     if (self->verdict.kind == TL_CHANGE_RESTART || view_now(self).holds) {
         return TL_ACTIVATION_BY_RESTART;
     }
@@ -344,40 +350,43 @@ static tl_activation_way way_of(const tl_activation *self) {
  */
 static outcome refuse_restart(const tl_activation *self) {
     const tl_verdict *verdict = &self->verdict;
-    const char *key = "some of it";
+    const char *key = "the configuration";
     if (view_now(self).holds) {
-        return refuse(self, TL_CONTROL_RESTART, "the run is in safe hold: with --restart it ends and begins anew");
+        return refuse_candidate(self, TL_CONTROL_RESTART,
+                                "the run is in safe hold, so only a restart can change it: use --restart");
     }
     for (uint32_t i = TL_VERDICT_CHANGES; i > 0; i--) {
         bool is_one = strcmp(verdict->change[i - 1].kind, tl_change_kinds[TL_CHANGE_RESTART]) == 0;
         key = is_one ? verdict->change[i - 1].path : key;
     }
-    return refuse(self, TL_CONTROL_RESTART,
-                  "only a new run can take %s: with --restart the run ends and begins anew, with a gap", key);
+    return refuse_candidate(self, TL_CONTROL_RESTART,
+                            "%s cannot change during a run: use --restart (restarts the run, with a gap)", key);
 }
 
 /* The candidate is valid. Checks the client's right, and selects how it is activated. */
-static outcome weigh(tl_activation *self) {
+static outcome check_right(tl_activation *self) {
     tl_verdict *verdict = &self->verdict;
-    say_list(self, TL_CONTROL_CHANGE, verdict->changes, TL_VERDICT_CHANGES);
+    report_list(self, TL_CONTROL_CHANGE, verdict->changes, TL_VERDICT_CHANGES);
     if (self->has_other_fmus) { /* the texts do not show this change */
         verdict->kind = TL_CHANGE_NEW_TWIN;
         verdict->right = TL_RIGHT_COMMISSION;
-        say_step(self, TL_CONTROL_VALIDATE,
-                 "it is the active one, but an FMU's file is another than the one that the twin has loaded (new twin); "
-                 "the old file is gone, so a way back is by the twin before only");
+        report_step(
+            self, TL_CONTROL_VALIDATE,
+            "the text is the active one, but an FMU file has changed since it was loaded (new twin); the old file "
+            "is gone, so only a handover to the previous twin can roll back");
     }
-    self->way = way_of(self);
+    self->way = choose_method(self);
     bool is_boxed = verdict->right == TL_RIGHT_BOX && self->request.origin != TL_ORIGIN_RELOAD;
     uint32_t right = verdict->right < TL_RIGHT_BOX ? verdict->right : TL_RIGHT_COMMISSION;
     if (is_boxed || right > self->request.right) {
-        say_problems(self);
-        return refuse(
-            self, TL_CONTROL_FORBIDDEN, "%s",
-            is_boxed
-                ? "it names a library, a file or an FMU that nobody on the box has named, or lets an FMU out: that is "
-                  "changed on the box, by twinlock reload without --right"
-                : "it changes what takes the right to commission, and was sent with less");
+        report_problems(self);
+        return is_boxed
+                   ? refuse_candidate(
+                         self, TL_CONTROL_FORBIDDEN,
+                         "a library, file or FMU is not allowed, or an FMU would be unconfined: change this on the "
+                         "box, with `twinlock reload` without --right")
+                   : refuse_candidate(self, TL_CONTROL_FORBIDDEN, "the change needs the right %s (the request has %s)",
+                                      tl_change_rights[right], tl_change_rights[self->request.right]);
     }
     bool is_allowed = (self->request.flags & (TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK)) != 0;
     return self->way == TL_ACTIVATION_BY_RESTART && !is_allowed ? refuse_restart(self) : DONE;
@@ -391,20 +400,20 @@ static outcome poll_validation(tl_activation *self) {
     bool is_sound = state == TL_WORKER_DONE && tl_verdict_take(self->worker.result.bytes, &self->verdict);
     tl_worker_close(&self->worker);
     if (!is_sound) {
-        return refuse(self, TL_CONTROL_INVALID, "nobody can read it: %s",
-                      state == TL_WORKER_DONE ? "no verdict" : self->worker.reason);
+        return refuse_candidate(self, TL_CONTROL_INVALID, "the validation failed: %s",
+                                state == TL_WORKER_DONE ? "no valid result" : self->worker.reason);
     }
     if (self->verdict.is_valid == 0) {
-        say_problems(self);
-        return refuse(self, TL_CONTROL_INVALID, "%u problem%s", self->verdict.problems,
-                      self->verdict.problems == 1 ? "" : "s");
+        report_problems(self);
+        return refuse_candidate(self, TL_CONTROL_INVALID, "%u problem%s", self->verdict.problems,
+                                self->verdict.problems == 1 ? "" : "s");
     }
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
-        return weigh(self);
+        return check_right(self);
     }
     /* A rollback or an interrupted change must not wait for a test of another twin, so a handover
      * becomes a restart. */
-    tl_activation_way way = way_of(self);
+    tl_activation_way way = choose_method(self);
     self->way = way == TL_ACTIVATION_BY_HANDOVER ? TL_ACTIVATION_BY_RESTART : way;
     return DONE;
 }
@@ -413,7 +422,7 @@ static outcome poll_validation(tl_activation *self) {
 
 /* Sends "PATH: line 7: synchronise.margin: …" as a problem without PATH, because the client does
  * not know the run's file. Returns false for other texts. */
-static bool say_problem(const tl_activation *self, const char *text) {
+static bool report_problem(const tl_activation *self, const char *text) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_PROBLEM);
     tl_control_problem *problem = &reply.as.problem;
     size_t length = strlen(self->settings.path);
@@ -429,34 +438,34 @@ static bool say_problem(const tl_activation *self, const char *text) {
         rest = colon + 2;
     }
     (void)snprintf(problem->text, sizeof problem->text, "%s", rest);
-    say(self, &reply);
+    send_reply(self, &reply);
     return true;
 }
 
-static void hear_trial(void *context, const char *line) {
+static void take_trial_line(void *context, const char *line) {
     tl_activation *self = context;
     const char *text = line;
     int level = tl_log_level_of(line, &text);
     self->told = self->waited;
-    if (say_problem(self, text)) {
+    if (report_problem(self, text)) {
         self->problems++;
     } else if (level == TL_LOG_ERROR && self->heard[0] == '\0') {
         (void)snprintf(self->heard, sizeof self->heard, "%s", text); /* part of the refusal, so it is sent only once */
     } else {
-        say_step(self, TL_CONTROL_TRY, "%s", text);
+        report_step(self, TL_CONTROL_TRY, "%s", text);
     }
 }
 
 static outcome begin_trial(tl_activation *self) {
     self->heard[0] = '\0';
     self->problems = 0;
-    say_step(self, TL_CONTROL_TRY, "its FMUs are loaded, started and set back, beside the plant's");
-    return start_worker(self, &(const tl_worker_job){.kind = TL_WORKER_TRIAL}, TRIAL_LIMIT, hear_trial);
+    report_step(self, TL_CONTROL_TRY, "loading, starting and rolling back the FMUs, beside the running twin");
+    return start_worker(self, &(const tl_worker_job){.kind = TL_WORKER_TRIAL}, TRIAL_LIMIT, take_trial_line);
 }
 
-static void say_patience(const tl_activation *self) {
-    say_step(self, TL_CONTROL_TRY, "for %d s; it is ended after %d s", (int)(self->waited / TL_SECOND),
-             (int)(TRIAL_LIMIT / TL_SECOND));
+static void report_trial(const tl_activation *self) {
+    report_step(self, TL_CONTROL_TRY, "%d s so far (limit %d s)", (int)(self->waited / TL_SECOND),
+                (int)(TRIAL_LIMIT / TL_SECOND));
 }
 
 static outcome poll_trial(tl_activation *self) {
@@ -471,27 +480,28 @@ static outcome poll_trial(tl_activation *self) {
         return DONE;
     }
     if (self->heard[0] == '\0' && self->problems != 0) { /* the client has received them */
-        return refuse(self, TL_CONTROL_INVALID, "it cannot run: %u problem%s", self->problems,
-                      self->problems == 1 ? "" : "s");
+        return refuse_candidate(self, TL_CONTROL_INVALID, "the trial failed: %u problem%s", self->problems,
+                                self->problems == 1 ? "" : "s");
     }
-    return refuse(self, TL_CONTROL_INVALID, "it cannot run: %s",
-                  self->heard[0] != '\0' ? self->heard
-                  : is_done              ? "its trial has not said what it takes"
-                                         : self->worker.reason);
+    return refuse_candidate(self, TL_CONTROL_INVALID, "the trial failed: %s",
+                            self->heard[0] != '\0' ? self->heard
+                            : is_done              ? "no valid result"
+                                                   : self->worker.reason);
 }
 
 /* ---- predict ---- */
 
 /* The box is too slow or too small for two twins: the change restarts the run if the client allows
  * that. */
-static outcome make_no_room(tl_activation *self, const char *why) {
+static outcome use_restart(tl_activation *self, const char *why) {
     if ((self->request.flags & TL_CONTROL_MAY_RESTART) == 0) {
-        return refuse(self, TL_CONTROL_INVALID, "%s%s", why, strstr(why, "--restart") != NULL ? "" : ": use --restart");
+        return refuse_candidate(self, TL_CONTROL_INVALID, "%s%s", why,
+                                strstr(why, "--restart") != NULL ? "" : ": use --restart");
     }
     if (self->rehearsal.is_begun) {
         end_shadow(self);
     }
-    say_step(self, TL_CONTROL_SHADOW, "%s: by a restart, then", why);
+    report_step(self, TL_CONTROL_SHADOW, "%s: the run will restart instead", why);
     self->way = TL_ACTIVATION_BY_RESTART;
     return DONE;
 }
@@ -503,17 +513,17 @@ static outcome begin_forecast(tl_activation *self) {
         return DONE;
     }
     tl_forecast_write_time(&self->answer, text);
-    say_step(self, TL_CONTROL_PREDICT, "%s", text);
+    report_step(self, TL_CONTROL_PREDICT, "%s", text);
     if (self->way == TL_ACTIVATION_BY_RESTART) {
         return DONE;
     }
     if (self->answer.least > self->answer.step) {
-        return refuse(self, TL_CONTROL_INVALID, "%s", text);
+        return refuse_candidate(self, TL_CONTROL_INVALID, "%s", text);
     }
-    uint64_t left = tl_forecast_memory_left();
-    tl_forecast_write_memory(&self->answer, left, text);
-    say_step(self, TL_CONTROL_PREDICT, "%s", text);
-    return left == 0 || self->answer.memory <= left ? DONE : make_no_room(self, text);
+    uint64_t available = tl_forecast_memory_left();
+    tl_forecast_write_memory(&self->answer, available, text);
+    report_step(self, TL_CONTROL_PREDICT, "%s", text);
+    return available == 0 || self->answer.memory <= available ? DONE : use_restart(self, text);
 }
 
 /* ---- shadow ---- */
@@ -523,8 +533,9 @@ static outcome begin_forecast(tl_activation *self) {
 static const tl_time LEAD_IN = 10 * TL_SECOND;
 
 static tl_time length_of_shadow(const tl_activation *self) {
-    uint32_t given = self->request.shadow_s == 0 ? TL_ACTIVATION_SHADOW_S : self->request.shadow_s;
-    return (tl_time)(given < TL_ACTIVATION_SHADOW_LONGEST_S ? given : TL_ACTIVATION_SHADOW_LONGEST_S) * TL_SECOND;
+    uint32_t requested = self->request.shadow_s == 0 ? TL_ACTIVATION_SHADOW_S : self->request.shadow_s;
+    return (tl_time)(requested < TL_ACTIVATION_SHADOW_LONGEST_S ? requested : TL_ACTIVATION_SHADOW_LONGEST_S) *
+           TL_SECOND;
 }
 
 static tl_time lead_in_of(const tl_activation *self) {
@@ -539,19 +550,19 @@ static double required_lock(const tl_activation *self) {
 
 static outcome begin_shadow(tl_activation *self) {
     self->rehearsal = (tl_rehearsal){.comparison.before = view_now(self).figures};
-    say_step(self, TL_CONTROL_SHADOW, "its twin is begun beside the run's");
+    report_step(self, TL_CONTROL_SHADOW, "starting the new twin as a shadow, beside the running twin");
     if (required_lock(self) > 0.0) {
         tl_time third = self->verdict.window /
                         3; /* lead_in_of() is a quarter of the shadow's time, so a third of the time that is compared */
-        say_window(self, TL_CONTROL_SHADOW, length_of_shadow(self) - lead_in_of(self),
-                   third < LEAD_IN ? third : LEAD_IN, "--shadow");
+        report_window(self, TL_CONTROL_SHADOW, length_of_shadow(self) - lead_in_of(self),
+                      third < LEAD_IN ? third : LEAD_IN, "--shadow");
     }
     return RUNNING;
 }
 
 static outcome poll_order(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
-    bool takes_place = phase_of_former(self) != TL_ACTIVATION_NO_SHADOW;
+    bool replaces_previous = previous_phase(self) != TL_ACTIVATION_NO_SHADOW;
     const tl_activation_candidate candidate = {.text = self->text,
                                                .size = self->size,
                                                .hash = self->request.hash,
@@ -561,11 +572,11 @@ static outcome poll_order(tl_activation *self) {
     if (!self->rehearsal.is_begun) {
         return RUNNING;
     }
-    if (takes_place) {
+    if (replaces_previous) {
         static const char text[] =
-            "the twin before makes room for it: a way back from the version on probation is by a restart now";
-        tell(self, TL_EVENT_INFO, "%s", text);
-        say_step(self, TL_CONTROL_SHADOW, "%s", text);
+            "the previous twin ends to make room: a rollback of the version on probation now restarts the run";
+        record_event(self, TL_EVENT_INFO, "%s", text);
+        report_step(self, TL_CONTROL_SHADOW, "%s", text);
     }
     return DONE;
 }
@@ -576,27 +587,28 @@ static outcome fail_shadow(tl_activation *self, const tl_activation_shadow *shad
     char why[TL_ACTIVATION_WHY];
     char text[TL_CONTROL_TEXT];
     (void)tl_clean_text(shadow->why, strnlen(shadow->why, sizeof shadow->why), why, sizeof why);
-    (void)snprintf(text, sizeof text, "its twin did not stay beside the run's: %s", why[0] == '\0' ? "it died" : why);
-    return !has_run || strstr(why, TL_COMPARISON_TWO_TWINS) != NULL ? make_no_room(self, text)
-                                                                    : refuse(self, TL_CONTROL_INVALID, "%s", text);
+    (void)snprintf(text, sizeof text, "the shadow failed: %s", why[0] == '\0' ? "its process ended" : why);
+    return !has_run || strstr(why, TL_COMPARISON_TWO_TWINS) != NULL
+               ? use_restart(self, text)
+               : refuse_candidate(self, TL_CONTROL_INVALID, "%s", text);
 }
 
-static void say_loading(const tl_activation *self) {
+static void report_loading(const tl_activation *self) {
     const tl_run_status *work = &self->rehearsal.recorded;
     if (work->last > 0) {
-        say_step(self, TL_CONTROL_SHADOW, "recorded samples: %" PRId64 " of %" PRId64, work->tick, work->last);
+        report_step(self, TL_CONTROL_SHADOW, "recorded samples: %" PRId64 " of %" PRId64, work->tick, work->last);
     } else if (!self->rehearsal.has_run) {
-        say_step(self, TL_CONTROL_SHADOW, "its FMUs are loaded");
+        report_step(self, TL_CONTROL_SHADOW, "loading the FMUs");
     }
 }
 
 /* Waits until the shadow has loaded its FMUs and stepped over the recorded samples. */
 static outcome poll_loading(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
-    const tl_activation_shadow shadow = look_at_shadow(self);
+    const tl_activation_shadow shadow = poll_shadow(self);
     if (shadow.phase == TL_ACTIVATION_SHADOW_LIVE) {
         rehearsal->has_run = true;
-        say_loading(self);
+        report_loading(self);
         return DONE;
     }
     if (shadow.phase == TL_ACTIVATION_SHADOW_RECORDED) {
@@ -609,17 +621,17 @@ static outcome poll_loading(tl_activation *self) {
     return is_over ? fail_shadow(self, &shadow, rehearsal->has_run) : RUNNING;
 }
 
-static void say_live(const tl_activation *self) {
+static void report_live(const tl_activation *self) {
     char lock[TL_COMPARISON_LOCK];
-    const tl_activation_shadow shadow = look_at_shadow(self);
+    const tl_activation_shadow shadow = poll_shadow(self);
     tl_comparison_write_lock(&shadow.work.lock, lock);
-    say_step(self, TL_CONTROL_SHADOW, "live: %.0f of %.0f s, %s", tl_seconds(self->rehearsal.live),
-             tl_seconds(length_of_shadow(self)), lock);
+    report_step(self, TL_CONTROL_SHADOW, "live: %.0f of %.0f s, %s", tl_seconds(self->rehearsal.live),
+                tl_seconds(length_of_shadow(self)), lock);
 }
 
 static outcome poll_live(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
-    const tl_activation_shadow shadow = look_at_shadow(self);
+    const tl_activation_shadow shadow = poll_shadow(self);
     if (shadow.phase != TL_ACTIVATION_SHADOW_LIVE) {
         return fail_shadow(self, &shadow, true);
     }
@@ -629,7 +641,7 @@ static outcome poll_live(tl_activation *self) {
         tl_comparison_begin(&rehearsal->comparison, &shadow.work, &shadow.beside);
     } else if (rehearsal->live >= length_of_shadow(self)) {
         rehearsal->live = length_of_shadow(self);
-        say_live(self);
+        report_live(self);
         tl_comparison_end(&rehearsal->comparison, &shadow.work, &shadow.beside);
         return DONE;
     }
@@ -638,27 +650,27 @@ static outcome poll_live(tl_activation *self) {
 
 /* ---- compare ---- */
 
-static void say_comparison(void *context, const char *text) {
-    say_step(context, TL_CONTROL_COMPARE, "%s", text);
+static void report_comparison(void *context, const char *text) {
+    report_step(context, TL_CONTROL_COMPARE, "%s", text);
 }
 
 static outcome begin_comparison(tl_activation *self) {
     const tl_comparison *comparison = &self->rehearsal.comparison;
     bool insists = (self->request.flags & TL_CONTROL_EVEN_WORSE) != 0;
     char why[TL_COMPARISON_TEXT];
-    tl_comparison_tell(comparison, say_comparison, self);
+    tl_comparison_tell(comparison, report_comparison, self);
     switch (tl_comparison_judge(comparison, required_lock(self), why)) {
     case TL_COMPARISON_GOOD:
         break;
     case TL_COMPARISON_NO_ROOM:
-        return make_no_room(self, why);
+        return use_restart(self, why);
     case TL_COMPARISON_BAD:
-        return refuse(self, TL_CONTROL_INVALID, "%s", why);
+        return refuse_candidate(self, TL_CONTROL_INVALID, "%s", why);
     case TL_COMPARISON_WORSE:
         if (!insists) {
-            return refuse(self, TL_CONTROL_INVALID, "%s: --accept-worse takes it all the same", why);
+            return refuse_candidate(self, TL_CONTROL_INVALID, "%s: use --accept-worse to activate it anyway", why);
         }
-        say_step(self, TL_CONTROL_COMPARE, "%s: taken all the same, as asked", why);
+        report_step(self, TL_CONTROL_COMPARE, "%s: accepted, because of --accept-worse", why);
         break;
     }
     return DONE;
@@ -670,13 +682,13 @@ static outcome begin_comparison(tl_activation *self) {
  */
 static uint32_t length_of_probation(const tl_activation *self) {
     const tl_control_request *request = &self->request;
-    tl_time given = request->probation_s == 0 ? TL_ACTIVATION_PROBATION_S : (tl_time)request->probation_s;
+    tl_time requested = request->probation_s == 0 ? TL_ACTIVATION_PROBATION_S : (tl_time)request->probation_s;
     tl_time least = request->right < TL_RIGHT_COMMISSION ? 2 * self->verdict.window / TL_SECOND + 1 : 1;
-    given = given > least ? given : least;
-    return (uint32_t)(given < TL_PROBATION_LONGEST_S ? given : TL_PROBATION_LONGEST_S);
+    requested = requested > least ? requested : least;
+    return (uint32_t)(requested < TL_PROBATION_LONGEST_S ? requested : TL_PROBATION_LONGEST_S);
 }
 
-static tl_status put_version(tl_activation *self, tl_error *error) {
+static tl_status activate_version(tl_activation *self, tl_error *error) {
     const tl_control_request *request = &self->request;
     const tl_probation_terms terms = {.given_s = length_of_probation(self),
                                       .require_lock = required_lock(self),
@@ -705,19 +717,19 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
 }
 
 /* For the database: a tuning is recorded with user, origin and reason, but a run is not. */
-static void tell_origin(const tl_activation *self) {
+static void record_origin(const tl_activation *self) {
     const tl_version *active = active_of(self);
-    tell(self, TL_EVENT_INFO, "version %" PRIu64 " is of %s, by %s%s%s", active->number, active->who,
-         tl_change_origins[active->origin], active->why[0] == '\0' ? "" : ": ", active->why);
+    record_event(self, TL_EVENT_INFO, "version %" PRIu64 ": from %s (%s)%s%s", active->number, active->who,
+                 tl_change_origins[active->origin], active->why[0] == '\0' ? "" : ": ", active->why);
 }
 
 static outcome restart_run(tl_activation *self) {
     bool is_return = self->cause == TL_ACTIVATION_RETURN;
-    tell(self, TL_EVENT_WARNING, "the run ends, and begins anew with another configuration: version %" PRIu64,
-         self->settings.versions->active);
-    tell_origin(self);
-    say_end(self, is_return && !self->is_wanted ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
-            is_return ? self->reason : "the run ends, and begins anew with it; then its probation begins");
+    record_event(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "the run restarts with version %" PRIu64,
+                 self->settings.versions->active);
+    record_origin(self);
+    report_end(self, is_return && !self->is_wanted ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
+               is_return ? self->reason : "the run restarts with it, then its probation begins");
     self->settings.host->restart(self->settings.host->context);
     return ENDED; /* this run does nothing more for it */
 }
@@ -725,33 +737,34 @@ static outcome restart_run(tl_activation *self) {
 static outcome begin_activation(tl_activation *self) {
     static const struct {
         const char *step, *checked;
-    } words[] = {
+    } texts[] = {
         [TL_ACTIVATION_IN_PLACE] = {"in place, at the beginning of a tick", "it can be activated in place"},
-        [TL_ACTIVATION_BY_HANDOVER] = {"between two ticks, by the other twin", "it can be activated without a gap"},
-        [TL_ACTIVATION_BY_RESTART] = {"by a restart", "it can be activated, with a restart of the run"}};
+        [TL_ACTIVATION_BY_HANDOVER] = {"between two ticks, by a handover to the new twin",
+                                       "it can be activated without a gap"},
+        [TL_ACTIVATION_BY_RESTART] = {"by a restart of the run", "it can be activated, with a restart of the run"}};
     tl_error error;
     tl_status status = TL_OK;
     if (self->cause == TL_ACTIVATION_CANDIDATE && (self->request.flags & TL_CONTROL_ONLY_CHECK) != 0) {
-        say_end(self, TL_CONTROL_DONE, words[self->way].checked);
+        report_end(self, TL_CONTROL_DONE, texts[self->way].checked);
         return ENDED;
     }
     if (self->cause == TL_ACTIVATION_SETTLES && !is_unfinished(self)) {
         return ENDED; /* a handover that was ordered before has finished meanwhile */
     }
-    say_step(self, TL_CONTROL_ACTIVATE, "%s", words[self->way].step);
-    find_in_force(self, self->leaving);
+    report_step(self, TL_CONTROL_ACTIVATE, "%s", texts[self->way].step);
+    find_running_hash(self, self->leaving);
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
-        status = put_version(self, &error);
+        status = activate_version(self, &error);
     } else if (self->cause == TL_ACTIVATION_RETURN) {
         status = tl_versions_settle(self->settings.versions, TL_VERSION_RETURNED, self->reason, &error);
     }
     if (status != TL_OK) {
-        return fail(self, error.text);
+        return fail_change(self, error.text);
     }
     if (self->way == TL_ACTIVATION_BY_RESTART) {
         return restart_run(self);
     }
-    show_tolerances(self); /* before the twin applies the change */
+    pass_tolerances(self); /* before the twin applies the change */
     return DONE;
 }
 
@@ -760,32 +773,32 @@ static outcome poll_handover(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     const tl_version *active = active_of(self);
     const char *why = self->cause == TL_ACTIVATION_RETURN ? self->reason : active->why;
-    bool is_handed = self->way == TL_ACTIVATION_BY_HANDOVER
-                         ? host->handover(host->context)
-                         : host->tune(host->context, active, why, self->text, &self->verdict.tuning);
-    return is_handed ? DONE : RUNNING;
+    bool is_accepted = self->way == TL_ACTIVATION_BY_HANDOVER
+                           ? host->handover(host->context)
+                           : host->tune(host->context, active, why, self->text, &self->verdict.tuning);
+    return is_accepted ? DONE : RUNNING;
 }
 
-static outcome settle_run(tl_activation *self);
+static outcome follow_disk(tl_activation *self);
 
 /* Rolls back on disk; the run never used the version. If the run cannot follow the disk, it
  * restarts. */
-static outcome give_up(tl_activation *self, const char *why) {
+static outcome undo_activation(tl_activation *self, const char *why) {
     tl_error error;
     char text[TL_CONTROL_TEXT];
     (void)snprintf(text, sizeof text, "%s: %s",
-                   self->way == TL_ACTIVATION_BY_HANDOVER ? "the other twin could not take over"
-                                                          : "the twin does not take it",
+                   self->way == TL_ACTIVATION_BY_HANDOVER ? "the handover to the other twin failed"
+                                                          : "the twin did not apply the change",
                    why);
     if (self->cause != TL_ACTIVATION_CANDIDATE) {
-        tell(self, TL_EVENT_ERROR, "%s", text);
+        record_event(self, TL_EVENT_ERROR, "%s", text);
         return restart_run(self);
     }
     if (tl_versions_settle(self->settings.versions, TL_VERSION_RETURNED, text, &error) != TL_OK) {
-        tell(self, TL_EVENT_ERROR, "%s", error.text);
+        record_event(self, TL_EVENT_ERROR, "%s", error.text);
     }
-    (void)fail(self, text);
-    return settle_run(self); /* because a twin that was only slow must not apply it later */
+    (void)fail_change(self, text);
+    return follow_disk(self); /* because a twin that was only slow must not apply it later */
 }
 
 static outcome poll_answer(tl_activation *self) {
@@ -796,7 +809,7 @@ static outcome poll_answer(tl_activation *self) {
     case TL_ACTIVATION_TAKEN:
         return DONE;
     case TL_ACTIVATION_REFUSED:
-        return give_up(self, why);
+        return undo_activation(self, why);
     case TL_ACTIVATION_WAITS:
         break;
     }
@@ -828,21 +841,22 @@ static void end_handover(tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = tl_versions_get(versions, versions->probation.return_to);
     self->rehearsal.is_begun = false; /* its twin is the live one */
-    tell_origin(self);
+    record_origin(self);
     if (self->cause == TL_ACTIVATION_RETURN || before == NULL || strcmp(before->hash, self->leaving) != 0) {
         end_shadow(self);
     }
 }
 
-static void say_probation(const tl_activation *self, const char *in_force) {
+static void report_probation(const tl_activation *self, const char *running) {
     const tl_probation_terms *terms = &self->probation.account.terms;
-    say_step(self, TL_CONTROL_PROBATION, "%u s; %s", terms->given_s,
-             terms->must_confirm ? "it is returned from unless somebody confirms it" : "it is kept if the lock holds");
+    report_step(self, TL_CONTROL_PROBATION, "%u s; %s", terms->given_s,
+                terms->must_confirm ? "it will be rolled back unless it is confirmed"
+                                    : "it will be kept if it stays in lock");
     if (terms->require_lock > 0.0 && !terms->must_confirm) {
-        say_window(self, TL_CONTROL_PROBATION, (tl_time)terms->given_s * TL_SECOND, 0, "--probation");
+        report_window(self, TL_CONTROL_PROBATION, (tl_time)terms->given_s * TL_SECOND, 0, "--probation");
     }
     if ((self->request.flags & TL_CONTROL_WAIT) == 0) {
-        say_end(self, TL_CONTROL_DONE, in_force);
+        report_end(self, TL_CONTROL_DONE, running);
     }
 }
 
@@ -854,28 +868,28 @@ static outcome begin_probation(tl_activation *self) {
     bool is_return = self->cause == TL_ACTIVATION_RETURN;
     bool is_handover = self->way == TL_ACTIVATION_BY_HANDOVER;
     write_changes(self, changes, sizeof changes);
-    (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s", active->number, active->hash,
-                   is_return ? is_handover ? ": returned, by a handover: " : ": returned, " : changes,
+    (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is active%s%s", active->number, active->hash,
+                   is_return ? is_handover ? ": rolled back by a handover: " : ": rolled back: " : changes,
                    is_return ? self->reason : "");
-    tell(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
+    record_event(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
     if (is_handover) {
         end_handover(self);
     }
     if (is_return) {
-        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_handover ? "by a handover: " : "", self->reason);
-        say_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
+        report_step(self, TL_CONTROL_RETURNED, "%s%s", is_handover ? "by a handover: " : "", self->reason);
+        report_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
     } else if (self->cause == TL_ACTIVATION_CANDIDATE) {
         self->unsaved = 0;
         self->pause = 0;
-        say_probation(self, text);
+        report_probation(self, text);
     }
-    forget_change(self);
+    clear_change(self);
     return RUNNING;
 }
 
 /* Rolls back by a handover if the shadow runs the version before; else like any other change. */
-static outcome go_back(tl_activation *self) {
-    tl_activation_phase phase = phase_of_former(self);
+static outcome begin_rollback(tl_activation *self) {
+    tl_activation_phase phase = previous_phase(self);
     self->pause = PAUSE;
     self->cause = TL_ACTIVATION_RETURN;
     self->row = TL_ACTIVATION_ROW_VALIDATE;
@@ -884,20 +898,20 @@ static outcome go_back(tl_activation *self) {
         self->way = TL_ACTIVATION_BY_HANDOVER;
         self->row = TL_ACTIVATION_ROW_ACTIVATE;
     } else if (phase != TL_ACTIVATION_NO_SHADOW) {
-        tell(self, TL_EVENT_WARNING, "the twin before does not run any more: it cannot take over again");
+        record_event(self, TL_EVENT_WARNING, "the previous twin has ended: the rollback cannot use a handover");
         end_shadow(self);
     }
     return AGAIN;
 }
 
 /* Makes the run follow the disk, after a change that was interrupted. */
-static outcome settle_run(tl_activation *self) {
+static outcome follow_disk(tl_activation *self) {
     char hash[TL_SHA256_TEXT];
-    forget_change(self);
+    clear_change(self);
     if (!is_unfinished(self)) {
         return RUNNING;
     }
-    find_in_force(self, hash);
+    find_running_hash(self, hash);
     bool is_known = tl_versions_of_hash(self->settings.versions, hash) != NULL;
     self->cause = TL_ACTIVATION_SETTLES;
     self->way = TL_ACTIVATION_BY_RESTART;
@@ -907,14 +921,15 @@ static outcome settle_run(tl_activation *self) {
 
 /* Reports a full disk once, and once when it works again, although the write is retried every 10 s.
  */
-static void note_disk(tl_activation *self, bool is_written, const char *why) {
+static void report_disk(tl_activation *self, bool is_written, const char *why) {
     char text[TL_CONTROL_TEXT];
     if (!is_written && !self->is_unwritten) {
-        (void)snprintf(text, sizeof text, "the probation goes on until the disk takes what comes of it: %.700s", why);
-        tell(self, TL_EVENT_ERROR, "%s", text);
-        say_step(self, TL_CONTROL_PROBATION, "%s", text);
+        (void)snprintf(text, sizeof text, "probation: cannot be saved, so it continues; retrying every 10 s: %.700s",
+                       why);
+        record_event(self, TL_EVENT_ERROR, "%s", text);
+        report_step(self, TL_CONTROL_PROBATION, "%s", text);
     } else if (is_written && self->is_unwritten) {
-        tell(self, TL_EVENT_INFO, "the disk takes what comes of the probation again");
+        record_event(self, TL_EVENT_INFO, "probation: saved again");
     }
     self->is_unwritten = !is_written;
 }
@@ -925,13 +940,14 @@ static bool keep_version(tl_activation *self) {
     tl_error error;
     bool is_written =
         tl_versions_settle(self->settings.versions, TL_VERSION_KEPT, self->probation.why, &error) == TL_OK;
-    note_disk(self, is_written, error.text);
+    report_disk(self, is_written, error.text);
     if (!is_written) {
         self->pause = PAUSE;
         self->probation.result = TL_PROBATION_GOES_ON; /* so that later failures still count */
         return false;
     }
-    tell(self, TL_EVENT_INFO, "the configuration in force is kept: %s", self->probation.why);
+    record_event(self, TL_EVENT_INFO, "version %" PRIu64 " is kept: %s", self->settings.versions->active,
+                 self->probation.why);
     if (!self->rehearsal.is_begun) { /* else the shadow belongs to a candidate */
         end_shadow(self);
     }
@@ -949,7 +965,7 @@ static tl_probation_result pass_probation(tl_activation *self) {
         if (self->unsaved >= SAVING) {
             self->unsaved = 0;
             bool is_written = tl_versions_pass(self->settings.versions, &self->probation.account, &error) == TL_OK;
-            note_disk(self, is_written, error.text);
+            report_disk(self, is_written, error.text);
         }
     }
     return result;
@@ -959,23 +975,22 @@ static outcome poll_probation(tl_activation *self) {
     char text[TL_CONTROL_TEXT];
     tl_probation_result result = pass_probation(self);
     if (self->pause == 0 && result == TL_PROBATION_RETURN) {
-        return go_back(self);
+        return begin_rollback(self);
     }
     if (self->pause == 0 && result == TL_PROBATION_KEPT && keep_version(self)) {
-        say_step(self, TL_CONTROL_KEPT, "%s", self->probation.why);
+        report_step(self, TL_CONTROL_KEPT, "%s", self->probation.why);
         (void)snprintf(text, sizeof text, "version %" PRIu64 " is kept", self->settings.versions->active);
-        say_end(self, TL_CONTROL_DONE, text);
-        forget_change(self);
+        report_end(self, TL_CONTROL_DONE, text);
+        clear_change(self);
     }
     return RUNNING;
 }
 
 /* ---- table and driver ---- */
 
-#define WAITING                                                                                                        \
-    "it waits until what the last change has left is recorded: a full or slow disk, or database, holds that up"
+#define WAITING "waiting until the database has recorded the previous change: is the disk full or slow?"
 
-#define LATE "it has not answered for 60 s"
+#define LATE "no answer within 60 s"
 
 enum {
     NEW_TWIN = 1U << TL_ACTIVATION_BY_HANDOVER | 1U << TL_ACTIVATION_BY_RESTART,
@@ -988,24 +1003,30 @@ static const step_row rows[TL_ACTIVATION_ROWS] = {
     [TL_ACTIVATION_ROW_IDLE] = {.step = TL_CONTROL_IDLE},
     [TL_ACTIVATION_ROW_AUTHORISE] = {.step = TL_CONTROL_AUTHORISE, .begin = begin_authorisation},
     [TL_ACTIVATION_ROW_VALIDATE] = {.step = TL_CONTROL_VALIDATE, .begin = begin_validation, .poll = poll_validation},
-    [TL_ACTIVATION_ROW_TRY] =
-        {.step = TL_CONTROL_TRY, .ways = NEW_TWIN, .begin = begin_trial, .poll = poll_trial, .progress = say_patience},
-    [TL_ACTIVATION_ROW_PREDICT] = {.step = TL_CONTROL_PREDICT, .ways = NEW_TWIN, .begin = begin_forecast},
+    [TL_ACTIVATION_ROW_TRY] = {.step = TL_CONTROL_TRY,
+                               .methods = NEW_TWIN,
+                               .begin = begin_trial,
+                               .poll = poll_trial,
+                               .progress = report_trial},
+    [TL_ACTIVATION_ROW_PREDICT] = {.step = TL_CONTROL_PREDICT, .methods = NEW_TWIN, .begin = begin_forecast},
     [TL_ACTIVATION_ROW_ORDER] = {.step = TL_CONTROL_SHADOW,
-                                 .ways = HANDOVER,
+                                 .methods = HANDOVER,
                                  .begin = begin_shadow,
                                  .poll = poll_order,
                                  .limit = 60 * TL_SECOND,
-                                 .late = "its twin could not be ordered for 60 s",
+                                 .late = "the shadow could not be started within 60 s",
                                  .slow = WAITING},
     [TL_ACTIVATION_ROW_LOAD] = {.step = TL_CONTROL_SHADOW,
-                                .ways = HANDOVER,
+                                .methods = HANDOVER,
                                 .poll = poll_loading,
                                 .limit = 900 * TL_SECOND,
-                                .late = "its twin was not at the plant's ticks after 15 minutes",
-                                .progress = say_loading},
-    [TL_ACTIVATION_ROW_LIVE] = {.step = TL_CONTROL_SHADOW, .ways = HANDOVER, .poll = poll_live, .progress = say_live},
-    [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .ways = HANDOVER, .begin = begin_comparison},
+                                .late = "the shadow did not catch up with the plant within 15 minutes",
+                                .progress = report_loading},
+    [TL_ACTIVATION_ROW_LIVE] = {.step = TL_CONTROL_SHADOW,
+                                .methods = HANDOVER,
+                                .poll = poll_live,
+                                .progress = report_live},
+    [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .methods = HANDOVER, .begin = begin_comparison},
     [TL_ACTIVATION_ROW_ACTIVATE] = {.step = TL_CONTROL_ACTIVATE, .begin = begin_activation},
     [TL_ACTIVATION_ROW_HAND_OVER] =
         {.step = TL_CONTROL_ACTIVATE, .poll = poll_handover, .limit = 60 * TL_SECOND, .late = LATE, .slow = WAITING},
@@ -1013,19 +1034,19 @@ static const step_row rows[TL_ACTIVATION_ROWS] = {
                                   .poll = poll_answer,
                                   .limit = 60 * TL_SECOND,
                                   .late = LATE,
-                                  .slow = "the twin has not answered yet; it has 60 s"},
+                                  .slow = "waiting for the twin to apply it (limit 60 s)"},
     [TL_ACTIVATION_ROW_PROBATION] = {.step = TL_CONTROL_PROBATION, .begin = begin_probation, .poll = poll_probation},
 };
 
 static bool is_skipped(const tl_activation *self) {
-    unsigned ways = rows[self->row].ways;
-    return ways != 0 && (self->cause != TL_ACTIVATION_CANDIDATE || (ways & 1U << self->way) == 0);
+    unsigned methods = rows[self->row].methods;
+    return methods != 0 && (self->cause != TL_ACTIVATION_CANDIDATE || (methods & 1U << self->way) == 0);
 }
 
 /* Begins the next steps until one must wait or the change ends. */
-static void run_steps(tl_activation *self, outcome came) {
-    while (came == DONE || came == AGAIN) {
-        if (came == DONE) {
+static void run_steps(tl_activation *self, outcome result) {
+    while (result == DONE || result == AGAIN) {
+        if (result == DONE) {
             do {
                 self->row++;
             } while (is_skipped(self));
@@ -1034,11 +1055,11 @@ static void run_steps(tl_activation *self, outcome came) {
         self->step = row->step;
         self->waited = 0;
         self->told = 0;
-        came = row->begin == NULL ? RUNNING : row->begin(self);
+        result = row->begin == NULL ? RUNNING : row->begin(self);
         self->looked = tl_clock_now(NULL);
     }
-    if (came == ENDED) {
-        forget_change(self);
+    if (result == ENDED) {
+        clear_change(self);
     }
 }
 
@@ -1049,42 +1070,42 @@ static outcome poll_run(tl_activation *self) {
         return RUNNING; /* other steps are short */
     }
     if (result == TL_PROBATION_RETURN) {
-        return refuse(self, TL_CONTROL_FAILED, "the version on probation is returned from first: %s",
-                      self->probation.why);
+        return refuse_candidate(self, TL_CONTROL_FAILED, "the version on probation is rolled back first: %s",
+                                self->probation.why);
     }
     if (result == TL_PROBATION_KEPT) {
         (void)keep_version(self);
     }
-    return view_now(self).holds ? make_no_room(self, "the run is in safe hold now") : RUNNING;
+    return view_now(self).holds ? use_restart(self, "the run is in safe hold") : RUNNING;
 }
 
 void tl_activation_look(tl_activation *activation) {
     const step_row *row = &rows[activation->row];
     tl_time now = tl_clock_now(NULL);
     tl_time before = activation->waited;
-    outcome came = RUNNING;
+    outcome result = RUNNING;
     activation->passed = now - activation->looked;
     activation->looked = now;
     activation->waited += activation->passed;
-    show_tolerances(activation);
+    pass_tolerances(activation);
     if (row->poll == NULL) {
         return;
     }
     if (row->step < TL_CONTROL_ACTIVATE) {
-        came = poll_run(activation);
+        result = poll_run(activation);
     }
-    if (came == RUNNING) {
-        came = row->poll(activation);
+    if (result == RUNNING) {
+        result = row->poll(activation);
     }
-    if (came != RUNNING) {
-        run_steps(activation, came);
+    if (result != RUNNING) {
+        run_steps(activation, result);
     } else if (row != &rows[activation->row]) {
         return; /* the poll has selected another step */
     } else if (row->late != NULL && activation->waited > row->limit) {
-        run_steps(activation, row->step == TL_CONTROL_SHADOW ? make_no_room(activation, row->late)
-                                                             : give_up(activation, row->late));
+        run_steps(activation, row->step == TL_CONTROL_SHADOW ? use_restart(activation, row->late)
+                                                             : undo_activation(activation, row->late));
     } else if (row->slow != NULL && activation->waited > SILENCE && before <= SILENCE) {
-        say_step(activation, row->step, "%s", row->slow);
+        report_step(activation, row->step, "%s", row->slow);
     } else if (row->progress != NULL && activation->waited - activation->told >= PROGRESS) {
         activation->told = activation->waited;
         row->progress(activation);
@@ -1098,10 +1119,10 @@ void tl_activation_begin(tl_activation *activation, const tl_activation_settings
     if (is_on_probation(activation)) {
         tl_probation_resume(&activation->probation, &settings->versions->probation.account);
     }
-    if (phase_of_former(activation) == TL_ACTIVATION_NO_SHADOW) {
+    if (previous_phase(activation) == TL_ACTIVATION_NO_SHADOW) {
         end_shadow(activation); /* left by a candidate that an earlier config manager did not finish */
     }
-    run_steps(activation, settle_run(activation));
+    run_steps(activation, follow_disk(activation));
 }
 
 bool tl_activation_is_idle(const tl_activation *activation) {
@@ -1132,15 +1153,15 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
 }
 
 /* True if a candidate is in progress and is not on disk yet. */
-static bool is_considering(const tl_activation *self) {
+static bool has_candidate(const tl_activation *self) {
     return tl_activation_is_busy(self) && self->step != TL_CONTROL_ACTIVATE && self->cause == TL_ACTIVATION_CANDIDATE;
 }
 
 bool tl_activation_cancel(tl_activation *activation, const char *who) {
-    if (!is_considering(activation)) {
+    if (!has_candidate(activation)) {
         return false;
     }
-    run_steps(activation, refuse(activation, TL_CONTROL_CANCELLED, "by %s; nothing was changed", who));
+    run_steps(activation, refuse_candidate(activation, TL_CONTROL_CANCELLED, "by %s; nothing was changed", who));
     return true;
 }
 
@@ -1148,21 +1169,22 @@ bool tl_activation_is_lost_before(const tl_activation *activation) {
     return is_on_probation(activation) && tl_probation_is_lost_before(&activation->probation);
 }
 
-static tl_probation_result decide(tl_activation *self, tl_probation_result result, const char *who, const char *did) {
+static tl_probation_result end_by_user(tl_activation *self, tl_probation_result result, const char *action,
+                                       const char *who) {
     char why[TL_PROBATION_WHY];
-    (void)snprintf(why, sizeof why, "%s has %s", who, did);
+    (void)snprintf(why, sizeof why, "%s by %s", action, who);
     self->pause = 0;
     self->passed = 0;
     return tl_probation_decide(&self->probation, result, why);
 }
 
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done) {
-    bool considers = is_considering(activation);
-    if (!is_on_probation(activation) || (activation->step != TL_CONTROL_PROBATION && !considers)) {
+    bool is_pending = has_candidate(activation);
+    if (!is_on_probation(activation) || (activation->step != TL_CONTROL_PROBATION && !is_pending)) {
         return false;
     }
-    tl_probation_result result = decide(activation, TL_PROBATION_KEPT, who, "confirmed it");
-    if (!considers) {
+    tl_probation_result result = end_by_user(activation, TL_PROBATION_KEPT, "confirmed", who);
+    if (!is_pending) {
         run_steps(activation, poll_probation(activation));
     } else if (result == TL_PROBATION_KEPT) {
         (void)keep_version(activation);
@@ -1173,7 +1195,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 
 void tl_activation_refuse(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
-    (void)decide(activation, TL_PROBATION_RETURN, who, "returned from it");
+    (void)end_by_user(activation, TL_PROBATION_RETURN, "rolled back", who);
     run_steps(activation, poll_probation(activation));
 }
 
@@ -1182,5 +1204,5 @@ void tl_activation_end(tl_activation *activation) {
     if (activation->step == TL_CONTROL_PROBATION) {
         (void)tl_versions_pass(activation->settings.versions, &activation->probation.account, &error);
     }
-    forget_change(activation);
+    clear_change(activation);
 }

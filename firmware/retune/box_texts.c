@@ -16,7 +16,7 @@
 
 /* Closes `file`. Returns NULL if it cannot be read, has more than `most` bytes, or contains a NUL.
  */
-static char *take_text(int file, size_t most) {
+static char *read_text(int file, size_t most) {
     size_t size = 0;
     char *text = tl_file_text_take(file, most, &size);
     if (text != NULL && strlen(text) != size) {
@@ -58,19 +58,20 @@ char *tl_box_read_list(const char *path, char fault[TL_BOX_FAULT]) {
     int file = open_ordinary(path, &about);
     if (file < 0) {
         if (errno != ENOENT) {
-            (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.300s counts: %s", path, strerror(errno));
+            (void)snprintf(fault, TL_BOX_FAULT, "%.300s: ignored: %s", path, strerror(errno));
         }
         return NULL;
     }
-    bool counts = is_guarded(&about);
-    char *text = take_text(file, TL_BOX_LIST_MOST);
-    if (!counts) {
-        (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.300s counts: others than root may write it", path);
+    bool is_trusted = is_guarded(&about);
+    char *text = read_text(file, TL_BOX_LIST_MOST);
+    if (!is_trusted) {
+        (void)snprintf(fault, TL_BOX_FAULT,
+                       "%.300s: ignored, because users other than root can write it: chown root, chmod 644", path);
     } else if (text == NULL) {
-        (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.300s counts: it is no text of %d bytes at most", path,
+        (void)snprintf(fault, TL_BOX_FAULT, "%.300s: ignored: not a text file of at most %d bytes", path,
                        (int)TL_BOX_LIST_MOST);
     } else if (!is_list(text, &error)) {
-        (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.200s counts: %.200s", path, error.text);
+        (void)snprintf(fault, TL_BOX_FAULT, "%.200s: ignored: %.200s", path, error.text);
     }
     if (fault[0] != '\0') {
         free(text);
@@ -83,5 +84,5 @@ char *tl_box_read_list(const char *path, char fault[TL_BOX_FAULT]) {
 
 char *tl_box_read_file(const char *path) {
     struct stat about;
-    return take_text(open_ordinary(path, &about), TL_CONTROL_MOST);
+    return read_text(open_ordinary(path, &about), TL_CONTROL_MOST);
 }

@@ -25,30 +25,34 @@ void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST
     double step = milliseconds(answer->step);
     double budget = milliseconds(answer->budget);
     if (answer->least == 0) {
-        (void)snprintf(text, TL_FORECAST_TEXT, "how long a step takes is not known before it runs; it has %.3g ms",
+        (void)snprintf(text, TL_FORECAST_TEXT, "the duration of a step is not known in advance; its limit is %.3g ms",
                        step);
     } else if (answer->least > answer->step) {
-        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms here without any search, and has %.3g ms",
+        (void)snprintf(text, TL_FORECAST_TEXT,
+                       "a free step takes %.3g ms here, more than the period of %.3g ms: raise step_s",
                        milliseconds(answer->least), step);
     } else if (answer->worst == 0) {
-        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of %.3g ms", milliseconds(answer->least), step);
+        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of its %.3g ms", milliseconds(answer->least),
+                       step);
     } else if (answer->budget == 0 || answer->worst <= answer->budget) {
-        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of %.3g ms, and %.3g ms with all of its search",
+        (void)snprintf(text, TL_FORECAST_TEXT,
+                       "a step takes %.3g ms of its %.3g ms, and %.3g ms with a complete search",
                        milliseconds(answer->least), step, milliseconds(answer->worst));
     } else {
-        (void)snprintf(text, TL_FORECAST_TEXT,
-                       "a step takes %.3g ms of %.3g ms; all of its search would take more than the budget's %.3g ms, "
-                       "and is cut short then",
-                       milliseconds(answer->least), step, budget);
+        (void)snprintf(
+            text, TL_FORECAST_TEXT,
+            "a step takes %.3g ms of its %.3g ms; a complete search exceeds the budget of %.3g ms and is cut "
+            "short",
+            milliseconds(answer->least), step, budget);
     }
 }
 
 void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char text[TL_FORECAST_TEXT]) {
     int length =
-        snprintf(text, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory at most", mebibytes(answer->memory));
+        snprintf(text, TL_FORECAST_TEXT, "the new twin needs at most %.0f MiB of memory", mebibytes(answer->memory));
     if (left != 0) {
-        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left%s",
-                       mebibytes(left), answer->memory > left ? ": " TL_COMPARISON_TWO_TWINS : "");
+        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB available%s",
+                       mebibytes(left), answer->memory > left ? ", too little for two twins" : "");
     }
 }
 
@@ -67,27 +71,27 @@ uint64_t tl_forecast_memory_left(void) {
 
 /* ---- differences ---- */
 
-static uint64_t grown(uint64_t before, uint64_t now) {
+static uint64_t count_since(uint64_t before, uint64_t now) {
     return now >= before ? now - before : now;
 }
 
 /* Both states are of the same twin, so the order of its outputs is the same. */
-static void subtract(const tl_run_status *before, tl_run_status *now) {
+static void subtract_counts(const tl_run_status *before, tl_run_status *now) {
     if (now->ticks < before->ticks) {
         return; /* another twin has started; its counts began at 0 */
     }
-    now->ticks = grown(before->ticks, now->ticks);
-    now->steps = grown(before->steps, now->steps);
-    now->skipped = grown(before->skipped, now->skipped);
-    now->gaps = grown(before->gaps, now->gaps);
-    now->deadline_misses = grown(before->deadline_misses, now->deadline_misses);
-    now->evaluations = grown(before->evaluations, now->evaluations);
-    now->executions = grown(before->executions, now->executions);
-    now->timed_out = grown(before->timed_out, now->timed_out);
+    now->ticks = count_since(before->ticks, now->ticks);
+    now->steps = count_since(before->steps, now->steps);
+    now->skipped = count_since(before->skipped, now->skipped);
+    now->gaps = count_since(before->gaps, now->gaps);
+    now->deadline_misses = count_since(before->deadline_misses, now->deadline_misses);
+    now->evaluations = count_since(before->evaluations, now->evaluations);
+    now->executions = count_since(before->executions, now->executions);
+    now->timed_out = count_since(before->timed_out, now->timed_out);
     now->used -= before->used;
     for (int i = 0; i < TL_LOCK_STATES; i++) {
-        now->lock.steps[i] = grown(before->lock.steps[i], now->lock.steps[i]);
-        now->lock_before.steps[i] = grown(before->lock_before.steps[i], now->lock_before.steps[i]);
+        now->lock.steps[i] = count_since(before->lock.steps[i], now->lock.steps[i]);
+        now->lock_before.steps[i] = count_since(before->lock_before.steps[i], now->lock_before.steps[i]);
     }
     for (size_t i = 0; i < now->outputs && i < before->outputs; i++) {
         now->output[i].pairs -= before->output[i].pairs;
@@ -101,10 +105,10 @@ void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *shadow,
 }
 
 void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin) {
-    const tl_comparison begun = *comparison;
+    const tl_comparison before = *comparison;
     tl_comparison_begin(comparison, shadow, twin);
-    subtract(&begun.shadow, &comparison->shadow);
-    subtract(&begun.twin, &comparison->twin);
+    subtract_counts(&before.shadow, &comparison->shadow);
+    subtract_counts(&before.twin, &comparison->twin);
 }
 
 /* ---- texts ---- */
@@ -122,7 +126,7 @@ static void write_root_mean_square(const tl_run_output *output, char text[NUMBER
         (void)snprintf(text, NUMBER, "%.3g%s%s", root_mean_square(output), output->unit[0] == '\0' ? "" : " ",
                        output->unit);
     } else {
-        (void)snprintf(text, NUMBER, "%s", output == NULL ? "not compared" : output->pairs == 0 ? "not seen" : "-");
+        (void)snprintf(text, NUMBER, "%s", output == NULL ? "not matched" : output->pairs == 0 ? "no good value" : "-");
     }
 }
 
@@ -135,27 +139,27 @@ static const tl_run_output *find_output(const tl_run_status *work, const char *n
     return NULL;
 }
 
-static double share(double part, uint64_t whole) {
+static double share_of(double part, uint64_t whole) {
     return whole == 0 ? 0.0 : part / (double)whole;
 }
 
 void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]) {
     if (tl_lock_tally_total(lock) == 0) {
-        (void)snprintf(text, TL_COMPARISON_LOCK, "its lock is not judged yet");
+        (void)snprintf(text, TL_COMPARISON_LOCK, "lock not evaluated yet");
     } else {
         (void)snprintf(text, TL_COMPARISON_LOCK, "in lock %.3g %%", tl_lock_tally_percent(lock));
     }
 }
 
-static void write_work(const char *who, const tl_run_status *work, char text[TL_COMPARISON_TEXT]) {
+static void write_figures(const char *label, const tl_run_status *work, char text[TL_COMPARISON_TEXT]) {
     char lock[TL_COMPARISON_LOCK];
     tl_comparison_write_lock(&work->lock, lock);
     (void)snprintf(text, TL_COMPARISON_TEXT,
-                   "%s: %.3g evaluations, %.3g executions, %.3g ms a step; of %" PRIu64 " steps %" PRIu64
+                   "%s: per step %.3g evaluations, %.3g executions, %.3g ms; of %" PRIu64 " steps, %" PRIu64
                    " cut short by time, %" PRIu64 " caught up, %" PRIu64 " deadlines missed; %s",
-                   who, share((double)work->evaluations, work->steps), share((double)work->executions, work->steps),
-                   1e3 * share(tl_seconds(work->used), work->steps), work->steps, work->timed_out, work->skipped,
-                   work->deadline_misses, lock);
+                   label, share_of((double)work->evaluations, work->steps),
+                   share_of((double)work->executions, work->steps), 1e3 * share_of(tl_seconds(work->used), work->steps),
+                   work->steps, work->timed_out, work->skipped, work->deadline_misses, lock);
 }
 
 /* Percent of the steps in which no matched signal was good; 100 if no step was evaluated, because
@@ -163,7 +167,7 @@ static void write_work(const char *who, const tl_run_status *work, char text[TL_
 static double percent_unseen(const tl_comparison *comparison) {
     const tl_lock_tally *lock = &comparison->shadow.lock;
     uint64_t judged = tl_lock_tally_total(lock);
-    return judged == 0 ? 100.0 : 100.0 * share((double)lock->steps[TL_LOCK_FREE], judged);
+    return judged == 0 ? 100.0 : 100.0 * share_of((double)lock->steps[TL_LOCK_FREE], judged);
 }
 
 /* The lock is evaluated only if a signal was good in at least half of the steps. */
@@ -184,19 +188,18 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
         char of_then[NUMBER];
         write_root_mean_square(now, of_now);
         write_root_mean_square(find_output(shadow, name), of_then);
-        (void)snprintf(text, sizeof text, "%s, root mean square of y − ŷ: now %s, new %s", name, of_now, of_then);
+        (void)snprintf(text, sizeof text, "%s: rms error: now %s, new twin %s", name, of_now, of_then);
         say(context, text);
     }
-    write_work("now", twin, text);
+    write_figures("now", twin, text);
     say(context, text);
-    write_work("new", shadow, text);
+    write_figures("new", shadow, text);
     say(context, text);
     if (tl_lock_tally_total(&shadow->lock) == 0) {
-        say(context, "nothing came that its lock is judged by: that is left to its probation");
+        say(context, "no step could be evaluated for the lock: the probation evaluates it");
     } else if (percent_unseen(comparison) > MOST_PERCENT) {
         (void)snprintf(text, sizeof text,
-                       "the plant was not there for %.3g %% of the time: its lock is not judged by the rest, but by "
-                       "its probation",
+                       "no matched signal was good in %.3g %% of the steps: the lock is evaluated by the probation",
                        percent_unseen(comparison));
         say(context, text);
     }
@@ -208,28 +211,29 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
  * priority and the cause. */
 enum { LEAST_PART = 4 };
 
-static bool is_absent(const tl_run_status *figures) {
+static bool skips_too_many(const tl_run_status *figures) {
     return figures->skipped > figures->ticks / LEAST_PART;
 }
 
 /* A machine may pause now and then, for several ticks at once. That does not prove a lack of time,
  * so the number of gaps counts too. */
-static bool is_left_behind(const tl_run_status *figures, const tl_run_status *measure) {
+static bool falls_behind(const tl_run_status *figures, const tl_run_status *measure) {
     return figures->gaps >= TL_PROBATION_MISSES &&
            tl_probation_is_too_many(figures->skipped, figures->ticks, measure->skipped, measure->ticks);
 }
 
 /* By probation's rule, for deadlines or for skipped ticks. */
-static bool suffers(const tl_run_status *figures, const tl_run_status *measure) {
-    return is_absent(figures) || is_left_behind(figures, measure) ||
+static bool is_overloaded(const tl_run_status *figures, const tl_run_status *measure) {
+    return skips_too_many(figures) || falls_behind(figures, measure) ||
            tl_probation_is_too_many(figures->deadline_misses, figures->steps, measure->deadline_misses, measure->steps);
 }
 
-static tl_comparison_result say_no_room(const char *who, const tl_run_status *figures, char why[TL_COMPARISON_TEXT]) {
+static tl_comparison_result report_overload(const char *label, const tl_run_status *figures,
+                                            char why[TL_COMPARISON_TEXT]) {
     (void)snprintf(why, TL_COMPARISON_TEXT,
-                   "%s missed %" PRIu64 " deadlines and made %" PRIu64 " ticks up of %" PRIu64
+                   "%s missed %" PRIu64 " deadlines and %" PRIu64 " of %" PRIu64 " ticks"
                    ": " TL_COMPARISON_TWO_TWINS,
-                   who, figures->deadline_misses, figures->skipped, figures->ticks);
+                   label, figures->deadline_misses, figures->skipped, figures->ticks);
     return TL_COMPARISON_NO_ROOM;
 }
 
@@ -255,8 +259,8 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     double in_lock = tl_lock_tally_total(lock) == lock->steps[TL_LOCK_FREE] ? 100.0 : tl_lock_tally_percent(lock);
     (void)snprintf(
         why, TL_COMPARISON_TEXT,
-        "by the tolerances of the version before, the new twin was in lock for %.4g %% of the steps, asked are "
-        "%.4g %%; the run's for %.4g %%",
+        "by the previous version's tolerances, the new twin was in lock in %.4g %% of the steps (required %.4g %%), "
+        "the run's twin in %.4g %%",
         in_lock, require_lock, in_lock_now);
     return percent_unseen(comparison) <= MOST_PERCENT && in_lock < require_lock && in_lock < in_lock_now;
 }
@@ -273,8 +277,8 @@ static bool is_any_worse(const tl_comparison *comparison, double require_lock, c
             write_root_mean_square(now, of_now);
             write_root_mean_square(then, of_then);
             (void)snprintf(why, TL_COMPARISON_TEXT,
-                           "%s is worse: off by %s as root mean square, and the run's by %s; its tolerance is %.3g",
-                           now->name, of_then, of_now, now->tolerance);
+                           "%s is worse: rms error %s, with the run's twin %s (tolerance %.3g)", now->name, of_then,
+                           of_now, now->tolerance);
             return true;
         }
     }
@@ -293,14 +297,14 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     const tl_run_status *shadow = &comparison->shadow;
     double in_lock_now = tl_lock_tally_percent(&twin->lock);
     if (twin->twin_failures != comparison->before.twin_failures) {
-        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
+        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was restarted during the comparison: try again");
         return TL_COMPARISON_BAD;
     }
-    if (is_absent(shadow)) {
-        return say_no_room("the new twin", shadow, why);
+    if (skips_too_many(shadow)) {
+        return report_overload("the new twin", shadow, why);
     }
-    if (suffers(twin, &comparison->before)) {
-        return say_no_room("beside it the run's twin", twin, why);
+    if (is_overloaded(twin, &comparison->before)) {
+        return report_overload("the run's twin beside it", twin, why);
     }
     if (shadow->steps == 0) {
         (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
@@ -310,7 +314,7 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     double in_lock = tl_lock_tally_percent(&shadow->lock);
     if (is_seen && in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,
-                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
+                       "the new twin was in lock in %.4g %% of the steps (required %.4g %%), the run's twin in %.4g %%",
                        in_lock, require_lock, in_lock_now);
         return TL_COMPARISON_BAD;
     }

@@ -18,13 +18,13 @@
 enum { TL_FORECAST_TEXT = 192 };
 
 /* Part of the reason if a shadow has ended because the box is too slow for two twins. */
-#define TL_COMPARISON_TWO_TWINS "this box does not carry two twins"
+#define TL_COMPARISON_TWO_TWINS "this box is too slow for two twins"
 
 /* "a step takes 0.15 ms of 10 ms, and 2.3 ms with all of its search"; other texts if a time is
  * unknown or too long */
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]);
 
-/* Writes "its twin takes 31 MiB of memory at most; the box has 1900 MiB left". `left`: bytes; 0:
+/* Writes "the new twin needs at most 31 MiB; the box has 1900 MiB available". `left`: bytes; 0:
  * unknown. */
 void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char text[TL_FORECAST_TEXT]);
 

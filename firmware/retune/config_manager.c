@@ -13,24 +13,24 @@
 static const tl_time IDLE = 10 * TL_SECOND;
 
 /* A client that connects must send its request in this time. */
-static const tl_time PATIENCE = 2 * TL_SECOND;
+static const tl_time REQUEST_LIMIT = 2 * TL_SECOND;
 
-typedef struct visitor {
+typedef struct client_slot {
     tl_control_peer peer; /* −1: none */
-    tl_time came;
-} visitor;
+    tl_time connected_at;
+} client_slot;
 
 struct tl_config_manager {
     int socket; /* the listening socket */
     tl_versions versions;
     tl_refusals refusals;
     tl_activation activation;
-    visitor clients[TL_CONTROL_CLIENTS];
-    visitor *listener; /* receives the replies of the change in progress; NULL: no client */
-    visitor *
+    client_slot clients[TL_CONTROL_CLIENTS];
+    client_slot *listener; /* receives the replies of the change in progress; NULL: no client */
+    client_slot *
         waiter; /* waits for the result of the version on probation during a change to another candidate; NULL: no client */
     uint64_t awaited;           /* number of that version */
-    tl_time busy;               /* time of the last work */
+    tl_time worked_at;          /* time of the last work */
     tl_control_request request; /* the current request, */
     char text[TL_CONTROL_MOST + 1];
     size_t size; /* and its candidate */
@@ -38,33 +38,33 @@ struct tl_config_manager {
 
 /* ---- replies of a change ---- */
 
-static void hang_up(tl_config_manager *self, visitor *who) {
-    tl_control_close(&who->peer);
-    self->listener = self->listener == who ? NULL : self->listener;
-    self->waiter = self->waiter == who ? NULL : self->waiter;
+static void close_client(tl_config_manager *self, client_slot *client) {
+    tl_control_close(&client->peer);
+    self->listener = self->listener == client ? NULL : self->listener;
+    self->waiter = self->waiter == client ? NULL : self->waiter;
 }
 
-static void say(void *context, const tl_control_reply *reply) {
+static void send_reply(void *context, const tl_control_reply *reply) {
     tl_config_manager *self = context;
-    visitor *who = self->listener;
-    if (who == NULL) {
+    client_slot *client = self->listener;
+    if (client == NULL) {
         return;
     }
-    (void)tl_control_send(&who->peer, reply, NULL);
-    if (reply->kind == TL_CONTROL_END || who->peer.socket < 0) {
-        hang_up(self, who);
+    (void)tl_control_send(&client->peer, reply, NULL);
+    if (reply->kind == TL_CONTROL_END || client->peer.socket < 0) {
+        close_client(self, client);
     }
 }
 
-static void finish(tl_config_manager *self, visitor *who, tl_control_result result, const char *text) {
+static void finish_request(tl_config_manager *self, client_slot *client, tl_control_result result, const char *text) {
     const tl_version *active = tl_versions_active(&self->versions);
-    tl_control_finish(&who->peer, result, active->number, active->hash, text);
-    hang_up(self, who);
+    tl_control_finish(&client->peer, result, active->number, active->hash, text);
+    close_client(self, client);
 }
 
 /* ---- queries ---- */
 
-static void show(tl_config_manager *self, visitor *who) {
+static void send_state(tl_config_manager *self, client_slot *client) {
     const tl_version *active = tl_versions_active(&self->versions);
     tl_activation_view view = {.step_s = 0.0};
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
@@ -87,178 +87,178 @@ static void show(tl_config_manager *self, visitor *who) {
     state->deadline_misses = view.figures.deadline_misses;
     state->in_lock = tl_lock_tally_percent(&view.figures.lock);
     (void)snprintf(state->line, sizeof state->line, "%s", view.line);
-    (void)tl_control_send(&who->peer, &reply, NULL);
-    finish(self, who, TL_CONTROL_DONE, "");
+    (void)tl_control_send(&client->peer, &reply, NULL);
+    finish_request(self, client, TL_CONTROL_DONE, "");
 }
 
-static void describe(const tl_config_manager *self, const tl_version *version, tl_control_version *told) {
-    memset(told, 0, sizeof *told);
-    told->version = version->number;
-    told->parent = version->parent;
-    told->is_active = version->number == self->versions.active ? 1 : 0;
-    memcpy(told->hash, version->hash, sizeof told->hash);
-    (void)snprintf(told->kind, sizeof told->kind, "%s", tl_change_kinds[version->kind]);
-    (void)snprintf(told->origin, sizeof told->origin, "%s", tl_change_origins[version->origin]);
-    (void)snprintf(told->right, sizeof told->right, "%s", tl_change_rights[version->right]);
-    (void)snprintf(told->who, sizeof told->who, "%s", version->who);
-    (void)snprintf(told->why, sizeof told->why, "%s", version->why);
-    (void)snprintf(told->at, sizeof told->at, "%s", version->at);
-    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_results[version->result],
-                   version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
+static void describe_version(const tl_config_manager *self, const tl_version *version, tl_control_version *entry) {
+    memset(entry, 0, sizeof *entry);
+    entry->version = version->number;
+    entry->parent = version->parent;
+    entry->is_active = version->number == self->versions.active ? 1 : 0;
+    memcpy(entry->hash, version->hash, sizeof entry->hash);
+    (void)snprintf(entry->kind, sizeof entry->kind, "%s", tl_change_kinds[version->kind]);
+    (void)snprintf(entry->origin, sizeof entry->origin, "%s", tl_change_origins[version->origin]);
+    (void)snprintf(entry->right, sizeof entry->right, "%s", tl_change_rights[version->right]);
+    (void)snprintf(entry->who, sizeof entry->who, "%s", version->who);
+    (void)snprintf(entry->why, sizeof entry->why, "%s", version->why);
+    (void)snprintf(entry->at, sizeof entry->at, "%s", version->at);
+    (void)snprintf(entry->result, sizeof entry->result, "%s%s%.*s", tl_version_results[version->result],
+                   version->reason[0] == '\0' ? "" : ": ", (int)sizeof entry->result - 24, version->reason);
 }
 
-static void list_versions(tl_config_manager *self, visitor *who) {
+static void list_versions(tl_config_manager *self, client_slot *client) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
-        describe(self, &self->versions.list[i - 1], &reply.as.version);
-        (void)tl_control_send(&who->peer, &reply, NULL);
+        describe_version(self, &self->versions.list[i - 1], &reply.as.version);
+        (void)tl_control_send(&client->peer, &reply, NULL);
     }
     for (size_t i = self->refusals.count; i > 0; i--) {
         reply.as.version = self->refusals.list[i - 1];
         reply.as.version.version = 0; /* a refusal is not a version */
-        (void)tl_control_send(&who->peer, &reply, NULL);
+        (void)tl_control_send(&client->peer, &reply, NULL);
     }
-    finish(self, who, TL_CONTROL_DONE, "");
+    finish_request(self, client, TL_CONTROL_DONE, "");
 }
 
-static void read_version(tl_config_manager *self, visitor *who) {
+static void read_version(tl_config_manager *self, client_slot *client) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
     tl_error error;
     char *text = NULL;
     const tl_version *version =
         tl_versions_get(&self->versions, self->request.version == 0 ? self->versions.active : self->request.version);
     if (version == NULL) {
-        finish(self, who, TL_CONTROL_ABSENT, "there is no such version");
+        finish_request(self, client, TL_CONTROL_ABSENT, "there is no such version: --versions lists the saved ones");
     } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
-        finish(self, who, TL_CONTROL_FAILED, error.text);
+        finish_request(self, client, TL_CONTROL_FAILED, error.text);
     } else {
-        describe(self, version, &reply.as.version);
+        describe_version(self, version, &reply.as.version);
         reply.more = (uint32_t)version->size;
-        (void)tl_control_send(&who->peer, &reply, text);
-        finish(self, who, TL_CONTROL_DONE, "");
+        (void)tl_control_send(&client->peer, &reply, text);
+        finish_request(self, client, TL_CONTROL_DONE, "");
     }
     free(text);
 }
 
 /* ---- changes ---- */
 
-static void take_text(tl_config_manager *self, visitor *who, const char *text, size_t size) {
+static void start_change(tl_config_manager *self, client_slot *client, const char *text, size_t size) {
     if (tl_activation_is_busy(&self->activation)) {
-        finish(self, who, TL_CONTROL_BUSY,
-               "another change is under way: try again when it is done; --state shows its step, --rollback cancels it");
+        finish_request(self, client, TL_CONTROL_BUSY,
+                       "another change is in progress: retry later; --state shows its step, --rollback cancels it");
         return;
     }
     if (self->listener != NULL) { /* waits for the version on probation */
         self->waiter = self->listener;
         self->awaited = self->versions.active;
     }
-    self->listener = who;
+    self->listener = client;
     tl_activation_take(&self->activation, &self->request, text, size);
 }
 
-static void take(tl_config_manager *self, visitor *who) {
-    take_text(self, who, self->text, self->size);
+static void take_candidate(tl_config_manager *self, client_slot *client) {
+    start_change(self, client, self->text, self->size);
 }
 
 /* If the other candidate failed, the client that waits for the version on probation receives the
  * replies again. */
-static void look_at_waiter(tl_config_manager *self) {
-    visitor *who = self->waiter;
+static void poll_waiter(tl_config_manager *self) {
+    client_slot *client = self->waiter;
     const tl_version *version = tl_versions_get(&self->versions, self->awaited);
-    if (who == NULL) {
+    if (client == NULL) {
         return;
     }
     if (self->versions.active != self->awaited) {
         bool is_returned = version != NULL && version->result == TL_VERSION_RETURNED;
-        finish(self, who, TL_CONTROL_UNDONE, is_returned ? version->reason : "another version took its place");
+        finish_request(self, client, TL_CONTROL_UNDONE, is_returned ? version->reason : "replaced by another version");
     } else if (self->versions.probation.version != self->awaited) {
-        finish(self, who, TL_CONTROL_DONE, version == NULL ? "it is kept" : version->reason);
+        finish_request(self, client, TL_CONTROL_DONE, version == NULL ? "the version is kept" : version->reason);
     } else if (self->listener == NULL && !tl_activation_is_busy(&self->activation)) {
-        self->listener = who;
+        self->listener = client;
         self->waiter = NULL;
     }
 }
 
-static void confirm(tl_config_manager *self, visitor *who) {
+static void confirm_version(tl_config_manager *self, client_slot *client) {
     bool is_done = false;
     if (self->request.right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
-        finish(
-            self, who, TL_CONTROL_FORBIDDEN,
-            "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
+        finish_request(self, client, TL_CONTROL_FORBIDDEN,
+                       "by the previous version's tolerances, the lock is lost: confirming needs the right commission");
     } else if (!tl_activation_confirm(&self->activation, self->request.who, &is_done)) {
-        finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
+        finish_request(self, client, TL_CONTROL_ABSENT, "no version is on probation");
     } else if (is_done) {
-        finish(self, who, TL_CONTROL_DONE, "it is kept");
+        finish_request(self, client, TL_CONTROL_DONE, "the version is kept");
     } else {
-        finish(self, who, TL_CONTROL_FAILED, "that cannot be written down: it is on probation still; the log says why");
+        finish_request(self, client, TL_CONTROL_FAILED,
+                       "the decision cannot be saved, so the probation continues: see the log of the run");
     }
 }
 
 /* Cancels a change in progress, or rolls back a version on probation. An older version is a
  * candidate like any other. */
-static void bring_back(tl_config_manager *self, visitor *who) {
+static void roll_back(tl_config_manager *self, client_slot *client) {
     tl_control_request *request = &self->request;
     uint64_t number = request->version != 0 ? request->version : tl_versions_active(&self->versions)->parent;
     const tl_version *version = tl_versions_get(&self->versions, number);
     tl_error error;
     char *text = NULL;
     if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && tl_activation_is_idle(&self->activation)) {
-        finish(self, who, TL_CONTROL_ABSENT, "no change is under way, and none is on probation");
+        finish_request(self, client, TL_CONTROL_ABSENT, "no change is in progress, and no version is on probation");
     } else if (request->version == 0 && tl_activation_is_busy(&self->activation)) {
         bool is_done = tl_activation_cancel(&self->activation, request->who);
-        finish(self, who, is_done ? TL_CONTROL_DONE : TL_CONTROL_BUSY,
-               is_done ? "the change that was under way is cancelled; nothing was changed"
-                       : "a change is being made just now, and cannot be cancelled: try again");
+        finish_request(self, client, is_done ? TL_CONTROL_DONE : TL_CONTROL_BUSY,
+                       is_done ? "the change in progress is cancelled; nothing was changed"
+                               : "the change is being activated and cannot be cancelled now: try again");
     } else if (self->activation.step == TL_CONTROL_PROBATION &&
                (request->version == 0 || request->version == self->versions.probation.return_to)) {
         if (self->listener != NULL) { /* waits for that version */
-            finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
+            finish_request(self, self->listener, TL_CONTROL_UNDONE, "another client requested a rollback");
         }
-        self->listener = who;
+        self->listener = client;
         tl_activation_refuse(&self->activation, request->who);
     } else if (version == NULL) {
-        finish(self, who, TL_CONTROL_ABSENT,
-               request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
-                                     : "the active version is the first: there is none before it to return to");
+        finish_request(self, client, TL_CONTROL_ABSENT,
+                       request->version != 0 ? "there is no such version: --versions lists the saved ones"
+                                             : "the active version is the first: there is no version before it");
     } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
-        finish(self, who, TL_CONTROL_FAILED, error.text);
+        finish_request(self, client, TL_CONTROL_FAILED, error.text);
     } else {
         memcpy(request->hash, version->hash, sizeof request->hash);
-        take_text(self, who, text, (size_t)version->size);
+        start_change(self, client, text, (size_t)version->size);
     }
     free(text);
 }
 
-static void answer(tl_config_manager *self, visitor *who) {
+static void answer_request(tl_config_manager *self, client_slot *client) {
     static const struct {
-        void (*answer)(tl_config_manager *self, visitor *who);
+        void (*answer_request)(tl_config_manager *self, client_slot *client);
         bool changes;
     } verbs[TL_CONTROL_VERBS] = {
-        [TL_CONTROL_SHOW] = {show, false},        [TL_CONTROL_READ] = {read_version, false},
-        [TL_CONTROL_TAKE] = {take, true},         [TL_CONTROL_VERSIONS] = {list_versions, false},
-        [TL_CONTROL_RETURN] = {bring_back, true}, [TL_CONTROL_CONFIRM] = {confirm, true},
+        [TL_CONTROL_SHOW] = {send_state, false},    [TL_CONTROL_READ] = {read_version, false},
+        [TL_CONTROL_TAKE] = {take_candidate, true}, [TL_CONTROL_VERSIONS] = {list_versions, false},
+        [TL_CONTROL_RETURN] = {roll_back, true},    [TL_CONTROL_CONFIRM] = {confirm_version, true},
     };
     if (verbs[self->request.verb].changes && self->request.right < TL_RIGHT_RETUNE) {
-        finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
+        finish_request(self, client, TL_CONTROL_FORBIDDEN, "this request needs the right retune");
     } else {
-        verbs[self->request.verb].answer(self, who);
+        verbs[self->request.verb].answer_request(self, client);
     }
 }
 
 /* ---- clients ---- */
 
-static void look_at_client(tl_config_manager *self, visitor *who, tl_time now) {
-    switch (tl_control_receive(&who->peer, &self->request, self->text, &self->size)) {
+static void poll_client(tl_config_manager *self, client_slot *client, tl_time now) {
+    switch (tl_control_receive(&client->peer, &self->request, self->text, &self->size)) {
     case TL_CONTROL_ASKED:
-        answer(self, who);
+        answer_request(self, client);
         break;
     case TL_CONTROL_GARBAGE:
     case TL_CONTROL_GONE:
-        hang_up(self, who);
+        close_client(self, client);
         break;
     case TL_CONTROL_NOTHING:
-        if (!who->peer.has_asked && now - who->came > PATIENCE) {
-            hang_up(self, who);
+        if (!client->peer.has_asked && now - client->connected_at > REQUEST_LIMIT) {
+            close_client(self, client);
         }
         break;
     }
@@ -266,7 +266,7 @@ static void look_at_client(tl_config_manager *self, visitor *who, tl_time now) {
 
 /* poll() ignores entries without a client. If all entries are used, further clients wait in the
  * listener's queue. */
-static void wait_for_something(tl_config_manager *self) {
+static void wait_for_work(tl_config_manager *self) {
     struct pollfd waited[TL_CONTROL_CLIENTS + 1];
     bool is_full = true;
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
@@ -277,68 +277,68 @@ static void wait_for_something(tl_config_manager *self) {
     (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_CONFIG_MANAGER_LOOK / (TL_SECOND / 1000)));
 }
 
-bool tl_config_manager_work(tl_config_manager *activator) {
-    bool is_knocked = true;
+bool tl_config_manager_work(tl_config_manager *manager) {
+    bool has_connection = true;
     bool is_busy = false;
-    wait_for_something(activator);
+    wait_for_work(manager);
     tl_time now = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        visitor *who = &activator->clients[i];
-        if (who->peer.socket < 0 && is_knocked) {
-            is_knocked = tl_control_accept(activator->socket, &who->peer);
-            who->came = now;
+        client_slot *client = &manager->clients[i];
+        if (client->peer.socket < 0 && has_connection) {
+            has_connection = tl_control_accept(manager->socket, &client->peer);
+            client->connected_at = now;
         }
-        if (who->peer.socket >= 0) {
+        if (client->peer.socket >= 0) {
             is_busy = true;
-            look_at_client(activator, who, now);
+            poll_client(manager, client, now);
         }
     }
-    tl_activation_look(&activator->activation);
-    look_at_waiter(activator);
-    if (is_busy || !tl_activation_is_idle(&activator->activation)) {
-        activator->busy = now;
+    tl_activation_look(&manager->activation);
+    poll_waiter(manager);
+    if (is_busy || !tl_activation_is_idle(&manager->activation)) {
+        manager->worked_at = now;
     }
-    return now - activator->busy < IDLE;
+    return now - manager->worked_at < IDLE;
 }
 
 /* ---- start and end ---- */
 
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
-                                 tl_config_manager **activator, tl_error *error) {
+                                 tl_config_manager **manager, tl_error *error) {
     tl_activation_settings own = *settings;
-    tl_config_manager *made = calloc(1, sizeof *made);
-    *activator = NULL;
-    if (made == NULL) {
+    tl_config_manager *opened = calloc(1, sizeof *opened);
+    *manager = NULL;
+    if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    tl_status status = tl_versions_open(state, &made->versions, error);
+    tl_status status = tl_versions_open(state, &opened->versions, error);
     if (status != TL_OK) {
-        free(made);
+        free(opened);
         return status;
     }
-    tl_refusals_open(&made->refusals, &made->versions);
-    made->socket = socket;
-    made->busy = tl_clock_now(NULL);
+    tl_refusals_open(&opened->refusals, &opened->versions);
+    opened->socket = socket;
+    opened->worked_at = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        made->clients[i].peer.socket = -1;
+        opened->clients[i].peer.socket = -1;
     }
-    own.versions = &made->versions;
-    own.refusals = &made->refusals;
-    own.say = say;
-    own.listener = made;
-    tl_activation_begin(&made->activation, &own);
-    *activator = made;
+    own.versions = &opened->versions;
+    own.refusals = &opened->refusals;
+    own.say = send_reply;
+    own.listener = opened;
+    tl_activation_begin(&opened->activation, &own);
+    *manager = opened;
     return TL_OK;
 }
 
-void tl_config_manager_close(tl_config_manager *activator) {
-    if (activator == NULL) {
+void tl_config_manager_close(tl_config_manager *manager) {
+    if (manager == NULL) {
         return;
     }
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        tl_control_close(&activator->clients[i].peer);
+        tl_control_close(&manager->clients[i].peer);
     }
-    tl_activation_end(&activator->activation);
-    tl_versions_close(&activator->versions);
-    free(activator);
+    tl_activation_end(&manager->activation);
+    tl_versions_close(&manager->versions);
+    free(manager);
 }

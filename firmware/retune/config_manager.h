@@ -26,14 +26,14 @@ typedef struct tl_config_manager tl_config_manager;
  * function sets versions, refusals, say and its listener in `settings`. Errors: TL_TRY_AGAIN;
  * TL_BAD_DATA if the versions' folder is damaged. */
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
-                                 tl_config_manager **activator, tl_error *error);
+                                 tl_config_manager **manager, tl_error *error);
 
 /* Waits for work, at most TL_CONFIG_MANAGER_LOOK, and does it. Returns false if there is no work,
  * and was none for some seconds. */
-bool tl_config_manager_work(tl_config_manager *activator);
+bool tl_config_manager_work(tl_config_manager *manager);
 
 /* Closes all connections and ends a running worker. The next config manager continues from the
  * state on disk. NULL is allowed. */
-void tl_config_manager_close(tl_config_manager *activator);
+void tl_config_manager_close(tl_config_manager *manager);
 
 #endif

@@ -149,7 +149,7 @@ static void make_folder(const char *path) {
 
 /* The socket of a process that has ended would block bind(). A socket that answers, or is too busy
  * to answer, belongs to another process. */
-static void remove_dead(const char *path) {
+static void remove_stale_socket(const char *path) {
     struct stat about;
     int probe = -1;
     tl_error error;
@@ -166,22 +166,22 @@ tl_status tl_control_listen(const char *path, int *listener, tl_error *error) {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     *listener = -1;
     if (strlen(path) >= sizeof address.sun_path) {
-        return tl_fail(error, TL_BAD_USAGE, "%s: no socket can have so long a name; give --control a shorter one",
-                       path);
+        return tl_fail(error, TL_BAD_USAGE, "%s: too long for a socket, at most %zu bytes: use a shorter --control",
+                       path, sizeof address.sun_path - 1);
     }
     memcpy(address.sun_path, path, strlen(path) + 1);
-    int made = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    int created = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     make_folder(path);
-    remove_dead(path);
-    if (made < 0 || bind(made, (const struct sockaddr *)&address, sizeof address) != 0 ||
-        chmod(path, S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP) != 0 || listen(made, WAITING) != 0) {
+    remove_stale_socket(path);
+    if (created < 0 || bind(created, (const struct sockaddr *)&address, sizeof address) != 0 ||
+        chmod(path, S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP) != 0 || listen(created, WAITING) != 0) {
         int code = errno;
-        if (made >= 0) {
-            (void)close(made);
+        if (created >= 0) {
+            (void)close(created);
         }
-        return tl_fail(error, TL_TRY_AGAIN, "the control socket %s cannot be made: %s", path, strerror(code));
+        return tl_fail(error, TL_TRY_AGAIN, "%s: the control socket cannot be created: %s", path, strerror(code));
     }
-    *listener = made;
+    *listener = created;
     return TL_OK;
 }
 
@@ -214,25 +214,26 @@ static bool is_sound(const tl_control_request *request) {
            is_clean(request->who, sizeof request->who) && is_clean(request->why, sizeof request->why);
 }
 
-static const char FOREIGN[] = "the request is none: twinlock is of another version there";
+static const char OTHER_VERSION[] = "the request is invalid: client and run must have the same version of twinlock";
 
 /* Returns the fault of a request, or NULL. */
 static const char *fault_of(const tl_control_request *request, const char *text, size_t size) {
     char hash[TL_SHA256_TEXT] = "";
     if (!is_sound(request)) {
-        return FOREIGN;
+        return OTHER_VERSION;
     }
     if ((request->verb == TL_CONTROL_TAKE) != (size != 0)) {
-        return "the request comes without a configuration, or with one that nobody asked for";
+        return "the request has no configuration, or has one that it must not have";
     }
     if (size != 0) {
         tl_sha256(text, size, hash);
     }
-    return strcmp(hash, request->hash) != 0 ? "the configuration is not the one that was sent" : NULL;
+    return strcmp(hash, request->hash) != 0 ? "the configuration does not have the hash of the request: send it again"
+                                            : NULL;
 }
 
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
-    const char *fault = FOREIGN;
+    const char *fault = OTHER_VERSION;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
     case TL_CONTROL_NOTHING:
         return TL_CONTROL_NOTHING;
@@ -240,7 +241,7 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
         tl_control_close(peer);
         return TL_CONTROL_GONE;
     case TL_CONTROL_ASKED:
-        fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
+        fault = peer->has_asked ? "a connection permits one request only" : fault_of(request, text, *size);
         break;
     case TL_CONTROL_GARBAGE:
         break;
@@ -283,14 +284,16 @@ static tl_status fail_to_connect(const char *path, tl_error *error) {
     switch (errno) {
     case EACCES:
     case EPERM:
-        return tl_fail(error, TL_PLANT_DOWN, "%s: you may not ask this plant; members of its group may", path);
+        return tl_fail(error, TL_PLANT_DOWN,
+                       "%s: permission denied; for a service, become a member of the group twinlock-control: sudo "
+                       "adduser $USER twinlock-control, then log in again",
+                       path);
     case EAGAIN:
-        return tl_fail(error, TL_TRY_AGAIN, "%s: too many others ask this plant; try again", path);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: too many clients are connected: try again", path);
     case ENOENT:
     case ECONNREFUSED:
-        return tl_fail(
-            error, TL_PLANT_DOWN,
-            "%s: no twin answers there: it restarts just now, does not run, or was started without --control", path);
+        return tl_fail(error, TL_PLANT_DOWN,
+                       "%s: no run answers: it is restarting, is not running, or was started without --control", path);
     default:
         return tl_fail(error, TL_PLANT_DOWN, "%s: %s", path, strerror(errno));
     }
@@ -299,12 +302,12 @@ static tl_status fail_to_connect(const char *path, tl_error *error) {
 tl_status tl_control_connect(const char *path, int *socket_, tl_error *error) {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     if (strlen(path) >= sizeof address.sun_path) {
-        return tl_fail(error, TL_PLANT_DOWN, "%s: no socket has so long a name", path);
+        return tl_fail(error, TL_PLANT_DOWN, "%s: too long for a socket", path);
     }
     memcpy(address.sun_path, path, strlen(path) + 1);
     *socket_ = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (*socket_ < 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "no socket: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "cannot open a socket: %s", strerror(errno));
     }
     if (connect(*socket_, (const struct sockaddr *)&address, sizeof address) != 0) {
         tl_status status = fail_to_connect(path, error);
@@ -324,7 +327,7 @@ tl_status tl_control_ask(int socket_, const tl_control_request *request, const c
         tl_sha256(text, size, whole.hash);
     }
     if (!tl_control_packet_send(socket_, &whole, sizeof whole, text, size)) {
-        return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not take the request: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "the request cannot be sent to the run: %s", strerror(errno));
     }
     return TL_OK;
 }
@@ -353,7 +356,7 @@ static const struct {
 };
 
 /* Terminates all texts of a reply. Returns false if the reply is invalid. */
-static bool is_sound_client(tl_control_reply *reply) {
+static bool is_sound_reply(tl_control_reply *reply) {
     uint32_t kind = reply->kind == TL_CONTROL_CONFIGURATION ? TL_CONTROL_VERSION : reply->kind;
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         if (texts[i].kind == kind) {
@@ -374,15 +377,17 @@ tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, ch
         arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
     }
     if (arrival == TL_CONTROL_NOTHING) {
-        return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not answer");
+        return tl_fail(error, TL_TRY_AGAIN, "the run does not answer");
     }
     if (arrival == TL_CONTROL_GONE) {
-        return tl_fail(error, TL_PLANT_DOWN, "the plant's twin has hung up: it ended, or too many others ask");
+        return tl_fail(error, TL_PLANT_DOWN,
+                       "the run closed the connection: it ended, or too many clients are connected");
     }
     bool is_text = reply->kind == TL_CONTROL_CONFIGURATION;
-    if (arrival == TL_CONTROL_GARBAGE || !is_sound_client(reply) || is_text != (length != 0) ||
+    if (arrival == TL_CONTROL_GARBAGE || !is_sound_reply(reply) || is_text != (length != 0) ||
         (is_text && reply->more != length)) {
-        return tl_fail(error, TL_BAD_DATA, "the plant's twin answers what is no answer: it is of another version");
+        return tl_fail(error, TL_BAD_DATA,
+                       "the run's reply is invalid: client and run must have the same version of twinlock");
     }
     return TL_OK;
 }

@@ -151,7 +151,7 @@ typedef struct tl_control_version {
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];
     char at[TL_CONTROL_TIME];
-    char result[TL_CONTROL_WHY]; /* "kept", "returned: in lock for 71 % of …" */
+    char result[TL_CONTROL_WHY]; /* "kept", "returned: in lock in 71 % of …" */
 } tl_control_version;
 
 typedef struct tl_control_change {

@@ -77,7 +77,7 @@ typedef enum tl_probation_result { TL_PROBATION_GOES_ON, TL_PROBATION_KEPT, TL_P
 typedef struct tl_probation {
     tl_probation_account account;
     tl_probation_result result;
-    char why[TL_PROBATION_WHY]; /* "in lock for 97.2 % of the steps, asked were 95 %"; "": it continues */
+    char why[TL_PROBATION_WHY]; /* "in lock in 97.2 % of the steps (required 95 %)"; "": it continues */
     /* private */
     bool has_last;
     tl_run_status last;

@@ -15,8 +15,8 @@
 #include "firmware/retune/versions.h"
 #include "firmware/retune/worker.h"
 
-static const tl_time VALIDATION = 20 * TL_SECOND;
-static const tl_time LOOK = TL_SECOND / 100;
+static const tl_time VALIDATION_LIMIT = 20 * TL_SECOND;
+static const tl_time POLL_PAUSE = TL_SECOND / 100;
 
 typedef struct starting_run {
     const tl_version_start *start;
@@ -34,7 +34,8 @@ static void read_file(starting_run *self) {
     if (self->file == NULL && errno != EFBIG) {
         (void)snprintf(self->fault, sizeof self->fault, "%s", strerror(errno));
     } else if (self->file == NULL || self->file_size == 0) {
-        (void)snprintf(self->fault, sizeof self->fault, "a configuration has 1 to %d bytes", (int)TL_CONTROL_MOST);
+        (void)snprintf(self->fault, sizeof self->fault, "expected a configuration of 1 to %d bytes",
+                       (int)TL_CONTROL_MOST);
         free(self->file);
         self->file = NULL;
     }
@@ -43,7 +44,7 @@ static void read_file(starting_run *self) {
 /* ---- validating ---- */
 
 /* Returns false if there is no verdict. */
-static bool ask_validator(starting_run *self, const char *in_force) {
+static bool run_validator(starting_run *self, const char *in_force) {
     char *kept = NULL; /* text of the version that a probation would return to, if there is one */
     tl_worker worker;
     tl_error error;
@@ -57,7 +58,7 @@ static bool ask_validator(starting_run *self, const char *in_force) {
                          [TL_WORKER_CANDIDATE] = self->file,
                          [TL_WORKER_IN_FORCE] = in_force,
                          [TL_WORKER_KEPT] = kept}},
-        .limit = VALIDATION,
+        .limit = VALIDATION_LIMIT,
         .be = self->start->be,
     };
     tl_status status = tl_worker_start(&worker, &settings, &error);
@@ -67,7 +68,7 @@ static bool ask_validator(starting_run *self, const char *in_force) {
     }
     tl_worker_state state = tl_worker_poll(&worker);
     for (; state == TL_WORKER_RUNNING; state = tl_worker_poll(&worker)) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+        tl_clock_sleep_until(tl_clock_now(NULL) + POLL_PAUSE);
     }
     bool is_known = state == TL_WORKER_DONE && tl_verdict_take(worker.result.bytes, &self->verdict);
     tl_worker_close(&worker);
@@ -75,9 +76,9 @@ static bool ask_validator(starting_run *self, const char *in_force) {
 }
 
 /* Validates the changed file. There is a version that runs if it is invalid. */
-static bool is_good(starting_run *self, const char *in_force) {
-    if (strlen(self->file) != self->file_size || !ask_validator(self, in_force)) {
-        tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
+static bool is_file_valid(starting_run *self, const char *in_force) {
+    if (strlen(self->file) != self->file_size || !run_validator(self, in_force)) {
+        tl_log(TL_LOG_ERROR, "%s: the file could not be validated (expected a JSON text)", self->start->path);
         return false;
     }
     bool is_valid = self->verdict.is_valid != 0;
@@ -93,13 +94,13 @@ static bool is_good(starting_run *self, const char *in_force) {
 static tl_status fall_back(starting_run *self, tl_error *error) {
     tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
     if (status == TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s is not taken: version %llu, which was active, runs", self->start->path,
-               (unsigned long long)self->choice.number);
+        tl_log(TL_LOG_ERROR, "%s: rejected, so the run uses the active version %llu: correct the file",
+               self->start->path, (unsigned long long)self->choice.number);
     }
     return status;
 }
 
-static tl_status take_file(starting_run *self, tl_error *error) {
+static tl_status add_file(starting_run *self, tl_error *error) {
     uint64_t number = 0;
     char *in_force = NULL;
     bool is_first = self->versions.active == 0;
@@ -108,7 +109,7 @@ static tl_status take_file(starting_run *self, tl_error *error) {
         tl_log(TL_LOG_WARNING, "%s", error->text);
         in_force = NULL;
     }
-    bool takes = is_first || is_good(self, in_force == NULL ? "" : in_force);
+    bool is_accepted = is_first || is_file_valid(self, in_force == NULL ? "" : in_force);
     free(in_force);
     const tl_version_news news = {
         .text = self->file,
@@ -120,7 +121,7 @@ static tl_status take_file(starting_run *self, tl_error *error) {
         .kind = (tl_change_kind)self->verdict.kind,
     };
     tl_status status = tl_versions_add(&self->versions, &news, &number, error);
-    if (status == TL_OK && takes) {
+    if (status == TL_OK && is_accepted) {
         const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S,
                                           .require_lock = TL_ACTIVATION_LOCK_PERCENT};
         tl_probation probation;
@@ -129,31 +130,31 @@ static tl_status take_file(starting_run *self, tl_error *error) {
         (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
         status = tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
     } else if (status == TL_OK) {
-        status = tl_versions_refuse(&self->versions, number, "it could not be read", error);
+        status = tl_versions_refuse(&self->versions, number, "the configuration file is invalid", error);
     }
     if (status != TL_OK) { /* a full disk must not prevent the run */
-        tl_log(TL_LOG_ERROR, "%s: what runs is not written down as a version", error->text);
+        tl_log(TL_LOG_ERROR, "%s: the configuration of this run is not saved as a version", error->text);
     }
-    return takes ? TL_OK : fall_back(self, error);
+    return is_accepted ? TL_OK : fall_back(self, error);
 }
 
 /* `keeps`: the versions can be saved, so a changed file becomes a version. */
-static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
+static tl_status choose_text(starting_run *self, bool keeps, tl_error *error) {
     const tl_version_probation *probation = &self->versions.probation;
-    bool is_there = self->file != NULL;
+    bool is_readable = self->file != NULL;
     tl_status status = tl_versions_choose(&self->versions, self->file, self->file_size, &self->choice, error);
     if (status != TL_OK) {
-        return is_there ? status : tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
+        return is_readable ? status : tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
     }
-    if (!is_there) {
+    if (!is_readable) {
         tl_log(TL_LOG_WARNING, "%s: %s", self->start->path, self->fault);
     }
-    status = self->choice.is_candidate && keeps ? take_file(self, error) : TL_OK;
+    status = self->choice.is_candidate && keeps ? add_file(self, error) : TL_OK;
     if (probation->version != 0) {
-        tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
+        tl_log(TL_LOG_NOTICE, "version %llu is on probation for %llu s more; %s",
                (unsigned long long)probation->version, (unsigned long long)((probation->account.left_ms + 999) / 1000),
-               probation->account.terms.must_confirm ? "it is returned from unless somebody confirms it"
-                                                     : "it is kept if the lock holds");
+               probation->account.terms.must_confirm ? "it will be rolled back unless it is confirmed"
+                                                     : "it will be kept if it stays in lock");
     }
     return status;
 }
@@ -164,10 +165,10 @@ tl_status tl_version_start_choose(const tl_version_start *start, char **text, si
     (void)mkdir(start->state, 0777); /* like the supervisor later; a failure is reported by tl_versions_open() */
     bool keeps = tl_versions_open(start->state, &self.versions, error) == TL_OK;
     if (!keeps) {
-        tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, start->path);
+        tl_log(TL_LOG_ERROR, "%s: so the run starts with %s, not with the active version", error->text, start->path);
     }
     read_file(&self);
-    tl_status status = choose(&self, keeps, error);
+    tl_status status = choose_text(&self, keeps, error);
     tl_versions_close(&self.versions);
     if (status != TL_OK || self.choice.text != NULL) {
         free(self.file);
@@ -182,13 +183,13 @@ bool tl_version_start_failed(const tl_version_start *start, const char *reason) 
     tl_versions versions;
     tl_error error;
     tl_status status = tl_versions_open(start->state, &versions, &error);
-    bool is_on = status == TL_OK && versions.probation.version != 0;
-    if (is_on) {
+    bool is_on_probation = status == TL_OK && versions.probation.version != 0;
+    if (is_on_probation) {
         status = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
     tl_versions_close(&versions);
-    return is_on && status == TL_OK;
+    return is_on_probation && status == TL_OK;
 }

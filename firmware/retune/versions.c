@@ -33,9 +33,9 @@ static const uint64_t LAST_NUMBER = 999999999999999; /* with DIGITS digits */
 /* Kinds of files in the folder. */
 typedef enum file_kind {
     FILE_FOREIGN,
-    FILE_RECORD, /* of a version; sets its number */
-    FILE_TEXT,   /* of a version; sets its hash */
-    FILE_LEFT    /* temporary file that a power cut left */
+    FILE_RECORD,   /* of a version; sets its number */
+    FILE_TEXT,     /* of a version; sets its hash */
+    FILE_TEMPORARY /* temporary file that a power cut left */
 } file_kind;
 
 static bool is_hash(const char *text) {
@@ -45,7 +45,7 @@ static bool is_hash(const char *text) {
 static file_kind kind_of(const char *name, uint64_t *number, char hash[TL_SHA256_TEXT]) {
     size_t digits = strspn(name, "0123456789");
     if (strstr(name, ".json.new-") != NULL) {
-        return FILE_LEFT;
+        return FILE_TEMPORARY;
     }
     if (digits > 0 && digits <= DIGITS && name[0] != '0' && strcmp(name + digits, ".record.json") == 0) {
         *number = strtoull(name, NULL, 10);
@@ -103,15 +103,15 @@ static void exchange_text(const members *file, const char *key, char *text, size
 
 /* Writes or reads one of `count` names. If the name that was read is unknown, sets reader->right to
  * false and returns 0. */
-static size_t exchange_word(const members *file, const char *key, size_t word, const char *const words[],
+static size_t exchange_name(const members *file, const char *key, size_t code, const char *const names[],
                             size_t count) {
     if (file->writer != NULL) {
-        tl_json_add_text(file->writer, key, words[word]);
-        return word;
+        tl_json_add_text(file->writer, key, names[code]);
+        return code;
     }
     const char *text = tl_json_text(file->reader, key);
     for (size_t i = 0; i < count; i++) {
-        if (strcmp(words[i], text) == 0) {
+        if (strcmp(names[i], text) == 0) {
             return i;
         }
     }
@@ -141,7 +141,7 @@ static bool read_content(const char *path, exchange_content *exchange, void *con
 }
 
 /* Bytes of a version in addition to its text: its record, and active.json. */
-enum { BESIDE = 16 * 1024 };
+enum { OVERHEAD = 16 * 1024 };
 
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error) {
     char path[PATH_MAX];
@@ -150,10 +150,10 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
     if (tl_new_file_open(path, &file, error) != TL_OK) {
         return TL_TRY_AGAIN;
     }
-    int code = posix_fallocate(fileno(file.file), 0, (off_t)(size + BESIDE));
+    int code = posix_fallocate(fileno(file.file), 0, (off_t)(size + OVERHEAD));
     tl_new_file_discard(&file);
     return code == 0 ? TL_OK
-                     : tl_fail(error, TL_TRY_AGAIN, "%.300s: a version of %zu bytes could not be kept: %s", path, size,
+                     : tl_fail(error, TL_TRY_AGAIN, "%.300s: a version of %zu bytes cannot be saved: %s", path, size,
                                strerror(code));
 }
 
@@ -165,11 +165,11 @@ static void exchange_record(const members *file, void *content) {
     exchange_count(file, "parent", &version->parent);
     exchange_text(file, "hash", version->hash, sizeof version->hash);
     exchange_count(file, "bytes", &version->size);
-    version->origin = (tl_change_origin)exchange_word(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
-    version->right = (tl_change_right)exchange_word(file, "right", version->right, tl_change_rights, TL_RIGHTS);
-    version->kind = (tl_change_kind)exchange_word(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
+    version->origin = (tl_change_origin)exchange_name(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
+    version->right = (tl_change_right)exchange_name(file, "right", version->right, tl_change_rights, TL_RIGHTS);
+    version->kind = (tl_change_kind)exchange_name(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
     version->result =
-        (tl_version_result)exchange_word(file, "result", version->result, tl_version_results, TL_VERSION_RESULTS);
+        (tl_version_result)exchange_name(file, "result", version->result, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "reason", version->reason, sizeof version->reason);
     exchange_text(file, "who", version->who, sizeof version->who);
     exchange_text(file, "why", version->why, sizeof version->why);
@@ -203,7 +203,7 @@ static char *read_version_text(const tl_versions *versions, const char *hash, ui
         tl_sha256(text, got, found);
     }
     if (got != size || strcmp(found, hash) != 0) {
-        (void)tl_fail(error, TL_BAD_DATA, "%.300s: is damaged: its bytes are not those that it is named after", path);
+        (void)tl_fail(error, TL_BAD_DATA, "%.300s: damaged: its content does not have the hash that is its name", path);
         free(text);
         return NULL;
     }
@@ -245,7 +245,7 @@ static void write_tolerances(const tl_lock_tolerances *tolerances, char text[TOL
 }
 
 /* Returns false if the text is invalid. */
-static bool understand_tolerances(const char *text, tl_lock_tolerances *tolerances) {
+static bool parse_tolerances(const char *text, tl_lock_tolerances *tolerances) {
     char *at = NULL;
     memset(tolerances, 0, sizeof *tolerances);
     for (size_t i = 0; i < TL_MAX_MATCH && text[0] != '\0'; i++, text = at + 1) {
@@ -265,7 +265,7 @@ static void exchange_tolerances(const members *file, tl_lock_tolerances *toleran
         write_tolerances(tolerances, text);
     }
     exchange_text(file, "yardstick", text, sizeof text);
-    if (file->reader != NULL && !understand_tolerances(text, tolerances)) {
+    if (file->reader != NULL && !parse_tolerances(text, tolerances)) {
         file->reader->right = false;
     }
 }
@@ -318,7 +318,7 @@ static void exchange_active(const members *file, void *content) {
     exchange_text(file, "taken", versions->taken, sizeof versions->taken);
     exchange_count(file, "settled", &versions->settled);
     versions->how =
-        (tl_version_result)exchange_word(file, "settled_as", versions->how, tl_version_results, TL_VERSION_RESULTS);
+        (tl_version_result)exchange_name(file, "settled_as", versions->how, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "settled_because", versions->because, sizeof versions->because);
     exchange_probation(file, &versions->probation);
 }
@@ -396,7 +396,7 @@ const tl_version *tl_versions_commissioned(const tl_versions *versions) {
 }
 
 /* Reserves memory for one more version. Returns false if memory is out. */
-static bool grow(tl_versions *versions) {
+static bool reserve_entry(tl_versions *versions) {
     if (versions->count < versions->room) {
         return true;
     }
@@ -427,7 +427,7 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
     char hash[TL_SHA256_TEXT];
     tl_sha256(text, size, hash);
     if (version == NULL || version->size != size || strcmp(version->hash, hash) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "that is not the text of version %" PRIu64, number);
+        return tl_fail(error, TL_BAD_DATA, "the text is not that of version %" PRIu64, number);
     }
     return write_version_text(versions, hash, text, size, error);
 }
@@ -437,18 +437,17 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
 static tl_status make_folder(const char *state, tl_versions *versions, tl_error *error) {
     int length = snprintf(versions->folder, sizeof versions->folder, "%s/versions", state);
     if (length + LONGEST_NAME >= (int)sizeof versions->folder) {
-        return tl_fail(error, TL_BAD_DATA, "the folder of versions, %.100s…: its name is too long", state);
+        return tl_fail(error, TL_BAD_DATA, "%.100s…: the path of the folder of versions is too long", state);
     }
     if (mkdir(versions->folder, 0750) == 0) {
         tl_keep_name(versions->folder);
     } else if (errno != EEXIST) {
-        return tl_fail(error, TL_TRY_AGAIN, "the folder of versions, %.300s: cannot be made: %s", versions->folder,
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: the folder of versions cannot be created: %s", versions->folder,
                        strerror(errno));
     }
     if (access(versions->folder, R_OK | W_OK | X_OK) != 0) {
         return tl_fail(error, TL_TRY_AGAIN,
-                       "the folder of versions, %.300s: expected a folder that this user may read and write",
-                       versions->folder);
+                       "%.300s: the folder of versions must be readable and writable for this user", versions->folder);
     }
     return TL_OK;
 }
@@ -462,11 +461,11 @@ static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
                  is_hash(version.hash) && version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
     versions->newest = number > versions->newest ? number : versions->newest;
     if (!right) {
-        tl_log(TL_LOG_WARNING, "%s: is damaged: version %" PRIu64 " cannot be brought back", path, number);
+        tl_log(TL_LOG_WARNING, "%s: damaged: version %" PRIu64 " cannot be restored any more", path, number);
         *damaged = true;
         return true;
     }
-    if (!grow(versions)) {
+    if (!reserve_entry(versions)) {
         return false;
     }
     versions->list[versions->count++] = version;
@@ -485,24 +484,24 @@ static tl_status scan_folder(tl_versions *versions, bool are_read, bool *damaged
     char path[PATH_MAX + NAME_MAX + 2];
     char hash[TL_SHA256_TEXT];
     uint64_t number = 0;
-    bool enough = true;
+    bool has_memory = true;
     DIR *folder = opendir(versions->folder);
     if (folder == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be read: %s", versions->folder, strerror(errno));
     }
-    for (struct dirent *entry = readdir(folder); entry != NULL && enough; entry = readdir(folder)) {
+    for (struct dirent *entry = readdir(folder); entry != NULL && has_memory; entry = readdir(folder)) {
         file_kind kind = kind_of(entry->d_name, &number, hash);
         if (kind == FILE_RECORD && !are_read) {
-            enough = read_record(versions, number, damaged);
-        } else if (kind == FILE_LEFT ||
+            has_memory = read_record(versions, number, damaged);
+        } else if (kind == FILE_TEMPORARY ||
                    (kind == FILE_TEXT && are_read && tl_versions_of_hash(versions, hash) == NULL)) {
             (void)snprintf(path, sizeof path, "%s/%s", versions->folder, entry->d_name);
             (void)unlink(path);
         }
     }
     (void)closedir(folder);
-    return enough ? TL_OK
-                  : tl_fail(error, TL_TRY_AGAIN, "%.300s: not enough memory for its versions", versions->folder);
+    return has_memory ? TL_OK
+                      : tl_fail(error, TL_TRY_AGAIN, "%.300s: not enough memory for its versions", versions->folder);
 }
 
 /* Writes a version's result to its record. If that fails, the next process that opens the folder
@@ -515,12 +514,12 @@ static void set_result(const tl_versions *versions, tl_version *version, tl_vers
     version->result = result;
     (void)snprintf(version->reason, sizeof version->reason, "%s", reason);
     if (write_record(versions, version, &error) != TL_OK) {
-        tl_log(TL_LOG_WARNING, "what came of version %" PRIu64 " is not kept: %s", version->number, error.text);
+        tl_log(TL_LOG_WARNING, "version %" PRIu64 ": its result cannot be saved: %s", version->number, error.text);
     }
 }
 
 /* Corrects records that disagree with active.json. */
-static void mend(const tl_versions *versions) {
+static void mend_records(const tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
         tl_version *version = &versions->list[i];
         bool is_active = version->number == versions->active;
@@ -532,7 +531,7 @@ static void mend(const tl_versions *versions) {
         } else if (is_active && !was_good(version)) {
             set_result(versions, version, TL_VERSION_ACTIVE, "");
         } else if (!is_active && version->result == TL_VERSION_PROBATION) {
-            set_result(versions, version, TL_VERSION_RETURNED, "it is not known why");
+            set_result(versions, version, TL_VERSION_RETURNED, "reason not known");
         }
     }
 }
@@ -553,8 +552,7 @@ static void guess_active(tl_versions *versions) {
             memcpy(versions->taken, version->hash, sizeof versions->taken);
         }
     }
-    tl_log(TL_LOG_WARNING,
-           "%s/active.json: is damaged; of the versions that are known to be good, the newest is number %" PRIu64,
+    tl_log(TL_LOG_WARNING, "%s/active.json: damaged; the newest good version becomes active: %" PRIu64,
            versions->folder, versions->active);
 }
 
@@ -581,7 +579,7 @@ tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *e
         tl_error ignored;
         (void)scan_folder(versions, true, &damaged, &ignored);
     }
-    mend(versions);
+    mend_records(versions);
     return TL_OK;
 }
 
@@ -615,7 +613,7 @@ static void remove_version(tl_versions *versions, size_t index) {
     }
 }
 
-static uint64_t bytes_of(const tl_versions *versions) {
+static uint64_t count_bytes(const tl_versions *versions) {
     uint64_t bytes = 0;
     for (size_t i = 0; i < versions->count; i++) {
         bytes += versions->list[i].size;
@@ -625,7 +623,8 @@ static uint64_t bytes_of(const tl_versions *versions) {
 
 static void make_room(tl_versions *versions) {
     size_t index = 0;
-    while (index < versions->count && (versions->count > TL_VERSIONS_MOST || bytes_of(versions) > TL_VERSIONS_BYTES)) {
+    while (index < versions->count &&
+           (versions->count > TL_VERSIONS_MOST || count_bytes(versions) > TL_VERSIONS_BYTES)) {
         if (is_needed(versions, index)) {
             index++;
         } else {
@@ -642,7 +641,7 @@ static uint64_t since_boot_ms(void) {
     return 1000 * (uint64_t)now.tv_sec + (uint64_t)now.tv_nsec / 1000000;
 }
 
-static tl_version version_of(const tl_versions *versions, const tl_version_news *news) {
+static tl_version new_version(const tl_versions *versions, const tl_version_news *news) {
     tl_version version = {
         .number = versions->newest + 1,
         .parent = versions->active,
@@ -663,16 +662,15 @@ static tl_version version_of(const tl_versions *versions, const tl_version_news 
 
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error) {
     char path[PATH_MAX];
-    if (news->size > TL_VERSIONS_BYTES || !grow(versions)) {
-        return tl_fail(error, TL_TRY_AGAIN, "the configuration is not kept: not enough memory for its %zu bytes",
+    if (news->size > TL_VERSIONS_BYTES || !reserve_entry(versions)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the configuration cannot be saved: not enough memory for %zu bytes",
                        news->size);
     }
     if (versions->newest >= LAST_NUMBER) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%.300s: there is a record with the last number that a version can have: remove it",
+        return tl_fail(error, TL_BAD_DATA, "%.300s: a record has the largest possible number: remove this record",
                        versions->folder);
     }
-    const tl_version version = version_of(versions, news);
+    const tl_version version = new_version(versions, news);
     path_of(versions, version.hash, path);
     bool is_new = access(path, F_OK) != 0; /* else it may belong to a damaged record */
     tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
@@ -699,7 +697,7 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 /* The configuration file counts as read, whatever its result. It is tried again only if it changes.
  * An older version that becomes active again does not count, because the file has other contents
  * now. */
-static void take(tl_versions *versions, uint64_t number) {
+static void mark_as_read(tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     if (version != NULL && is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
         memcpy(versions->taken, version->hash, sizeof versions->taken);
@@ -708,27 +706,27 @@ static void take(tl_versions *versions, uint64_t number) {
 
 /* Saves a version's result in active.json, so that both change together. The reason may come from
  * an untrusted client, or be truncated within a character. */
-static void note(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
+static void note_result(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
     versions->settled = number;
     versions->how = result;
     tl_text_for_people(reason, versions->because, sizeof versions->because);
 }
 
 /* Replaces the state on disk first. If the disk rejects it, nothing changes. */
-static tl_status put(tl_versions *versions, const tl_versions *next, tl_error *error) {
+static tl_status save_state(tl_versions *versions, const tl_versions *next, tl_error *error) {
     tl_status status = write_active(next, error);
     if (status == TL_OK) {
         *versions = *next;
-        mend(versions);
+        mend_records(versions);
     }
     return status;
 }
 
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error) {
     tl_versions next = *versions;
-    take(&next, number);
-    note(&next, number, TL_VERSION_REFUSED, reason);
-    return put(versions, &next, error);
+    mark_as_read(&next, number);
+    note_result(&next, number, TL_VERSION_REFUSED, reason);
+    return save_state(versions, &next, error);
 }
 
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
@@ -738,33 +736,35 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
     if (versions->settled == number) {
-        note(&next, 0, TL_VERSION_CANDIDATE, ""); /* its previous result no longer counts */
+        note_result(&next, 0, TL_VERSION_CANDIDATE, ""); /* its previous result no longer counts */
     }
     if (versions->probation.version != 0 && versions->probation.version != number) {
-        (void)snprintf(reason, sizeof reason, "version %" PRIu64 " took its place", number);
-        note(&next, versions->probation.version, TL_VERSION_RETURNED, reason);
+        (void)snprintf(reason, sizeof reason, "replaced by version %" PRIu64, number);
+        note_result(&next, versions->probation.version, TL_VERSION_RETURNED, reason);
     }
     next.active = number;
     next.probation = (tl_version_probation){.version = 0};
     if (account != NULL && return_to != 0 && return_to != number) {
         next.probation = (tl_version_probation){number, return_to, *account};
     }
-    take(&next, number);
-    return put(versions, &next, error);
+    mark_as_read(&next, number);
+    return save_state(versions, &next, error);
 }
 
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error) {
     tl_versions next = *versions;
     next.probation.account = *account;
-    return versions->probation.version != 0 ? put(versions, &next, error) : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
+    return versions->probation.version != 0 ? save_state(versions, &next, error)
+                                            : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
 }
 
 tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error) {
     tl_versions next = *versions;
-    note(&next, versions->probation.version, result, reason);
+    note_result(&next, versions->probation.version, result, reason);
     next.active = result == TL_VERSION_RETURNED ? versions->probation.return_to : versions->active;
     next.probation = (tl_version_probation){.version = 0};
-    return versions->probation.version != 0 ? put(versions, &next, error) : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
+    return versions->probation.version != 0 ? save_state(versions, &next, error)
+                                            : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
 }
 
 /* ---- choosing ---- */
@@ -777,13 +777,13 @@ static void choose_same(tl_versions *versions, const char *file, size_t size) {
     const tl_version *active = tl_versions_active(versions);
     memcpy(next.taken, active->hash, sizeof next.taken);
     if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
-        (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, &error) != TL_OK)) {
-        tl_log(TL_LOG_NOTICE, "%s", error.text);
+        (strcmp(versions->taken, next.taken) != 0 && save_state(versions, &next, &error) != TL_OK)) {
+        tl_log(TL_LOG_WARNING, "%s", error.text);
     }
 }
 
 /* Returns the parent, or else the newest older version that was kept; 0: none. */
-static uint64_t before(const tl_versions *versions, uint64_t number) {
+static uint64_t good_before(const tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     uint64_t best = 0;
     if (version != NULL && was_good(tl_versions_get(versions, version->parent))) {
@@ -801,8 +801,8 @@ static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     tl_error error;
     uint64_t number = versions->active;
     while (number != 0 && tl_versions_read(versions, number, &choice->text, &error) != TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s", error.text);
-        number = before(versions, number);
+        tl_log(TL_LOG_WARNING, "%s", error.text);
+        number = good_before(versions, number);
     }
     choice->number = number;
     if (number == 0) {
@@ -810,23 +810,23 @@ static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     }
     choice->size = (size_t)tl_versions_get(versions, number)->size;
     if (number != versions->active) {
-        tl_log(TL_LOG_NOTICE, "version %" PRIu64 " runs in its place", number);
+        tl_log(TL_LOG_WARNING, "version %" PRIu64 " is used instead", number);
         if (tl_versions_activate(versions, number, NULL, &error) != TL_OK) {
-            tl_log(TL_LOG_NOTICE, "%s", error.text);
+            tl_log(TL_LOG_WARNING, "%s", error.text);
         }
     }
     return true;
 }
 
 /* No version can be read: the file becomes the first version again. */
-static void begin_again(tl_versions *versions) {
+static void use_file(tl_versions *versions) {
     tl_versions next = *versions;
     tl_error error;
     next.active = 0;
     next.probation = (tl_version_probation){.version = 0};
-    tl_log(TL_LOG_NOTICE, "the configuration's file runs in its place");
-    if (put(versions, &next, &error) != TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s", error.text);
+    tl_log(TL_LOG_WARNING, "no version can be read: the configuration file is used instead");
+    if (save_state(versions, &next, &error) != TL_OK) {
+        tl_log(TL_LOG_WARNING, "%s", error.text);
     }
 }
 
@@ -845,7 +845,7 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
     }
     bool is_changed = file != NULL && versions->active != 0 && strcmp(hash, versions->taken) != 0;
     if (is_changed) {
-        tl_log(TL_LOG_NOTICE, "the configuration's file was changed since it was taken last: it is tried");
+        tl_log(TL_LOG_NOTICE, "the configuration file has changed since it was read last: validating it");
     }
     choice->is_candidate = is_changed || (file != NULL && versions->active == 0);
     if (choice->is_candidate || choose_version(versions, choice)) {
@@ -855,7 +855,7 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
         return tl_fail(error, TL_BAD_DATA,
                        "there is no configuration: neither its file nor a version of it can be read");
     }
-    begin_again(versions);
+    use_file(versions);
     choice->is_candidate = true;
     return TL_OK;
 }

@@ -65,7 +65,7 @@ typedef struct tl_version {
     tl_version_result result;
     char who[TL_VERSION_WHO];
     char why[TL_VERSION_WHY];    /* the user's reason for the change */
-    char reason[TL_VERSION_WHY]; /* of the result: "in lock for 71 % of the steps, asked were 95 %" */
+    char reason[TL_VERSION_WHY]; /* of the result: "in lock in 71 % of the steps (required 95 %)" */
     char at[TL_UTC_TEXT];        /* when it was added (UTC); only for users */
     char boot[TL_IDENTITY_TEXT]; /* boot id of the kernel at that time, */
     uint64_t boottime_ms;        /* and time since that boot */

@@ -30,7 +30,7 @@ enum { JOB = 3, RESULT = 4 };
 /* ---- start ---- */
 
 /* The block contains the job, and then its texts with a NUL each. */
-static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *error) {
+static tl_status pack_job(const tl_worker_job *job, tl_block *block, tl_error *error) {
     char *bytes = NULL;
     size_t size = 0;
     FILE *file = open_memstream(&bytes, &size);
@@ -61,7 +61,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
     (void)snprintf(title, sizeof title, TL_WORKER ": %s [%s]", kinds[settings->job.kind], settings->plant);
     int nothing = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (nothing < 0 || pipe2(output, O_CLOEXEC) != 0) {
-        tl_status status = tl_fail(error, TL_TRY_AGAIN, "no pipe for \"%s\": %s", title, strerror(errno));
+        tl_status status = tl_fail(error, TL_TRY_AGAIN, "cannot create a pipe for \"%s\": %s", title, strerror(errno));
         if (nothing >= 0) {
             (void)close(nothing);
         }
@@ -88,7 +88,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
 tl_status tl_worker_start(tl_worker *worker, const tl_worker_settings *settings, tl_error *error) {
     tl_block job = {.descriptor = -1};
     *worker = (tl_worker){.result = {.descriptor = -1}, .until = tl_clock_now(NULL) + settings->limit};
-    tl_status status = make_job(&settings->job, &job, error);
+    tl_status status = pack_job(&settings->job, &job, error);
     if (status == TL_OK) {
         status =
             tl_block_make("twinlock result", sizeof(tl_worker_result), TL_BLOCK_THEY_WRITE, &worker->result, error);
@@ -115,9 +115,9 @@ tl_worker_state tl_worker_poll(tl_worker *worker) {
     if (!has_ended) {
         worker->is_late = true;
         tl_role_kill(&worker->role);
-        (void)snprintf(worker->reason, TL_WORKER_REASON, "it took too long, and was ended");
+        (void)snprintf(worker->reason, TL_WORKER_REASON, "it exceeded its time limit and was ended");
     } else if (worker->role.signal != 0) {
-        (void)snprintf(worker->reason, TL_WORKER_REASON, "its process died of signal %d (%s)", worker->role.signal,
+        (void)snprintf(worker->reason, TL_WORKER_REASON, "its process was ended by signal %d (%s)", worker->role.signal,
                        strsignal(worker->role.signal));
     } else if (worker->role.code != 0) {
         (void)snprintf(worker->reason, TL_WORKER_REASON, "its process ended with exit code %d", worker->role.code);
@@ -212,7 +212,7 @@ tl_status tl_worker_begin(tl_worker_job *job, tl_error *error) {
         at += length + 1;
     }
     if (!fits || at != end) {
-        (void)tl_fail(error, TL_BAD_DATA, "the job of the process is none");
+        (void)tl_fail(error, TL_BAD_DATA, "the worker has received an invalid job");
         return TL_BAD_DATA;
     }
     return TL_OK;
@@ -225,7 +225,7 @@ tl_status tl_worker_open_result(tl_worker_result **result, tl_error *error) {
     return status;
 }
 
-static void complete(tl_worker_result *result) {
+static void set_complete(tl_worker_result *result) {
     __atomic_store_n(&result->is_complete, 1, __ATOMIC_RELEASE);
 }
 
@@ -255,25 +255,25 @@ static void write_change(const tl_config_edit *edit, tl_control_change *change) 
 
 /* ---- names that only an administrator of the box may allow ---- */
 
-static void add_barred(tl_verdict *verdict, const tl_config_barred *barred, const char *list) {
+static void report_barred(tl_verdict *verdict, const tl_config_barred *barred, const char *list) {
     char text[TL_CONTROL_TEXT];
     if (barred->is_installed) {
         (void)snprintf(text, sizeof text,
-                       "found %s without its hash, expected \"sha256\" beside it, as sha256sum prints it on the box",
+                       "found %s without its hash, expected \"sha256\" beside it (on the box: sha256sum FILE)",
                        barred->found);
     } else if (barred->names == TL_NAMES_FMU) {
         (void)snprintf(text, sizeof text,
-                       "found %s, expected the name of an FMU that is installed, without a folder, and its \"sha256\"",
+                       "found %s, expected the name of an installed FMU, without a folder, and its \"sha256\"",
                        barred->found);
     } else if (barred->names != TL_NAMES_NOTHING && list[0] != '\0') {
         (void)snprintf(
             text, sizeof text,
-            "found %s, expected a name that the active configuration, its file on the box or %.300s has: let "
-            "root add there the line: %s NAME",
+            "found %s, expected a name in the active configuration, in its file on the box or in %.300s: root can "
+            "add the line there: %s NAME",
             barred->found, list, barred->names == TL_NAMES_FILE ? "file" : "library");
     } else {
         (void)snprintf(text, sizeof text,
-                       "found %s, expected nothing: it is changed on the box, by twinlock reload without --right",
+                       "found %s, expected no such key: change it on the box, with `twinlock reload` without --right",
                        barred->found);
     }
     add_problem(verdict, TL_BAD_DATA, barred->path, text);
@@ -317,7 +317,7 @@ static tl_status find_change(const tl_worker_job *job, tl_verdict *verdict, tl_e
     }
     verdict->changes = (uint32_t)change.count;
     for (size_t i = 0; i < change.barred && i < TL_CONFIG_BARRED; i++) {
-        add_barred(verdict, &change.bar[i], job->text[TL_WORKER_LIST_PATH]);
+        report_barred(verdict, &change.bar[i], job->text[TL_WORKER_LIST_PATH]);
     }
     verdict->problems = (uint32_t)change.barred;
     return TL_OK;
@@ -380,19 +380,19 @@ static void find_tolerances(const tl_config *before, const tl_config *now, tl_ve
 }
 
 /* Reports an output for which the right to commission is needed. */
-static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double found, double most) {
+static void report_widening(tl_verdict *verdict, const tl_plan_match *match, double found, double most) {
     char path[TL_JSON_PATH];
     char text[TL_CONTROL_TEXT];
     (void)snprintf(path, sizeof path, "synchronise.match.%.100s", match->variable);
     if (isfinite(found)) {
         (void)snprintf(text, sizeof text,
-                       "found an error of %.6g that is in lock, expected at most %.6g, which is %d times what was "
-                       "commissioned last: more takes the right to commission",
+                       "found a tolerated error of %.6g, expected at most %.6g, %d times the commissioned one: more "
+                       "needs the right commission",
                        found, most, (int)TL_VERDICT_WIDEST);
     } else {
         (void)snprintf(text, sizeof text,
-                       "found no match with %.100s that has an effect, expected that of the version that was "
-                       "commissioned last: to leave it out takes the right to commission",
+                       "found no match with %.100s with an effect, expected the commissioned one: removing it needs "
+                       "the right commission",
                        match->to);
     }
     add_problem(verdict, TL_BAD_DATA, path, text);
@@ -407,12 +407,12 @@ static void limit_widening(const tl_config *commissioned, const tl_config *now, 
         double limit = largest_error(commissioned, match);
         double found = largest_error(now, find_match(now, match));
         if (match->weight > 0.0 && is_wider(found, limit, TL_VERDICT_WIDEST)) {
-            add_wide(verdict, match, found, TL_VERDICT_WIDEST * limit);
+            report_widening(verdict, match, found, TL_VERDICT_WIDEST * limit);
         }
     }
 }
 
-static void judge_tolerances(const tl_worker_job *job, const tl_config *candidate, tl_verdict *verdict) {
+static void check_tolerances(const tl_worker_job *job, const tl_config *candidate, tl_verdict *verdict) {
     static tl_config other;
     if (read_other(job, TL_WORKER_KEPT, &other)) {
         find_tolerances(&other, candidate, verdict);
@@ -426,7 +426,7 @@ static void judge_tolerances(const tl_worker_job *job, const tl_config *candidat
 
 /* ---- validator ---- */
 
-static tl_status judge(const tl_worker_job *job, tl_verdict *verdict, tl_error *error) {
+static tl_status check_candidate(const tl_worker_job *job, tl_verdict *verdict, tl_error *error) {
     tl_config config;
     tl_report report = {.add = add_problem, .context = verdict};
     const char *text = job->text[TL_WORKER_CANDIDATE];
@@ -440,7 +440,7 @@ static tl_status judge(const tl_worker_job *job, tl_verdict *verdict, tl_error *
     verdict->window = window.time;
     status = find_change(job, verdict, error);
     if (status == TL_OK) {
-        judge_tolerances(job, &config, verdict);
+        check_tolerances(job, &config, verdict);
     }
     tl_config_free(&config);
     verdict->is_valid = status == TL_OK ? 1 : 0;
@@ -456,10 +456,10 @@ static tl_status validate(const tl_worker_job *job, tl_error *error) {
         status = tl_confine(&settings, &facts, NULL, error);
     }
     if (status == TL_OK) {
-        status = judge(job, &result->verdict, error);
+        status = check_candidate(job, &result->verdict, error);
     }
     if (status == TL_OK) {
-        complete(result);
+        set_complete(result);
     }
     return status;
 }
@@ -477,7 +477,7 @@ static const tl_time CALL_LIMIT = 60 * TL_SECOND;
 static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, const tl_twin_role_tasks *tasks,
                             tl_twin_check *found, bool *crashed, tl_error *error) {
     const bool of_states = job->kind == TL_WORKER_STATES;
-    const tl_twin_job order = {
+    const tl_twin_job check_job = {
         .task = TL_TASK_CHECK,
         .path = config->path,
         .text = config->text,
@@ -487,7 +487,7 @@ static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, c
         .unconfined = job->unconfined || tl_config_is_unconfined(config),
     };
     const tl_twin_child_settings settings = {
-        .job = &order,
+        .job = &check_job,
         .config = config,
         .print_page = tasks->print_page,
         .call_limit = CALL_LIMIT,
@@ -522,7 +522,7 @@ static tl_status try_fmus(const tl_worker_job *job, const tl_config *config, con
     tl_status status = check_fmus(job, config, tasks, &found, &crashed, error);
     if (crashed &&
         job->kind == TL_WORKER_STATES) { /* the text after the semicolon is for a user who can change the limit */
-        (void)snprintf(found.why, sizeof found.why, "the saved states could not be tried: %.*s",
+        (void)snprintf(found.why, sizeof found.why, "the saved states could not be tested: %.*s",
                        (int)strcspn(error->text, ";"), error->text);
         status = TL_OK;
     }
@@ -544,7 +544,7 @@ static tl_status try_fmus(const tl_worker_job *job, const tl_config *config, con
             .least = found.least,
             .worst = found.worst,
         };
-        complete(result);
+        set_complete(result);
     }
     return status;
 }

@@ -129,7 +129,7 @@ typedef struct tl_worker {
     tl_block result; /* a tl_worker_result: untrusted */
     bool is_started;
     bool is_late;                  /* it exceeded its time limit and was killed */
-    char reason[TL_WORKER_REASON]; /* why it failed: "its process died of signal 11 (…)"; "": it did not */
+    char reason[TL_WORKER_REASON]; /* why it failed: "its process was ended by signal 11 (…)"; "": it did not */
     /* private */
     tl_role role;
     tl_relay relay;

@@ -100,11 +100,11 @@ tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *range = mmap(NULL, heap->reserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (range == MAP_FAILED) {
-        return tl_fail(error, TL_TRY_AGAIN, "no addresses for the memory of an FMU: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "no address range for the heap of an FMU: %s", strerror(errno));
     }
     heap->base = range;
     if (!make_usable(heap, sizeof(directory))) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU: %s", strerror(errno));
+        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for the heap of an FMU: %s", strerror(errno));
         (void)munmap(heap->base, heap->reserved);
         return TL_TRY_AGAIN;
     }
@@ -186,13 +186,13 @@ void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block) {
     directory *all = directory_of(heap);
     const block_head head = head_of(block);
     uint32_t class = head.class;
-    unsigned char *place = (unsigned char *)block - (size_t)head.shift * UNIT;
+    unsigned char *address_of_block = (unsigned char *)block - (size_t)head.shift * UNIT;
     if (class >= CLASSES) {
         return; /* the head was overwritten: the block is never used again */
     }
     take_turn(heap);
-    memcpy(place, &all->free[class], sizeof all->free[class]);
-    all->free[class] = (uint32_t)((size_t)(place - heap->base) / UNIT);
+    memcpy(address_of_block, &all->free[class], sizeof all->free[class]);
+    all->free[class] = (uint32_t)((size_t)(address_of_block - heap->base) / UNIT);
     end_turn(heap);
 }
 
@@ -228,7 +228,7 @@ static random_state common;
 static bool common_has_begun;
 static bool common_is_taken;
 
-static random_state *take_state(void) {
+static random_state *take_random_state(void) {
     if (tl_fmu_allocation_heap != NULL) {
         return tl_fmu_allocation_heap->first;
     }
@@ -241,7 +241,7 @@ static random_state *take_state(void) {
     return &common;
 }
 
-static void give_state_back(const random_state *state) {
+static void swap_random_state(const random_state *state) {
     if (state == &common) {
         __atomic_clear(&common_is_taken, __ATOMIC_RELEASE);
     }
@@ -253,16 +253,16 @@ static void give_state_back(const random_state *state) {
 
 long random(void) {
     int32_t number = 0;
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)random_r(&state->data, &number);
-    give_state_back(state);
+    swap_random_state(state);
     return number;
 }
 
 void srandom(unsigned seed) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)srandom_r(seed, &state->data);
-    give_state_back(state);
+    swap_random_state(state);
 }
 
 int rand(void) {
@@ -279,18 +279,18 @@ static char *bytes_of(const random_state *state) {
 }
 
 char *initstate(unsigned seed, char *bytes, size_t size) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     char *before = bytes_of(state);
     int failed = initstate_r(seed, bytes, size, &state->data);
-    give_state_back(state);
+    swap_random_state(state);
     return failed != 0 ? NULL : before;
 }
 
 char *setstate(char *bytes) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     char *before = bytes_of(state);
     int failed = setstate_r(bytes, &state->data);
-    give_state_back(state);
+    swap_random_state(state);
     return failed != 0 ? NULL : before;
 }
 
@@ -299,17 +299,17 @@ char *setstate(char *bytes) {
 /* `words` NULL: those of the state are used. */
 static double draw_real(unsigned short words[3]) {
     double number = 0.0;
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)erand48_r(words != NULL ? words : state->words.__x, &state->words, &number);
-    give_state_back(state);
+    swap_random_state(state);
     return number;
 }
 
 static long draw_integer(unsigned short words[3], int (*draw)(unsigned short *, struct drand48_data *, long *)) {
     long number = 0;
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)draw(words != NULL ? words : state->words.__x, &state->words, &number);
-    give_state_back(state);
+    swap_random_state(state);
     return number;
 }
 
@@ -338,22 +338,22 @@ long jrand48(unsigned short words[3]) {
 }
 
 void srand48(long seed) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)srand48_r(seed, &state->words);
-    give_state_back(state);
+    swap_random_state(state);
 }
 
 unsigned short *seed48(unsigned short words[3]) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)seed48_r(words, &state->words);
-    give_state_back(state);
+    swap_random_state(state);
     return state->words.__old_x;
 }
 
 void lcong48(unsigned short parameters[7]) {
-    random_state *state = take_state();
+    random_state *state = take_random_state();
     (void)lcong48_r(parameters, &state->words);
-    give_state_back(state);
+    swap_random_state(state);
 }
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)
@@ -376,7 +376,7 @@ bool tl_fmu_allocation_serves(void) {
 
 tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error) {
     (void)reserve;
-    (void)tl_fail(error, TL_TRY_AGAIN, "a sanitizer has an allocator of its own");
+    (void)tl_fail(error, TL_TRY_AGAIN, "the memory of FMUs cannot be copied in a build with a sanitizer");
     return NULL;
 }
 
@@ -438,7 +438,7 @@ static void find_loader(void) {
 
 /* Standard streams are shared and allocate their buffers at their first use. That must not happen
  * in a call of an FMU. */
-static void give_buffers(void) {
+static void set_stream_buffers(void) {
     static char buffer[BUFSIZ];
     static char read[BUFSIZ];
     if (__fbufsize(stdin) == 0) {
@@ -452,12 +452,11 @@ static void give_buffers(void) {
 tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error) {
     tl_fmu_heap *heap = &heaps[heap_count];
     if (heap_count == TL_FMU_ALLOCATION_HEAPS) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "an FMU has no memory of its own: %d have at most",
-                      (int)TL_FMU_ALLOCATION_HEAPS);
+        (void)tl_fail(error, TL_TRY_AGAIN, "too many FMUs: at most %d can have a heap", (int)TL_FMU_ALLOCATION_HEAPS);
         return NULL;
     }
     find_loader();
-    give_buffers();
+    set_stream_buffers();
     if (tl_fmu_heap_open(heap, reserve, error) != TL_OK) {
         return NULL;
     }

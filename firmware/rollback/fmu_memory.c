@@ -23,7 +23,7 @@ enum { SPARE = 4096, SPARE_PART = 8 };
 enum { RESERVED = sizeof(void *) > 4 ? 1 << 30 : 32 << 20 };
 
 /* Smaller regions are copied completely; tracking their pages is not worthwhile. */
-enum { PLACE_OF_PAGES = 4 * TL_FMU_PAGE };
+enum { PAGED_REGION = 4 * TL_FMU_PAGE };
 
 typedef struct tl_fmu_memory_state {
     struct tl_fmu_memory_state *next; /* next unused state */
@@ -45,11 +45,11 @@ tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error
 
 /* ---- side effects ---- */
 
-enum { LINKS_BESIDE = 2 }; /* a folder has two links besides those of its subfolders */
+enum { FOLDER_LINKS = 2 }; /* a folder has two links besides those of its subfolders */
 
 static unsigned long count_threads(void) {
     struct stat tasks;
-    return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - LINKS_BESIDE : 0;
+    return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - FOLDER_LINKS : 0;
 }
 
 /* The text remains empty if the descriptor is already closed: then another thread of this process
@@ -78,8 +78,8 @@ void tl_fmu_side_effects_look(tl_fmu_side_effects *traces) {
 
 /* Returns true if there is something new; `text` names it: "a thread", "an open file or socket,
  * /tmp/log". */
-static bool differ(const tl_fmu_side_effects *before, const tl_fmu_side_effects *after,
-                   char text[TL_FMU_SIDE_EFFECT_TEXT]) {
+static bool find_new(const tl_fmu_side_effects *before, const tl_fmu_side_effects *after,
+                     char text[TL_FMU_SIDE_EFFECT_TEXT]) {
     text[0] = '\0';
     if (after->threads > before->threads) {
         (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "a thread");
@@ -106,7 +106,7 @@ void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     tl_fmu_side_effects_look(&after);
     memory->watched--;
     if (memory->left[0] == '\0') {
-        (void)differ(&memory->before, &after, memory->left);
+        (void)find_new(&memory->before, &after, memory->left);
     }
 }
 
@@ -124,7 +124,7 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     size_t room = need + SPARE + need / SPARE_PART;
     memory_state *made = malloc(sizeof *made + room);
     if (made == NULL) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for a state of %zu bytes of %s", need, memory->folder);
+        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for a copy of %zu bytes (%s)", need, memory->folder);
         return TL_TRY_AGAIN;
     }
     *made = (memory_state){.room = room};
@@ -133,8 +133,8 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     return TL_OK;
 }
 
-static bool is_in_pages(const tl_fmu_region *place) {
-    return place->has_pages && place->size >= PLACE_OF_PAGES;
+static bool is_in_pages(const tl_fmu_region *region) {
+    return region->has_pages && region->size >= PAGED_REGION;
 }
 
 static size_t bytes_outside_pages(const tl_fmu_regions *places) {
@@ -157,18 +157,18 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 /* ---- pages ---- */
 
 /* Creates the page storage once the FMU has become large. */
-static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
+static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *error) {
     tl_fmu_region ranges[TL_FMU_REGIONS + 1];
     size_t count = 0;
     if (memory->pages != NULL || used + memory->places.bytes < TL_FMU_MEMORY_LARGE) {
         return TL_OK;
     }
     for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_region *place = &memory->places.place[i];
-        size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* bytes between the start of the page and the region */
-        size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
-        if (is_in_pages(place)) {
-            ranges[count++] = (tl_fmu_region){.begin = place->begin - before, .size = size, .has_pages = true};
+        const tl_fmu_region *region = &memory->places.place[i];
+        size_t before = (uintptr_t)region->begin % TL_FMU_PAGE; /* bytes between the start of the page and the region */
+        size_t size = (before + region->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
+        if (is_in_pages(region)) {
+            ranges[count++] = (tl_fmu_region){.begin = region->begin - before, .size = size, .has_pages = true};
         }
     }
     ranges[count++] = (tl_fmu_region){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
@@ -182,13 +182,11 @@ const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
         return memory->left;
     }
-    return memory->heap->has_threads  ? "a thread"
-           : memory->heap->is_not_all ? "memory elsewhere than in its heap"
-                                      : NULL;
+    return memory->heap->has_threads ? "a thread" : memory->heap->is_not_all ? "memory outside of its heap" : NULL;
 }
 
 /* Finds the regions once. Checks them again if a library was opened since. */
-static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
+static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     tl_fmu_regions now;
     unsigned long long opened = tl_fmu_regions_opened();
     if (memory->are_found && opened == memory->opened) {
@@ -196,7 +194,7 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
     }
     tl_status status = tl_fmu_regions_find(memory->folder, &now, error);
     if (status == TL_OK && memory->are_found && now.bytes != memory->places.bytes) {
-        return tl_fail(error, TL_FMU_FAILED, "has opened a library since, which no copy of its memory takes back");
+        return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has opened another library");
     }
     memory->places = now;
     memory->are_found = status == TL_OK;
@@ -207,12 +205,12 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
 /* ---- save ---- */
 
 /* Copies between a state and all regions, or only those outside of the page storage. */
-static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool back) {
+static void copy_regions(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool restore) {
     for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_region *place = &memory->places.place[i];
-        if (all || !is_in_pages(place)) {
-            memcpy(back ? place->begin : bytes, back ? bytes : place->begin, place->size);
-            bytes += place->size;
+        const tl_fmu_region *region = &memory->places.place[i];
+        if (all || !is_in_pages(region)) {
+            memcpy(restore ? region->begin : bytes, restore ? bytes : region->begin, region->size);
+            bytes += region->size;
         }
     }
 }
@@ -223,7 +221,7 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
-        copy_places(memory, false, (*state)->bytes, false);
+        copy_regions(memory, false, (*state)->bytes, false);
     } else if (before == NULL) {
         tl_fmu_memory_forget(*state);
     }
@@ -241,15 +239,15 @@ static memory_state *take_reserved(tl_fmu_memory *memory) {
 }
 
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
-    const char *left = tl_fmu_memory_left(memory);
-    if (left != NULL) {
-        return tl_fail(error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back", left);
+    const char *side_effect = tl_fmu_memory_left(memory);
+    if (side_effect != NULL) {
+        return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
     }
     memory_state *kept = *state != NULL ? *state : take_reserved(memory);
     bool is_reserved = *state == NULL && kept != NULL;
     size_t used = tl_fmu_heap_used(memory->heap);
-    tl_status status = find_places(memory, error);
-    status = status == TL_OK ? look_at_size(memory, used, error) : status;
+    tl_status status = find_regions(memory, error);
+    status = status == TL_OK ? choose_storage(memory, used, error) : status;
     if (status == TL_OK && memory->pages != NULL) {
         status = save_pages(memory, &kept, used, error);
     } else if (status == TL_OK) {
@@ -264,7 +262,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     }
     if (memory->pages == NULL) {
         memcpy(kept->bytes, memory->heap->base, used);
-        copy_places(memory, true, kept->bytes + used, false);
+        copy_regions(memory, true, kept->bytes + used, false);
     }
     *state = kept;
     note_used(memory);
@@ -282,7 +280,7 @@ static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
         memory->pages != NULL ? bytes_outside_pages(&memory->places) : memory->most_used + memory->places.bytes;
     tl_status status = make_room(memory, &made, need, error);
     if (status == TL_OK && memory->pages != NULL && !tl_fmu_pages_reserve_version(memory->pages, &made->version)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for states of %s", memory->folder);
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for copies (%s)", memory->folder);
     }
     if (status != TL_OK) {
         tl_fmu_memory_forget(made);
@@ -296,7 +294,7 @@ static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
 tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error) {
     tl_status status = TL_OK;
     if (memory->pages != NULL && !tl_fmu_pages_reserve(memory->pages, states)) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu states of %s", states, memory->folder);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu copies (%s)", states, memory->folder);
     }
     for (size_t i = 0; i < states && status == TL_OK; i++) {
         status = reserve_one(memory, error);
@@ -328,15 +326,15 @@ void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
-    bool is_whole = kept->pages == NULL;
+    bool is_complete = kept->pages == NULL;
     note_used(memory);
-    if (is_whole) {
+    if (is_complete) {
         memcpy(memory->heap->base, kept->bytes, kept->used);
     } else {
         tl_fmu_pages_restore(memory->pages, &kept->version);
     }
-    copy_places(memory, is_whole, kept->bytes + (is_whole ? kept->used : 0), true);
-    if (is_whole && memory->pages != NULL) { /* the state was saved before the FMU became large */
+    copy_regions(memory, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
+    if (is_complete && memory->pages != NULL) { /* the state was saved before the FMU became large */
         tl_fmu_pages_lose(memory->pages);
     }
     tl_fmu_heap_restored(memory->heap, kept->used);

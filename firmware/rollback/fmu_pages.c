@@ -267,14 +267,14 @@ typedef struct tls_index {
 } tls_index;
 extern void *get_thread_local(tls_index *index) __asm__("__tls_get_addr");
 
-typedef struct place_search {
+typedef struct region_search {
     const char *folder;
     size_t length;
     tl_fmu_regions *places;
     bool is_full;
-} place_search;
+} region_search;
 
-static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
+static void add(region_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
     tl_fmu_regions *places = self->places;
     if (begin >= end) {
         return;
@@ -283,10 +283,10 @@ static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pag
         self->is_full = true;
         return;
     }
-    tl_fmu_region *place = &places->place[places->count++];
-    memcpy(&place->begin, &begin, sizeof place->begin);
-    place->size = end - begin;
-    place->has_pages = has_pages;
+    tl_fmu_region *region = &places->place[places->count++];
+    memcpy(&region->begin, &begin, sizeof region->begin);
+    region->size = end - begin;
+    region->has_pages = has_pages;
     places->bytes += end - begin;
 }
 
@@ -297,14 +297,14 @@ static uintptr_t end_of_relro(const struct dl_phdr_info *object, uintptr_t begin
         const ElfW(Phdr) *header = &object->dlpi_phdr[i];
         uintptr_t at = object->dlpi_addr + header->p_vaddr;
         if (header->p_type == PT_GNU_RELRO && at >= begin && at < end) {
-            uintptr_t behind = (at + header->p_memsz) / page * page;
-            return behind > begin ? behind : begin;
+            uintptr_t end_of_section = (at + header->p_memsz) / page * page;
+            return end_of_section > begin ? end_of_section : begin;
         }
     }
     return begin;
 }
 
-static void add_object(place_search *self, struct dl_phdr_info *object) {
+static void add_object(region_search *self, struct dl_phdr_info *object) {
     for (size_t i = 0; i < object->dlpi_phnum; i++) {
         const ElfW(Phdr) *header = &object->dlpi_phdr[i];
         uintptr_t begin = object->dlpi_addr + header->p_vaddr;
@@ -319,14 +319,14 @@ static void add_object(place_search *self, struct dl_phdr_info *object) {
     }
 }
 
-static bool is_below(const place_search *self, const char *name) {
+static bool is_below(const region_search *self, const char *name) {
     char path[PATH_MAX];
     return name != NULL && name[0] != '\0' && realpath(name, path) != NULL &&
            strncmp(path, self->folder, self->length) == 0 && path[self->length] == '/';
 }
 
-static int look_at_object(struct dl_phdr_info *object, size_t size, void *context) {
-    place_search *self = context;
+static int read_object(struct dl_phdr_info *object, size_t size, void *context) {
+    region_search *self = context;
     (void)size;
     if (is_below(self, object->dlpi_name)) {
         add_object(self, object);
@@ -347,11 +347,11 @@ unsigned long long tl_fmu_regions_opened(void) {
 }
 
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error) {
-    place_search self = {.folder = folder, .length = strlen(folder), .places = places};
+    region_search self = {.folder = folder, .length = strlen(folder), .places = places};
     *places = (tl_fmu_regions){.count = 0};
-    (void)dl_iterate_phdr(look_at_object, &self);
+    (void)dl_iterate_phdr(read_object, &self);
     return self.is_full
-               ? tl_fail(error, TL_FMU_FAILED, "its libraries have more than %d writable places", TL_FMU_REGIONS)
+               ? tl_fail(error, TL_FMU_FAILED, "its libraries have more than %d writable regions", TL_FMU_REGIONS)
                : TL_OK;
 }
 
@@ -444,7 +444,7 @@ static size_t count_written(const unsigned char *page) {
 }
 
 /* Tests detection with one page: after a write, without a write, and after another write. */
-static bool try_it(void) {
+static bool try_watching(void) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     unsigned char *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (page == MAP_FAILED) {
@@ -470,7 +470,7 @@ void tl_fmu_written_begin(void) {
     }
     watcher = (int)syscall(SYS_userfaultfd, O_CLOEXEC | O_NONBLOCK | USER_MODE_ONLY);
     map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
-    serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
+    serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_watching();
     if (!serves) {
         (void)close(watcher); /* may be −1 */
         (void)close(map);
@@ -488,7 +488,7 @@ bool tl_fmu_written_serves(void) {
  *           large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN
  *           versions that differed, restores no longer count, because they contain the changes of
  *           several steps. */
-enum { SUPPOSED = 64, KNOWN = 4 };
+enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
 
 struct tl_fmu_pages {
     size_t count;
@@ -573,7 +573,7 @@ static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *pa
     return tl_page_groups_put(&self->groups, group, number % TL_PAGE_GROUP, page);
 }
 
-static void put_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
+static void restore_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
     const unsigned char *kept =
         tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP);
     if (self->are_told || memcmp(page, kept, TL_FMU_PAGE) != 0) {
@@ -589,7 +589,7 @@ static void meet_pages(void *context, size_t first, size_t count) {
         unsigned char *page = self->range[found->range].begin + i * TL_FMU_PAGE;
         size_t number = self->before[found->range] + i;
         if (found->version != NULL) {
-            put_page(self, number, page, found->version);
+            restore_page(self, number, page, found->version);
         } else {
             self->is_full = !keep_page(self, number, page);
         }
@@ -640,7 +640,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
             free(version->leaf);
             *version = (tl_fmu_version){.pages = 0};
         }
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a state of %zu pages", pages);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a copy of %zu pages", pages);
     }
     self->now.pages = pages;
     shrink(self, tl_page_groups_of(pages));
@@ -658,7 +658,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
 
 /* ---- restore ---- */
 
-static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) {
+static void restore_different(tl_fmu_pages *self, const tl_fmu_version *version) {
     for (size_t i = 0; i < version->pages; i++) {
         size_t leaf = i / TL_PAGE_GROUP;
         bool is_common = i < self->now.pages;
@@ -667,13 +667,13 @@ static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) 
             i = (end < self->now.pages ? end : self->now.pages) - 1;
         } else if (!is_common || tl_page_groups_look(&self->groups, self->now.leaf[leaf], i % TL_PAGE_GROUP) !=
                                      tl_page_groups_look(&self->groups, version->leaf[leaf], i % TL_PAGE_GROUP)) {
-            put_page(self, i, address_of(self, i), version);
+            restore_page(self, i, address_of(self, i), version);
         }
     }
 }
 
 /* There is enough room, because the version was a copy of the present version once. */
-static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
+static void follow_version(tl_fmu_pages *self, const tl_fmu_version *version) {
     shrink(self, version->leaves);
     for (size_t i = 0; i < version->leaves; i++) {
         if (i < self->now.leaves && self->now.leaf[i] == version->leaf[i]) {
@@ -694,9 +694,9 @@ void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
     find(self, version->pages, version);
     self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     if (self->are_told) {
-        put_what_differs(self, version);
+        restore_different(self, version);
     }
-    follow(self, version);
+    follow_version(self, version);
 }
 
 void tl_fmu_pages_lose(tl_fmu_pages *self) {
@@ -721,8 +721,8 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
 
 /* Estimate for one more version. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
-    size_t put = self->most_put > self->most ? self->most_put : self->most;
-    return self->times >= KNOWN ? self->most : put > 0 ? put : SUPPOSED;
+    size_t most_restored = self->most_put > self->most ? self->most_put : self->most;
+    return self->times >= KNOWN_SAVES ? self->most : most_restored > 0 ? most_restored : ASSUMED_PAGES;
 }
 
 size_t tl_fmu_pages_size(const tl_fmu_pages *self) {
@@ -751,7 +751,7 @@ bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *vers
 tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_region *ranges, size_t count, tl_error *error) {
     tl_fmu_pages *self = calloc(1, sizeof *self);
     if (self == NULL) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for states of an FMU");
+        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for copies of an FMU");
         return NULL;
     }
     tl_page_groups_open(&self->groups);

@@ -71,8 +71,8 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
         return;
     }
     char *at = (char *)(made->bytes + place);
-    void *behind = at + aligned(size);
-    *made = (struct tl_fmu_prologue_call){.call = {kind, count, at, behind, made->bytes}};
+    void *references_at = at + aligned(size);
+    *made = (struct tl_fmu_prologue_call){.call = {kind, count, at, references_at, made->bytes}};
     if (kind == TL_PROLOGUE_SET_STRING) {
         copy_texts((void *)made->bytes, at, values, count);
         made->call.values = made->bytes;
@@ -80,7 +80,7 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
         memcpy(at, values, size);
     }
     if (named != 0) {
-        memcpy(behind, references, named);
+        memcpy(references_at, references, named);
     }
     *(prologue->last != NULL ? &prologue->last->next : &prologue->first) = made;
     prologue->last = made;
@@ -146,8 +146,10 @@ tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t c
     }
     if (history->calls == NULL || history->values == NULL) {
         tl_fmu_history_close(history);
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to keep what an FMU is given in %u steps: %zu bytes",
-                       (unsigned)most, count_bytes(most, calls, size));
+        return tl_fail(
+            error, TL_TRY_AGAIN,
+            "not enough memory to record the inputs of %u steps: %zu bytes; lower \"replay_steps\" of the component",
+            (unsigned)most, count_bytes(most, calls, size));
     }
     history->call_count = (uint32_t)call_count;
     tl_fmu_history_begin(history);
@@ -516,19 +518,19 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
 }
 
 /* Resets the FMU and repeats its prologue. */
-static fmi2Status begin_anew(tl_fmu_replay *replay) {
-    tl_time begun = tl_clock_now(NULL);
+static fmi2Status reset_instance(tl_fmu_replay *replay) {
+    tl_time started_at = tl_clock_now(NULL);
     fmi2Status status = replay->reset(replay->instance);
     if (status <= fmi2Warning) {
         status = tl_fmu_prologue_play(&replay->prologue, replay->functions, replay->instance);
     }
-    tl_time took = tl_clock_now(NULL) - begun;
+    tl_time took = tl_clock_now(NULL) - started_at;
     replay->told->beginning = took > replay->told->beginning ? took : replay->told->beginning;
     return status;
 }
 
-static fmi2Status go(tl_fmu_replay *replay, uint32_t first, bool anew) {
-    fmi2Status status = anew ? begin_anew(replay) : fmi2OK;
+static fmi2Status replay_calls(tl_fmu_replay *replay, uint32_t first, bool anew) {
+    fmi2Status status = anew ? reset_instance(replay) : fmi2OK;
     for (uint32_t at = first; at != TL_FMU_HISTORY_NONE && status <= fmi2Warning;) {
         const tl_fmu_history_call *call;
         const void *values;
@@ -545,7 +547,7 @@ fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state) {
         return fmi2Error;
     }
     replay->phase = TL_FMU_REPLAY_PLAYS;
-    fmi2Status status = go(replay, first, anew);
+    fmi2Status status = replay_calls(replay, first, anew);
     replay->phase = TL_FMU_REPLAY_NOTES;
     if (status > fmi2Warning) {
         tl_fmu_history_lose(&replay->history);
@@ -563,7 +565,7 @@ fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
     replay->told->is_over = false;
     replay->told->differs = false;
     replay->phase = TL_FMU_REPLAY_PLAYS;
-    fmi2Status status = begin_anew(replay);
+    fmi2Status status = reset_instance(replay);
     replay->phase = TL_FMU_REPLAY_NOTES;
     return status <= fmi2Warning ? fmi2OK : status;
 }

@@ -101,12 +101,12 @@ static tl_status check_pair(const char *path, tl_certificate *certificate, tl_er
         gnutls_certificate_free_credentials(credentials);
     }
     if (failure < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: found no certificate (PEM) with its key: %s", path,
+        return tl_fail(error, TL_BAD_DATA, "%s: expected a certificate with its key (PEM): %s", path,
                        gnutls_strerror(failure));
     }
     return find_fingerprint(&chain, &certificate->fingerprint)
                ? TL_OK
-               : tl_fail(error, TL_BAD_DATA, "%s: the key of the certificate is of an unknown kind", path);
+               : tl_fail(error, TL_BAD_DATA, "%s: the certificate has an unknown type of key: use ECDSA or RSA", path);
 }
 
 tl_status tl_certificate_load(const char *chain, const char *key, tl_certificate *certificate, tl_error *error) {
@@ -194,10 +194,10 @@ static int print_new(FILE *file) {
 
 /* Root may request the fingerprint before the server's first start. Then the owner of the folder
  * gets the file. */
-static bool keep_for_owner(int file, const char *folder) {
+static bool restrict_to_owner(int file, const char *folder) {
     struct stat about;
-    bool is_given = stat(folder, &about) == 0 && (geteuid() != 0 || fchown(file, about.st_uid, about.st_gid) == 0);
-    return is_given && fchmod(file, S_IRUSR | S_IWUSR) == 0;
+    bool is_set = stat(folder, &about) == 0 && (geteuid() != 0 || fchown(file, about.st_uid, about.st_gid) == 0);
+    return is_set && fchmod(file, S_IRUSR | S_IWUSR) == 0;
 }
 
 static tl_status make(const char *folder, const char *path, tl_error *error) {
@@ -206,14 +206,14 @@ static tl_status make(const char *folder, const char *path, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
-    if (!keep_for_owner(fileno(made.file), folder)) {
+    if (!restrict_to_owner(fileno(made.file), folder)) {
         tl_new_file_discard(&made);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be kept from others: %s", path, strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot set its owner and mode: %s", path, strerror(errno));
     }
     int failure = print_new(made.file);
     if (failure < 0) {
         tl_new_file_discard(&made);
-        return tl_fail(error, TL_TRY_AGAIN, "no key could be made: %s", gnutls_strerror(failure));
+        return tl_fail(error, TL_TRY_AGAIN, "cannot generate a key: %s", gnutls_strerror(failure));
     }
     return tl_new_file_keep(&made, error);
 }
@@ -226,8 +226,7 @@ tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, t
     struct stat about;
     if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode)) {
         return tl_fail(error, TL_BAD_DATA,
-                       "--state %.300s: there is no such folder; make it, for the user that the server runs as",
-                       folder);
+                       "--state %.300s: there is no such folder; create it for the user of the server", folder);
     }
     tl_status status = access(path, F_OK) == 0 ? TL_OK : make(folder, path, error);
     return status == TL_OK ? tl_certificate_load(path, path, certificate, error) : status;

@@ -35,16 +35,16 @@ typedef struct tl_connections {
 } tl_connections;
 
 /* Adds a connection, at first without a token. Returns its entry, or −1 if there is none. Then
- * *gives_way is the entry of a connection to close for it, or −1: the new connection must be
+ * *evicted is the entry of a connection to close for it, or −1: the new connection must be
  * closed. */
-int tl_connections_admit(tl_connections *guests, const tl_address *address, tl_time now, int *gives_way);
+int tl_connections_admit(tl_connections *connections, const tl_address *address, tl_time now, int *evicted);
 
-void tl_connections_leave(tl_connections *guests, int place);
+void tl_connections_leave(tl_connections *connections, int slot);
 
-/* Returns the next entry, from `place` on, whose deadline has expired; −1: none. */
-int tl_connections_overdue(const tl_connections *guests, int place, tl_time now);
+/* Returns the next entry, from `slot` on, whose deadline has expired; −1: none. */
+int tl_connections_overdue(const tl_connections *connections, int slot, tl_time now);
 
 /* Returns the earliest deadline; TL_TIME_NEVER: none. */
-tl_time tl_connections_next(const tl_connections *guests);
+tl_time tl_connections_next(const tl_connections *connections);
 
 #endif

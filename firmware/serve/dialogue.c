@@ -146,7 +146,7 @@ static bool append(tl_dialogue *dialogue, const char *text, size_t size) {
     return true;
 }
 
-static void hang_up(tl_dialogue *dialogue) {
+static void close_socket(tl_dialogue *dialogue) {
     if (dialogue->is_asked) {
         (void)close(dialogue->socket);
     }
@@ -158,7 +158,7 @@ void tl_dialogue_refuse(tl_dialogue *dialogue, tl_http_status status, tl_control
     char line[TL_ANSWER_LINE];
     tl_control_reply reply = {.kind = TL_CONTROL_END, .as.end.result = result};
     (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", sentence);
-    hang_up(dialogue);
+    close_socket(dialogue);
     dialogue->result = tl_control_result_name(result);
     dialogue->is_text = false;
     if (dialogue->status == 0) {
@@ -196,7 +196,7 @@ size_t tl_dialogue_take(tl_dialogue *dialogue, char *to, size_t room) {
 }
 
 void tl_dialogue_close(tl_dialogue *dialogue) {
-    hang_up(dialogue);
+    close_socket(dialogue);
     free(dialogue->body);
     free(dialogue->text);
     *dialogue = (tl_dialogue){.socket = -1};
@@ -205,30 +205,31 @@ void tl_dialogue_close(tl_dialogue *dialogue) {
 /* ---- request ---- */
 
 /* Distinguishes a plant that does not exist from a plant that does not answer now. */
-static void refuse_plant(tl_dialogue *dialogue, const char *place, tl_status status) {
+static void refuse_plant(tl_dialogue *dialogue, const char *path, tl_status status) {
     struct stat about;
     char sentence[TL_HTTP_SENTENCE];
     const char *plant = dialogue->request.plant;
     if (status == TL_TRY_AGAIN) {
-        (void)snprintf(sentence, sizeof sentence, "too many others ask %s: try again", plant);
+        (void)snprintf(sentence, sizeof sentence, "%s: too many clients at once: try again", plant);
         tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_BUSY, sentence);
-    } else if (stat(place, &about) != 0 && errno == ENOENT) {
-        (void)snprintf(sentence, sizeof sentence, "there is no plant %s on this box that can be asked", plant);
+    } else if (stat(path, &about) != 0 && errno == ENOENT) {
+        (void)snprintf(sentence, sizeof sentence, "there is no plant %s with a control socket on this box", plant);
         tl_dialogue_refuse(dialogue, TL_HTTP_NOT_FOUND, TL_CONTROL_ABSENT, sentence);
     } else {
-        (void)snprintf(sentence, sizeof sentence, "the twin of %s does not run, or this server may not ask it", plant);
+        (void)snprintf(sentence, sizeof sentence,
+                       "%s: the twin does not run, or this server has no access to its control socket", plant);
         tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_FAILED, sentence);
     }
 }
 
 void tl_dialogue_begin(tl_dialogue *dialogue, const char *folder) {
-    char place[PATH_MAX];
+    char path[PATH_MAX];
     tl_error error;
     const tl_control_request *control = &dialogue->request.control;
-    if (snprintf(place, sizeof place, "%s/%s/%s", folder, dialogue->request.plant, TL_CONTROL_SOCKET) >= PATH_MAX) {
-        place[0] = '\0';
+    if (snprintf(path, sizeof path, "%s/%s/%s", folder, dialogue->request.plant, TL_CONTROL_SOCKET) >= PATH_MAX) {
+        path[0] = '\0';
     }
-    tl_status status = tl_control_connect(place, &dialogue->socket, &error);
+    tl_status status = tl_control_connect(path, &dialogue->socket, &error);
     dialogue->is_asked = status == TL_OK;
     if (status == TL_OK) {
         status = tl_control_ask(dialogue->socket, control, dialogue->body, dialogue->body_size, &error);
@@ -236,7 +237,7 @@ void tl_dialogue_begin(tl_dialogue *dialogue, const char *folder) {
     free(dialogue->body);
     dialogue->body = NULL;
     if (status != TL_OK) {
-        refuse_plant(dialogue, place, status);
+        refuse_plant(dialogue, path, status);
     }
 }
 
@@ -249,14 +250,14 @@ static int by_name(const void *one, const void *other) {
 /* Finds the plants that have a socket, sorted by name. */
 static size_t find_plants(const char *folder, char (*plants)[TL_CONTROL_NAME]) {
     size_t count = 0;
-    char place[PATH_MAX];
+    char path[PATH_MAX];
     struct stat about;
     DIR *opened = opendir(folder);
     const struct dirent *entry = NULL;
     while (opened != NULL && count < PLANTS && (entry = readdir(opened)) != NULL) {
         bool is_good = tl_plain_name(entry->d_name);
-        if (is_good && snprintf(place, sizeof place, "%s/%s/%s", folder, entry->d_name, TL_CONTROL_SOCKET) < PATH_MAX &&
-            stat(place, &about) == 0 && S_ISSOCK(about.st_mode)) {
+        if (is_good && snprintf(path, sizeof path, "%s/%s/%s", folder, entry->d_name, TL_CONTROL_SOCKET) < PATH_MAX &&
+            stat(path, &about) == 0 && S_ISSOCK(about.st_mode)) {
             memcpy(plants[count], entry->d_name, strlen(entry->d_name) + 1);
             count++;
         }
@@ -288,42 +289,42 @@ void tl_dialogue_list_plants(tl_dialogue *dialogue, const char *folder) {
 
 /* ---- replies ---- */
 
-static void take_line(tl_dialogue *dialogue, const tl_control_reply *reply) {
+static void append_line(tl_dialogue *dialogue, const tl_control_reply *reply) {
     char line[TL_ANSWER_LINE];
     (void)append(dialogue, line, tl_answer_line(reply, line));
 }
 
 /* The answer of a successful query has no "end" line. A change has one. */
-static void take_end(tl_dialogue *dialogue, const tl_control_reply *reply) {
+static void handle_end(tl_dialogue *dialogue, const tl_control_reply *reply) {
     const tl_control_end *end = &reply->as.end;
     tl_http_status status = tl_answer_status(end->result);
-    bool is_question = !dialogue->request.is_change;
-    if (is_question && status != TL_HTTP_OK) {
+    bool is_query = !dialogue->request.is_change;
+    if (is_query && status != TL_HTTP_OK) {
         tl_dialogue_refuse(dialogue, status, (tl_control_result)end->result, end->text);
         return;
     }
-    if (!is_question) {
-        take_line(dialogue, reply);
+    if (!is_query) {
+        append_line(dialogue, reply);
         dialogue->version = end->version;
         memcpy(dialogue->hash, end->hash, sizeof dialogue->hash);
     }
     dialogue->result = tl_control_result_name((tl_control_result)end->result);
     dialogue->status = dialogue->status == 0 ? status : dialogue->status;
-    hang_up(dialogue);
+    close_socket(dialogue);
 }
 
-static void take_reply(tl_dialogue *dialogue, const tl_control_reply *reply, const char *text) {
+static void handle_reply(tl_dialogue *dialogue, const tl_control_reply *reply, const char *text) {
     if (reply->kind == TL_CONTROL_END) {
-        take_end(dialogue, reply);
+        handle_end(dialogue, reply);
     } else if (reply->kind == TL_CONTROL_CONFIGURATION && dialogue->request.control.verb == TL_CONTROL_READ) {
         dialogue->is_text = append(dialogue, text, reply->more);
         dialogue->version = reply->as.version.version;
         memcpy(dialogue->hash, reply->as.version.hash, sizeof dialogue->hash);
     } else {
-        take_line(dialogue, reply);
-        bool begins = dialogue->request.is_change && reply->kind == TL_CONTROL_STEP &&
+        append_line(dialogue, reply);
+        bool starts = dialogue->request.is_change && reply->kind == TL_CONTROL_STEP &&
                       reply->as.progress.step > TL_CONTROL_VALIDATE;
-        dialogue->status = dialogue->status == 0 && begins ? TL_HTTP_OK : dialogue->status;
+        dialogue->status = dialogue->status == 0 && starts ? TL_HTTP_OK : dialogue->status;
     }
 }
 
@@ -345,6 +346,6 @@ void tl_dialogue_follow(tl_dialogue *dialogue, char *room) {
             tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_FAILED, error.text);
             return;
         }
-        take_reply(dialogue, &reply, room);
+        handle_reply(dialogue, &reply, room);
     }
 }

@@ -148,11 +148,12 @@ static bool take_pair(const query_pair *read, const char *allowed, tl_control_re
         }
         bool is_set = set_value(&KEYS[i], read->value, control);
         if (!is_set) {
-            (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s: expected %s", KEYS[i].name, KEYS[i].expected);
+            (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s: found \"%.40s\", expected %s", KEYS[i].name, read->value,
+                           KEYS[i].expected);
         }
         return is_set;
     }
-    (void)snprintf(sentence, TL_HTTP_SENTENCE, "the query has a key that is not known here: expected one of %s",
+    (void)snprintf(sentence, TL_HTTP_SENTENCE, "query: unknown key \"%s\" (expected %s)", read->name,
                    allowed[0] != '\0' ? allowed : "none");
     return false;
 }
@@ -165,7 +166,8 @@ static bool read_query(const char *query, const char *allowed, tl_control_reques
     for (const char *from = query; *from != '\0';) {
         const char *end = from + strcspn(from, "&");
         if (!read_pair(from, end, &read)) {
-            (void)snprintf(sentence, TL_HTTP_SENTENCE, "the query is no list of name=value, or a value is too long");
+            (void)snprintf(sentence, TL_HTTP_SENTENCE,
+                           "query: expected name=value&name=value, with values of at most 255 bytes");
             return false;
         }
         if (!take_pair(&read, allowed, control, sentence)) {
@@ -237,8 +239,7 @@ static tl_http_status find_route(const char *path, const char *method, tl_http_r
     bool is_there = false;
     request->wants_plants = path[0] == '\0' || strcmp(path, "/") == 0;
     if (!request->wants_plants && !split_name(path, request, &rest)) {
-        return refuse(sentence, TL_HTTP_NOT_FOUND,
-                      "there is nothing here: a plant's name has letters, digits, - _ and .");
+        return refuse(sentence, TL_HTTP_NOT_FOUND, "not found: the name of a plant has letters, digits, - _ and .");
     }
     for (size_t i = 0; i < sizeof ROUTES / sizeof ROUTES[0]; i++) {
         if (!fits(&ROUTES[i], rest, &request->control.version)) {
@@ -250,47 +251,48 @@ static tl_http_status find_route(const char *path, const char *method, tl_http_r
             return TL_HTTP_OK;
         }
     }
-    return is_there ? refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method")
+    return is_there ? refuse(sentence, TL_HTTP_WRONG_METHOD, "this address does not have this method")
                     : refuse(sentence, TL_HTTP_NOT_FOUND,
-                             "there is nothing here: a plant has configuration, versions, change, confirm and return");
+                             "not found: a plant has configuration, versions, change, confirm and return");
 }
 
 /* ---- headers ---- */
 
 /* Parses a strong entity tag, which is a SHA-256 in quotes; * for any active configuration. */
-static tl_http_status read_match(const char *word, tl_control_request *control, char *sentence) {
-    if (word == NULL) {
+static tl_http_status read_match(const char *value, tl_control_request *control, char *sentence) {
+    if (value == NULL) {
         return refuse(sentence, TL_HTTP_MATCH_REQUIRED,
                       "If-Match is missing: send the ETag of the configuration that you have changed, or *");
     }
-    if (strcmp(word, "*") == 0) {
+    if (strcmp(value, "*") == 0) {
         return TL_HTTP_OK;
     }
-    size_t length = strlen(word);
-    if (length != TL_SHA256_TEXT + 1 || word[0] != '"' || word[length - 1] != '"' ||
-        strspn(word + 1, "0123456789abcdef") != TL_SHA256_TEXT - 1) {
-        return refuse(sentence, TL_HTTP_CHANGED, "If-Match is the ETag of no configuration");
+    size_t length = strlen(value);
+    if (length != TL_SHA256_TEXT + 1 || value[0] != '"' || value[length - 1] != '"' ||
+        strspn(value + 1, "0123456789abcdef") != TL_SHA256_TEXT - 1) {
+        return refuse(sentence, TL_HTTP_CHANGED, "If-Match: expected the ETag of a configuration, or *");
     }
-    memcpy(control->if_match, word + 1, TL_SHA256_TEXT - 1);
+    memcpy(control->if_match, value + 1, TL_SHA256_TEXT - 1);
     return TL_HTTP_OK;
 }
 
 static tl_http_status read_length(const tl_http_words *words, size_t *length, char *sentence) {
-    const char *word = words->content_length;
+    const char *value = words->content_length;
     *length = 0;
     if (words->transfer_encoding != NULL || words->content_encoding != NULL) {
-        return refuse(sentence, TL_HTTP_LENGTH_REQUIRED, "send the body as it is, with its Content-Length");
+        return refuse(sentence, TL_HTTP_LENGTH_REQUIRED,
+                      "send the body without Transfer-Encoding and Content-Encoding, and with Content-Length");
     }
-    if (word == NULL) {
+    if (value == NULL) {
         return TL_HTTP_OK;
     }
-    size_t digits = strspn(word, "0123456789");
-    if (digits == 0 || word[digits] != '\0') {
-        return refuse(sentence, TL_HTTP_BAD_REQUEST, "Content-Length is no number");
+    size_t digits = strspn(value, "0123456789");
+    if (digits == 0 || value[digits] != '\0') {
+        return refuse(sentence, TL_HTTP_BAD_REQUEST, "Content-Length: expected a number");
     }
-    uint64_t bytes = digits > 9 ? UINT64_MAX : strtoull(word, NULL, 10);
+    uint64_t bytes = digits > 9 ? UINT64_MAX : strtoull(value, NULL, 10);
     if (bytes > TL_CONTROL_MOST) {
-        return refuse(sentence, TL_HTTP_TOO_LARGE, "a configuration has at most 262144 bytes");
+        return refuse(sentence, TL_HTTP_TOO_LARGE, "the body is too large: a configuration has at most 262144 bytes");
     }
     *length = (size_t)bytes;
     return TL_HTTP_OK;
@@ -303,7 +305,7 @@ static tl_http_status read_body(const tl_http_words *words, const route *found, 
         return status;
     }
     if (!found->has_body) {
-        return request->body == 0 ? TL_HTTP_OK : refuse(sentence, TL_HTTP_BAD_REQUEST, "nothing is to be sent here");
+        return request->body == 0 ? TL_HTTP_OK : refuse(sentence, TL_HTTP_BAD_REQUEST, "this address takes no body");
     }
     if (request->body == 0) {
         return words->content_length == NULL
@@ -335,7 +337,7 @@ tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request 
     size_t length = strlen(words->target);
     *request = (tl_http_request){.control = {.origin = TL_ORIGIN_NETWORK, .require_lock = -1.0}};
     if (length >= sizeof path) {
-        return refuse(sentence, TL_HTTP_TARGET_TOO_LONG, "the address is too long");
+        return refuse(sentence, TL_HTTP_TARGET_TOO_LONG, "the address is too long: expected less than 1024 bytes");
     }
     memcpy(path, words->target, length + 1);
     char *mark = strchr(path, '?');
@@ -344,7 +346,7 @@ tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request 
         *mark = '\0';
     }
     if (strncmp(path, ROOT, strlen(ROOT)) != 0) {
-        return refuse(sentence, TL_HTTP_NOT_FOUND, "there is nothing here: begin at /api/v1/plants");
+        return refuse(sentence, TL_HTTP_NOT_FOUND, "not found: the API begins at /api/v1/plants");
     }
     return read_routed(words, path + strlen(ROOT), query, request, sentence);
 }

@@ -94,10 +94,10 @@ static tl_options_outcome read_options(const tl_verb_row *verb, int argc, char *
     tl_options_outcome outcome =
         tl_program_options_read(&TABLE, (size_t)(verb - VERBS), argc, argv, settings, words, &count);
     if (outcome == TL_OPTIONS_READ && count < least) {
-        return tl_options_refuse(verb, "found %zu words, expected at least %zu", count, least);
+        return tl_options_refuse(verb, "found %zu arguments, expected at least %zu", count, least);
     }
     if (outcome == TL_OPTIONS_READ && count > most) {
-        return tl_options_refuse(verb, "found the surplus word \"%.64s\"", (*words)[most]);
+        return tl_options_refuse(verb, "found the unexpected argument \"%.64s\"", (*words)[most]);
     }
     return outcome;
 }
@@ -124,14 +124,14 @@ static tl_status listen_on(const char *text, int *listener, uint16_t *port, tl_e
 /* ---- serving ---- */
 
 static void serve(tl_server *server) {
-    tl_time patience = tl_service_extend_timeout();
-    tl_time stroke = tl_clock_now(NULL);
+    tl_time timeout = tl_service_extend_timeout();
+    tl_time keepalive = tl_clock_now(NULL);
     (void)tl_service_notify("READY=1");
     while (tl_interrupt_requested() == NULL) {
         tl_server_turn(server, TURN);
-        if (patience > 0 && tl_clock_now(NULL) - stroke >= patience / 4) {
+        if (timeout > 0 && tl_clock_now(NULL) - keepalive >= timeout / 4) {
             (void)tl_service_notify("WATCHDOG=1");
-            stroke = tl_clock_now(NULL);
+            keepalive = tl_clock_now(NULL);
         }
     }
     (void)tl_service_notify("STOPPING=1");
@@ -145,7 +145,7 @@ static tl_status confine(const program_options *options, tl_error *error) {
         return TL_OK;
     }
     if (snprintf(folder, sizeof folder, "%s", options->tokens) >= PATH_MAX) {
-        return tl_fail(error, TL_BAD_USAGE, "%.300s…: the name is too long", options->tokens);
+        return tl_fail(error, TL_BAD_USAGE, "--tokens %.300s…: the path is too long", options->tokens);
     }
     const char *const read[] = {dirname(folder), options->plants};
     const tl_confine_settings settings = {.read = read,
@@ -158,7 +158,8 @@ static tl_status confine(const program_options *options, tl_error *error) {
                                           .lives_on = true};
     tl_status status = tl_confine(&settings, &facts, NULL, error);
     if (status == TL_OK && (!facts.filter || facts.landlock == 0)) {
-        tl_log(TL_LOG_NOTICE, "this kernel has no %s: what breaks into this server has what its user has",
+        tl_log(TL_LOG_NOTICE,
+               "this kernel has no %s: an attacker who takes over this server gets all rights of its user",
                facts.filter ? "Landlock" : "seccomp");
     }
     return status;
@@ -179,7 +180,8 @@ static tl_status serve_on(const program_options *options, int listener, uint16_t
         tl_server_close(server);
         return status;
     }
-    tl_log(TL_LOG_NOTICE, "serves %s on port %u as %s", options->plants, port, certificate->fingerprint.pin);
+    tl_log(TL_LOG_NOTICE, "listening on port %u as %s for the plants in %s", port, certificate->fingerprint.pin,
+           options->plants);
     serve(server);
     tl_server_close(server);
     return TL_OK;
@@ -241,10 +243,10 @@ static tl_status add_token(const char *path, const char *name, tl_change_right r
     char secret[TL_TOKEN_SECRET];
     tl_token *made = &tokens->rows[tokens->count];
     if (tl_tokens_named(tokens, name) != tokens->count) {
-        return tl_fail(error, TL_BAD_USAGE, "there is a token %s: revoke it first, or take another name", name);
+        return tl_fail(error, TL_BAD_USAGE, "token %s exists: revoke it first, or take another name", name);
     }
     if (tokens->count == TL_TOKENS) {
-        return tl_fail(error, TL_BAD_USAGE, "there are %d tokens, which is all that fit: revoke one first", TL_TOKENS);
+        return tl_fail(error, TL_BAD_USAGE, "there are %d tokens, the maximum: revoke one first", TL_TOKENS);
     }
     tl_status status = tl_token_make_secret(secret, error);
     if (status != TL_OK) {
@@ -264,12 +266,12 @@ static tl_status add_token(const char *path, const char *name, tl_change_right r
 }
 
 static tl_status revoke_token(const char *path, const char *name, tl_tokens *tokens, tl_error *error) {
-    size_t place = tl_tokens_named(tokens, name);
-    if (place == tokens->count) {
-        return tl_fail(error, TL_BAD_USAGE, "there is no token %s: `twinlock token list` names those there are", name);
+    size_t index = tl_tokens_named(tokens, name);
+    if (index == tokens->count) {
+        return tl_fail(error, TL_BAD_USAGE, "there is no token %s: see `twinlock token list`", name);
     }
     tokens->count--;
-    memmove(&tokens->rows[place], &tokens->rows[place + 1], (tokens->count - place) * sizeof tokens->rows[0]);
+    memmove(&tokens->rows[index], &tokens->rows[index + 1], (tokens->count - index) * sizeof tokens->rows[0]);
     return tl_tokens_write(path, tokens, error);
 }
 

@@ -21,9 +21,9 @@
 
 /* ---- Data. */
 
-/* A client connection. It has the same index in `guests`. */
-typedef struct tl_visit {
-    int place;
+/* A client connection. It has the same index in `connections`. */
+typedef struct tl_client {
+    int slot;
     int socket;
     struct MHD_Connection *connection;
     tl_address address;
@@ -35,28 +35,28 @@ typedef struct tl_visit {
     bool has_begun;                  /* the request was checked; if it was good, it was sent to the plant */
     bool is_suspended;               /* until there is something to answer */
     tl_dialogue dialogue;
-} tl_visit;
+} tl_client;
 
 struct tl_server {
     tl_server_settings settings;
     struct MHD_Daemon *daemon;
-    tl_connections guests;
-    tl_visit visits[TL_CONNECTIONS];
-    int arriving; /* index of the connection that is being added */
+    tl_connections connections;
+    tl_client clients[TL_CONNECTIONS];
+    int new_slot; /* index of the connection that is being added */
     tl_token_delays token_delays;
     tl_tokens tokens;
-    struct stat tokens_seen; /* of the file when it was read */
-    tl_log_limiter says;     /* limits messages that untrusted clients can cause */
+    struct stat tokens_stat;    /* of the file when it was read */
+    tl_log_limiter log_limiter; /* limits messages that untrusted clients can cause */
     char room[TL_CONTROL_MOST + 1];
 };
 
 /* Time limits of a connection. */
-#define TL_VISIT_GREETING (10 * TL_SECOND)
-#define TL_VISIT_UPLOAD (30 * TL_SECOND)
-#define TL_VISIT_TAKING (30 * TL_SECOND)
-#define TL_VISIT_REST (30 * TL_SECOND)
-#define TL_VISIT_QUESTION (10 * TL_SECOND)
-#define TL_VISIT_CHANGE (60 * TL_SECOND)
+#define LIMIT_HEAD (10 * TL_SECOND)
+#define LIMIT_BODY (30 * TL_SECOND)
+#define LIMIT_ANSWER (30 * TL_SECOND)
+#define LIMIT_IDLE (30 * TL_SECOND)
+#define LIMIT_QUERY (10 * TL_SECOND)
+#define LIMIT_CHANGE (60 * TL_SECOND)
 
 /* ---- Audit: one line for each request that may change something, when its result is known. */
 
@@ -67,16 +67,16 @@ static const char *verb_of(const tl_control_request *control) {
     return control->verb == TL_CONTROL_CONFIRM ? "confirm" : "return";
 }
 
-static void tl_visit_audit(const tl_visit *visit) {
-    const tl_http_request *request = &visit->dialogue.request;
+static void log_audit(const tl_client *client) {
+    const tl_http_request *request = &client->dialogue.request;
     const tl_control_request *control = &request->control;
-    if (!request->is_change || visit->token[0] == '\0') {
+    if (!request->is_change || client->token[0] == '\0') {
         return;
     }
-    const char *result = visit->dialogue.result;
-    tl_log(TL_LOG_NOTICE, "audit: token=%s role=%s from=%s verb=%s plant=%s result=%s version=%llu%s%s", visit->token,
-           tl_change_rights[control->right], visit->from, verb_of(control), request->plant,
-           result != NULL ? result : "not known: who asked has left", (unsigned long long)visit->dialogue.version,
+    const char *result = client->dialogue.result;
+    tl_log(TL_LOG_NOTICE, "audit: token=%s role=%s from=%s verb=%s plant=%s result=%s version=%llu%s%s", client->token,
+           tl_change_rights[control->right], client->from, verb_of(control), request->plant,
+           result != NULL ? result : "unknown: the client disconnected", (unsigned long long)client->dialogue.version,
            control->why[0] != '\0' ? " why=" : "", control->why);
 }
 
@@ -92,8 +92,8 @@ static const char *header(struct MHD_Connection *connection, const char *name) {
     return MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
 }
 
-static tl_http_status refuse(tl_visit *visit, tl_http_status status, tl_control_result result, const char *sentence) {
-    tl_dialogue_refuse(&visit->dialogue, status, result, sentence);
+static tl_http_status refuse(tl_client *client, tl_http_status status, tl_control_result result, const char *sentence) {
+    tl_dialogue_refuse(&client->dialogue, status, result, sentence);
     return status;
 }
 
@@ -145,10 +145,10 @@ static enum MHD_Result check_header(void *context, enum MHD_ValueKind kind, cons
     return check->is_good ? MHD_YES : MHD_NO;
 }
 
-static bool is_well_formed(const tl_visit *visit, struct MHD_Connection *connection, const char *method,
+static bool is_well_formed(const tl_client *client, struct MHD_Connection *connection, const char *method,
                            const char *protocol) {
     size_t size = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE)->header_size;
-    head_check check = {.end = method + strlen(method) + strlen(" ") + visit->target_length + strlen(" ")};
+    head_check check = {.end = method + strlen(method) + strlen(" ") + client->target_length + strlen(" ")};
     check.is_good = has_no_gap(&check, protocol);
     if (!check.is_good) {
         return false;
@@ -167,73 +167,77 @@ static bool is_unchanged(const struct stat *one, const struct stat *other) {
 }
 
 /* `twinlock token` replaces the file. */
-static void renew_tokens(tl_server *server) {
+static void reload_tokens(tl_server *server) {
     struct stat about;
     tl_error error;
     memset(&about, 0, sizeof about);
     (void)stat(server->settings.tokens, &about);
-    if (is_unchanged(&about, &server->tokens_seen)) {
+    if (is_unchanged(&about, &server->tokens_stat)) {
         return;
     }
-    server->tokens_seen = about;
+    server->tokens_stat = about;
     if (tl_tokens_read(server->settings.tokens, &server->tokens, &error) != TL_OK) {
-        tl_log_limited(&server->says, TL_LOG_WARNING, "nobody may do anything by the network: %s", error.text);
+        tl_log_limited(&server->log_limiter, TL_LOG_WARNING, "%s; all requests are refused until the file is valid",
+                       error.text);
     }
 }
 
-static tl_http_status refuse_token(tl_server *server, tl_visit *visit, const char *why) {
-    tl_token_delays_add(&server->token_delays, &visit->address, tl_clock_now(NULL));
-    tl_log_limited(&server->says, TL_LOG_WARNING, "a wrong token from %s", visit->from);
-    return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN, why);
+static tl_http_status refuse_token(tl_server *server, tl_client *client, const char *why) {
+    tl_token_delays_add(&server->token_delays, &client->address, tl_clock_now(NULL));
+    tl_log_limited(&server->log_limiter, TL_LOG_WARNING, "a wrong token from %s", client->from);
+    return refuse(client, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN, why);
 }
 
-static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char *word, tl_change_right *right) {
-    if (tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL)) > 0) {
-        return refuse(visit, TL_HTTP_TOO_MANY, TL_CONTROL_BUSY, "too many wrong tokens came from your address: wait");
+static tl_http_status check_token(tl_server *server, tl_client *client, const char *value, tl_change_right *right) {
+    if (tl_token_delays_left(&server->token_delays, &client->address, tl_clock_now(NULL)) > 0) {
+        return refuse(client, TL_HTTP_TOO_MANY, TL_CONTROL_BUSY,
+                      "too many wrong tokens from your address: wait, see Retry-After");
     }
-    if (word == NULL) {
-        return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN,
-                      "a token is missing: Authorization: Bearer TOKEN; `twinlock token add` makes one on the box");
+    if (value == NULL) {
+        return refuse(
+            client, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN,
+            "a token is missing: send Authorization: Bearer TOKEN; `twinlock token add` on the box creates one");
     }
-    if (strncasecmp(word, SCHEME, strlen(SCHEME)) != 0) {
-        return refuse_token(server, visit, "Authorization is no Bearer token");
+    if (strncasecmp(value, SCHEME, strlen(SCHEME)) != 0) {
+        return refuse_token(server, client, "Authorization: expected Bearer TOKEN");
     }
-    renew_tokens(server);
-    const tl_token *token = tl_tokens_find(&server->tokens, word + strlen(SCHEME));
+    reload_tokens(server);
+    const tl_token *token = tl_tokens_find(&server->tokens, value + strlen(SCHEME));
     if (token == NULL) {
-        return refuse_token(server, visit, "no such token");
+        return refuse_token(server, client, "no such token");
     }
-    memcpy(visit->token, token->name, sizeof visit->token);
-    server->guests.rows[visit->place].is_known = true;
+    memcpy(client->token, token->name, sizeof client->token);
+    server->connections.rows[client->slot].is_known = true;
     *right = token->role;
     return TL_HTTP_OK;
 }
 
 /* ---- the request ---- */
 
-static tl_http_status judge_words(tl_visit *visit, struct MHD_Connection *connection, const char *method) {
+static tl_http_status check_request(tl_client *client, struct MHD_Connection *connection, const char *method) {
     char sentence[TL_HTTP_SENTENCE] = "";
     const tl_http_words words = {
         .method = method,
-        .target = visit->target,
+        .target = client->target,
         .if_match = header(connection, MHD_HTTP_HEADER_IF_MATCH),
         .content_length = header(connection, MHD_HTTP_HEADER_CONTENT_LENGTH),
         .content_encoding = header(connection, MHD_HTTP_HEADER_CONTENT_ENCODING),
         .transfer_encoding = header(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING),
     };
-    tl_http_status status = tl_http_request_read(&words, &visit->dialogue.request, sentence);
+    tl_http_status status = tl_http_request_read(&words, &client->dialogue.request, sentence);
     tl_control_result result = status == TL_HTTP_NOT_FOUND ? TL_CONTROL_ABSENT
                                : status == TL_HTTP_CHANGED ? TL_CONTROL_CHANGED
                                                            : TL_CONTROL_BAD;
-    return status == TL_HTTP_OK ? status : refuse(visit, status, result, sentence);
+    return status == TL_HTTP_OK ? status : refuse(client, status, result, sentence);
 }
 
-static tl_http_status judge_right(tl_visit *visit, tl_change_right right) {
-    tl_http_request *request = &visit->dialogue.request;
+static tl_http_status check_right(tl_client *client, tl_change_right right) {
+    tl_http_request *request = &client->dialogue.request;
     request->control.right = right;
-    (void)snprintf(request->control.who, sizeof request->control.who, "%s", visit->token);
+    (void)snprintf(request->control.who, sizeof request->control.who, "%s", client->token);
     if (request->is_change && right < TL_RIGHT_RETUNE) {
-        return refuse(visit, TL_HTTP_FORBIDDEN, TL_CONTROL_FORBIDDEN, "this token may read, and change nothing");
+        return refuse(client, TL_HTTP_FORBIDDEN, TL_CONTROL_FORBIDDEN,
+                      "this token has the role read: it cannot change anything");
     }
     return TL_HTTP_OK;
 }
@@ -241,22 +245,23 @@ static tl_http_status judge_right(tl_visit *visit, tl_change_right right) {
 /* Checks whether a request may be processed. Returns TL_HTTP_OK, or the status of a refusal, which
  * becomes the answer of the dialogue. `method` and `protocol` must be the texts in libmicrohttpd's
  * own buffer. */
-static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
-                                     const char *method, const char *protocol) {
+static tl_http_status check_access(tl_server *server, tl_client *client, struct MHD_Connection *connection,
+                                   const char *method, const char *protocol) {
     tl_change_right right = TL_RIGHT_READ;
-    if (!is_well_formed(visit, connection, method, protocol)) {
+    if (!is_well_formed(client, connection, method, protocol)) {
         return refuse(
-            visit, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
+            client, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
             "request head: a header occurs twice, or a line is not \"Name: value\" without control characters "
-            "and with CR LF behind it; repair the client");
+            "and with CR LF at its end: correct the client");
     }
-    if (!tl_host_names_know(server->settings.names, header(connection, MHD_HTTP_HEADER_HOST), visit->local)) {
-        return refuse(visit, TL_HTTP_MISDIRECTED, TL_CONTROL_BAD,
-                      "this server is not called so: use its address, or a name that `twinlock serve --host` has");
+    if (!tl_host_names_know(server->settings.names, header(connection, MHD_HTTP_HEADER_HOST), client->local)) {
+        return refuse(
+            client, TL_HTTP_MISDIRECTED, TL_CONTROL_BAD,
+            "Host is not a name of this server: use its address, or add the name with `twinlock serve --host`");
     }
-    tl_http_status status = judge_token(server, visit, header(connection, MHD_HTTP_HEADER_AUTHORIZATION), &right);
-    status = status == TL_HTTP_OK ? judge_words(visit, connection, method) : status;
-    return status == TL_HTTP_OK ? judge_right(visit, right) : status;
+    tl_http_status status = check_token(server, client, header(connection, MHD_HTTP_HEADER_AUTHORIZATION), &right);
+    status = status == TL_HTTP_OK ? check_request(client, connection, method) : status;
+    return status == TL_HTTP_OK ? check_right(client, right) : status;
 }
 
 /* ---- HTTP and TLS, by libmicrohttpd.
@@ -273,36 +278,36 @@ static const char PRIORITIES[] =
     "%SERVER_PRECEDENCE";
 
 /* Sets the deadline of the connection, `time` from now. */
-static void tl_visit_allow(tl_server *server, const tl_visit *visit, tl_time time) {
-    server->guests.rows[visit->place].deadline = time == TL_TIME_NEVER ? TL_TIME_NEVER : tl_clock_now(NULL) + time;
+static void set_deadline(tl_server *server, const tl_client *client, tl_time time) {
+    server->connections.rows[client->slot].deadline = time == TL_TIME_NEVER ? TL_TIME_NEVER : tl_clock_now(NULL) + time;
 }
 
-static tl_visit *visit_of(struct MHD_Connection *connection) {
+static tl_client *client_of(struct MHD_Connection *connection) {
     return MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT)->socket_context;
 }
 
-static void suspend(tl_visit *visit) {
-    visit->is_suspended = true;
-    MHD_suspend_connection(visit->connection);
+static void suspend_client(tl_client *client) {
+    client->is_suspended = true;
+    MHD_suspend_connection(client->connection);
 }
 
-static void tl_visit_resume(tl_visit *visit) {
-    visit->is_suspended = false;
-    MHD_resume_connection(visit->connection);
+static void resume_client(tl_client *client) {
+    client->is_suspended = false;
+    MHD_resume_connection(client->connection);
 }
 
 /* ---- the answer ---- */
 
 /* Returns the next piece of an answer that is not complete yet. */
-static ssize_t give_piece(void *context, uint64_t position, char *to, size_t room) {
-    tl_visit *visit = context;
+static ssize_t next_piece(void *context, uint64_t position, char *to, size_t room) {
+    tl_client *client = context;
     (void)position;
-    size_t now = tl_dialogue_take(&visit->dialogue, to, room);
-    if (now == 0 && visit->dialogue.has_ended) {
+    size_t now = tl_dialogue_take(&client->dialogue, to, room);
+    if (now == 0 && client->dialogue.has_ended) {
         return MHD_CONTENT_READER_END_OF_STREAM;
     }
     if (now == 0) {
-        suspend(visit);
+        suspend_client(client);
     }
     return (ssize_t)now;
 }
@@ -311,8 +316,8 @@ static void add_header(struct MHD_Response *response, const char *name, const ch
     (void)MHD_add_response_header(response, name, value);
 }
 
-static void add_headers(struct MHD_Response *response, const tl_visit *visit) {
-    const tl_dialogue *dialogue = &visit->dialogue;
+static void add_headers(struct MHD_Response *response, const tl_client *client) {
+    const tl_dialogue *dialogue = &client->dialogue;
     char text[TL_SHA256_TEXT + LENGTH];
     bool is_whole = dialogue->is_text || (dialogue->request.wants_plants && dialogue->status == TL_HTTP_OK);
     add_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, is_whole ? "application/json" : "application/x-ndjson");
@@ -332,23 +337,23 @@ static void add_headers(struct MHD_Response *response, const tl_visit *visit) {
     }
 }
 
-static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
-    tl_dialogue *dialogue = &visit->dialogue;
+static enum MHD_Result answer(tl_server *server, tl_client *client) {
+    tl_dialogue *dialogue = &client->dialogue;
     struct MHD_Response *response =
         dialogue->has_ended ? MHD_create_response_from_buffer(dialogue->size, dialogue->text, MHD_RESPMEM_PERSISTENT)
-                            : MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, PIECE, give_piece, visit, NULL);
+                            : MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, PIECE, next_piece, client, NULL);
     if (response == NULL) {
         return MHD_NO;
     }
-    add_headers(response, visit);
+    add_headers(response, client);
     if (dialogue->status == TL_HTTP_TOO_MANY) {
         char text[LENGTH];
-        tl_time left = tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL));
+        tl_time left = tl_token_delays_left(&server->token_delays, &client->address, tl_clock_now(NULL));
         (void)snprintf(text, sizeof text, "%d", 1 + (int)(left / TL_SECOND));
         add_header(response, MHD_HTTP_HEADER_RETRY_AFTER, text);
     }
-    tl_visit_allow(server, visit, TL_VISIT_TAKING);
-    enum MHD_Result result = MHD_queue_response(visit->connection, dialogue->status, response);
+    set_deadline(server, client, LIMIT_ANSWER);
+    enum MHD_Result result = MHD_queue_response(client->connection, dialogue->status, response);
     MHD_destroy_response(response);
     return result;
 }
@@ -365,30 +370,30 @@ static bool has_large_body(struct MHD_Connection *connection) {
  * answer. Closing a connection with unread bytes resets it, and the client may lose the answer.
  * Before a large body the server answers at once and closes. A refused request gets no more time.
  */
-static enum MHD_Result take_head(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
-                                 const char *method, const char *protocol) {
-    tl_dialogue_close(&visit->dialogue);
-    visit->connection = connection;
-    visit->token[0] = '\0';
-    visit->has_begun = tl_visit_judge(server, visit, connection, method, protocol) != TL_HTTP_OK;
-    if (!visit->has_begun) {
-        tl_visit_allow(server, visit, TL_VISIT_UPLOAD);
+static enum MHD_Result check_head(tl_server *server, tl_client *client, struct MHD_Connection *connection,
+                                  const char *method, const char *protocol) {
+    tl_dialogue_close(&client->dialogue);
+    client->connection = connection;
+    client->token[0] = '\0';
+    client->has_begun = check_access(server, client, connection, method, protocol) != TL_HTTP_OK;
+    if (!client->has_begun) {
+        set_deadline(server, client, LIMIT_BODY);
         return MHD_YES;
     }
-    return has_large_body(connection) ? answer(server, visit) : MHD_YES;
+    return has_large_body(connection) ? answer(server, client) : MHD_YES;
 }
 
-static void ask(tl_server *server, tl_visit *visit) {
-    tl_dialogue *dialogue = &visit->dialogue;
-    visit->has_begun = true;
+static void send_request(tl_server *server, tl_client *client) {
+    tl_dialogue *dialogue = &client->dialogue;
+    client->has_begun = true;
     if (dialogue->request.wants_plants) {
         tl_dialogue_list_plants(dialogue, server->settings.folder);
     } else if (dialogue->body_size != dialogue->request.body) {
         tl_dialogue_refuse(dialogue, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
-                           "the body is not as long as Content-Length says");
+                           "the length of the body differs from Content-Length");
     } else {
         tl_dialogue_begin(dialogue, server->settings.folder);
-        tl_visit_allow(server, visit, dialogue->request.is_change ? TL_VISIT_CHANGE : TL_VISIT_QUESTION);
+        set_deadline(server, client, dialogue->request.is_change ? LIMIT_CHANGE : LIMIT_QUERY);
     }
 }
 
@@ -398,60 +403,60 @@ static void ask(tl_server *server, tl_visit *visit) {
 static enum MHD_Result serve(void *context, struct MHD_Connection *connection, const char *url, const char *method,
                              const char *protocol, const char *data, size_t *size, void **state) {
     tl_server *server = context;
-    tl_visit *visit = visit_of(connection);
+    tl_client *client = client_of(connection);
     (void)url;
     if (*state == NULL) {
-        *state = visit;
-        return take_head(server, visit, connection, method, protocol);
+        *state = client;
+        return check_head(server, client, connection, method, protocol);
     }
     if (*size > 0) {
-        bool is_kept = visit->has_begun || tl_dialogue_add_body(&visit->dialogue, data, *size);
+        bool is_kept = client->has_begun || tl_dialogue_add_body(&client->dialogue, data, *size);
         *size = 0;
         return is_kept ? MHD_YES : MHD_NO;
     }
-    if (!visit->has_begun) {
-        ask(server, visit);
+    if (!client->has_begun) {
+        send_request(server, client);
     }
-    if (visit->dialogue.status == 0) {
-        suspend(visit);
+    if (client->dialogue.status == 0) {
+        suspend_client(client);
         return MHD_YES;
     }
-    return answer(server, visit);
+    return answer(server, client);
 }
 
 /* ---- start and end of requests and connections ---- */
 
 /* The target of the request before decoding. */
 static void *keep_target(void *context, const char *target, struct MHD_Connection *connection) {
-    tl_visit *visit = visit_of(connection);
+    tl_client *client = client_of(connection);
     (void)context;
-    visit->target_length = strlen(target);
-    (void)snprintf(visit->target, sizeof visit->target, "%s", target);
+    client->target_length = strlen(target);
+    (void)snprintf(client->target, sizeof client->target, "%s", target);
     return NULL;
 }
 
-static void complete(void *context, struct MHD_Connection *connection, void **state,
-                     enum MHD_RequestTerminationCode code) {
-    tl_visit *visit = visit_of(connection);
+static void on_complete(void *context, struct MHD_Connection *connection, void **state,
+                        enum MHD_RequestTerminationCode code) {
+    tl_client *client = client_of(connection);
     (void)code;
     if (*state != NULL) {
-        tl_visit_audit(visit);
+        log_audit(client);
     }
-    tl_dialogue_close(&visit->dialogue);
-    tl_visit_allow(context, visit, TL_VISIT_REST);
+    tl_dialogue_close(&client->dialogue);
+    set_deadline(context, client, LIMIT_IDLE);
 }
 
-static void come_or_go(void *context, struct MHD_Connection *connection, void **place,
-                       enum MHD_ConnectionNotificationCode code) {
+static void on_connection(void *context, struct MHD_Connection *connection, void **slot,
+                          enum MHD_ConnectionNotificationCode code) {
     tl_server *server = context;
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
-        *place = &server->visits[server->arriving];
+        *slot = &server->clients[server->new_slot];
         return;
     }
-    tl_visit *visit = *place;
+    tl_client *client = *slot;
     (void)connection;
-    tl_dialogue_close(&visit->dialogue);
-    tl_connections_leave(&server->guests, visit->place);
+    tl_dialogue_close(&client->dialogue);
+    tl_connections_leave(&server->connections, client->slot);
 }
 
 /* libmicrohttpd must not decode: http_request.c decodes, and reports faults. */
@@ -462,7 +467,7 @@ static size_t keep_escapes(void *context, struct MHD_Connection *connection, cha
 }
 
 /* Messages of libmicrohttpd about clients' errors do not help the administrator. */
-static void say_nothing(void *context, const char *format, va_list arguments) {
+static void drop_message(void *context, const char *format, va_list arguments) {
     (void)context;
     (void)format;
     (void)arguments;
@@ -472,17 +477,16 @@ static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
     const tl_certificate *certificate = server->settings.certificate;
     server->daemon = MHD_start_daemon(
         MHD_USE_TLS | MHD_USE_EPOLL | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME, 0, NULL, NULL, serve, server,
-        MHD_OPTION_EXTERNAL_LOGGER, say_nothing, NULL, MHD_OPTION_HTTPS_MEM_CERT, certificate->chain,
+        MHD_OPTION_EXTERNAL_LOGGER, drop_message, NULL, MHD_OPTION_HTTPS_MEM_CERT, certificate->chain,
         MHD_OPTION_HTTPS_MEM_KEY, certificate->key, MHD_OPTION_HTTPS_PRIORITIES, PRIORITIES,
         MHD_OPTION_CONNECTION_LIMIT, (unsigned)TL_CONNECTIONS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-        (size_t)CONNECTION_MEMORY, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, complete, server,
-        MHD_OPTION_NOTIFY_CONNECTION, come_or_go, server, MHD_OPTION_URI_LOG_CALLBACK, keep_target, server,
+        (size_t)CONNECTION_MEMORY, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, on_complete, server,
+        MHD_OPTION_NOTIFY_CONNECTION, on_connection, server, MHD_OPTION_URI_LOG_CALLBACK, keep_target, server,
         MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL, MHD_OPTION_SIGPIPE_HANDLED_BY_APP, 1, MHD_OPTION_END);
     return server->daemon != NULL
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN,
-                         "HTTPS cannot be begun: memory or descriptors are missing, or the certificate is "
-                         "none that GnuTLS takes");
+                         "cannot start HTTPS: out of memory or descriptors, or GnuTLS rejects the certificate");
 }
 
 /* ---- server ---- */
@@ -494,53 +498,53 @@ enum { FIXED = 2, DESCRIPTORS = FIXED + 2 * TL_CONNECTIONS, AT_ONCE = 32, MESSAG
 /* ---- new connections ---- */
 
 /* libmicrohttpd closes the connection within this call. */
-static void put_out(tl_server *server, int place) {
-    tl_visit *visit = &server->visits[place];
-    (void)shutdown(visit->socket, SHUT_RDWR);
-    server->guests.rows[place].deadline = TL_TIME_NEVER;
-    if (visit->is_suspended) {
-        tl_visit_audit(visit);
-        tl_dialogue_close(&visit->dialogue);
-        visit->dialogue.has_ended = true;
-        visit->dialogue.status = TL_HTTP_TIMEOUT;
-        tl_visit_resume(visit);
+static void close_client(tl_server *server, int slot) {
+    tl_client *client = &server->clients[slot];
+    (void)shutdown(client->socket, SHUT_RDWR);
+    server->connections.rows[slot].deadline = TL_TIME_NEVER;
+    if (client->is_suspended) {
+        log_audit(client);
+        tl_dialogue_close(&client->dialogue);
+        client->dialogue.has_ended = true;
+        client->dialogue.status = TL_HTTP_TIMEOUT;
+        resume_client(client);
     }
     (void)MHD_run(server->daemon);
 }
 
-static int find_place(tl_server *server, const tl_address *address, tl_time now) {
-    int gives_way = -1;
-    int place = tl_connections_admit(&server->guests, address, now, &gives_way);
-    if (place < 0 && gives_way >= 0) {
-        put_out(server, gives_way);
-        place = tl_connections_admit(&server->guests, address, now, &gives_way);
+static int find_slot(tl_server *server, const tl_address *address, tl_time now) {
+    int evicted = -1;
+    int slot = tl_connections_admit(&server->connections, address, now, &evicted);
+    if (slot < 0 && evicted >= 0) {
+        close_client(server, evicted);
+        slot = tl_connections_admit(&server->connections, address, now, &evicted);
     }
-    return place;
+    return slot;
 }
 
-static void admit(tl_server *server, int socket, const struct sockaddr *from, socklen_t size) {
+static void admit_client(tl_server *server, int socket, const struct sockaddr *from, socklen_t size) {
     tl_address address = tl_address_of(from);
-    int place = find_place(server, &address, tl_clock_now(NULL));
-    if (place < 0) {
+    int slot = find_slot(server, &address, tl_clock_now(NULL));
+    if (slot < 0) {
         (void)close(socket);
         return;
     }
-    tl_visit *visit = &server->visits[place];
-    *visit = (tl_visit){.place = place, .socket = socket, .address = address, .dialogue = {.socket = -1}};
+    tl_client *client = &server->clients[slot];
+    *client = (tl_client){.slot = slot, .socket = socket, .address = address, .dialogue = {.socket = -1}};
     struct sockaddr_storage local = {.ss_family = AF_UNSPEC};
     socklen_t local_size = sizeof local;
-    tl_address_text(from, visit->from);
+    tl_address_text(from, client->from);
     (void)getsockname(socket, (struct sockaddr *)&local, &local_size);
-    tl_address_text((const struct sockaddr *)&local, visit->local);
-    server->arriving = place;
+    tl_address_text((const struct sockaddr *)&local, client->local);
+    server->new_slot = slot;
     if (MHD_add_connection(server->daemon, socket, from, size) != MHD_YES) {
-        tl_connections_leave(&server->guests, place);
+        tl_connections_leave(&server->connections, slot);
         return;
     }
-    tl_visit_allow(server, visit, TL_VISIT_GREETING);
+    set_deadline(server, client, LIMIT_HEAD);
 }
 
-static void open_door(tl_server *server) {
+static void accept_clients(tl_server *server) {
     struct sockaddr_storage from;
     for (int i = 0; i < AT_ONCE; i++) {
         socklen_t size = sizeof from;
@@ -548,7 +552,7 @@ static void open_door(tl_server *server) {
         if (socket < 0) {
             return;
         }
-        admit(server, socket, (const struct sockaddr *)&from, size);
+        admit_client(server, socket, (const struct sockaddr *)&from, size);
     }
 }
 
@@ -560,25 +564,25 @@ static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCR
     list[1] = (struct pollfd){.fd = MHD_get_daemon_info(server->daemon, MHD_DAEMON_INFO_EPOLL_FD)->epoll_fd,
                               .events = POLLIN};
     for (int i = 0; i < TL_CONNECTIONS; i++) {
-        const tl_visit *visit = &server->visits[i];
-        if (!server->guests.rows[i].is_there) {
+        const tl_client *client = &server->clients[i];
+        if (!server->connections.rows[i].is_there) {
             continue;
         }
-        if (tl_dialogue_listens(&visit->dialogue)) {
-            list[count++] = (struct pollfd){.fd = visit->dialogue.socket, .events = POLLIN};
+        if (tl_dialogue_listens(&client->dialogue)) {
+            list[count++] = (struct pollfd){.fd = client->dialogue.socket, .events = POLLIN};
         }
-        if (visit->is_suspended) { /* libmicrohttpd does not poll it in this state */
-            list[count++] = (struct pollfd){.fd = visit->socket, .events = POLLRDHUP};
+        if (client->is_suspended) { /* libmicrohttpd does not poll it in this state */
+            list[count++] = (struct pollfd){.fd = client->socket, .events = POLLRDHUP};
         }
     }
     return count;
 }
 
 /* Returns ms, at most `most`. */
-static int patience_of(const tl_server *server, tl_time most) {
+static int wait_time(const tl_server *server, tl_time most) {
     MHD_UNSIGNED_LONG_LONG wanted = 0;
     tl_time least = most;
-    tl_time next = tl_connections_next(&server->guests);
+    tl_time next = tl_connections_next(&server->connections);
     tl_time left = next == TL_TIME_NEVER ? most : next - tl_clock_now(NULL);
     least = left < least ? left : least;
     if (MHD_get_timeout(server->daemon, &wanted) == MHD_YES && wanted < (MHD_UNSIGNED_LONG_LONG)(most / 1000000)) {
@@ -589,42 +593,42 @@ static int patience_of(const tl_server *server, tl_time most) {
 
 /* ---- connections ---- */
 
-static bool has_left(const tl_visit *visit) {
-    struct pollfd one = {.fd = visit->socket, .events = POLLRDHUP};
+static bool has_disconnected(const tl_client *client) {
+    struct pollfd one = {.fd = client->socket, .events = POLLRDHUP};
     return poll(&one, 1, 0) > 0 && (one.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0;
 }
 
-static void follow(tl_server *server, tl_visit *visit) {
-    tl_dialogue *dialogue = &visit->dialogue;
+static void poll_plant(tl_server *server, tl_client *client) {
+    tl_dialogue *dialogue = &client->dialogue;
     tl_dialogue_follow(dialogue, server->room);
-    if (!visit->is_suspended) {
+    if (!client->is_suspended) {
         return;
     }
     bool can_begin = dialogue->status != 0 && (dialogue->size > 0 || dialogue->has_ended);
     if (can_begin) {
-        tl_visit_allow(server, visit, TL_VISIT_TAKING);
-        tl_visit_resume(visit);
-    } else if (dialogue->status != 0) { /* the client has read all that there is; now the plant may take its time */
-        tl_visit_allow(server, visit, TL_TIME_NEVER);
+        set_deadline(server, client, LIMIT_ANSWER);
+        resume_client(client);
+    } else if (dialogue->status != 0) { /* the client has read everything; the plant has no deadline */
+        set_deadline(server, client, TL_TIME_NEVER);
     }
-    if (visit->is_suspended && has_left(visit)) {
-        put_out(server, visit->place);
+    if (client->is_suspended && has_disconnected(client)) {
+        close_client(server, client->slot);
     }
 }
 
-/* If a plant does not answer in time, the client gets an answer that says so. A client that exceeds
- * its time is closed. */
+/* If a plant does not answer in time, the client gets an answer with that reason. A client that
+ * exceeds its time is closed. */
 static void end_overdue(tl_server *server) {
     tl_time now = tl_clock_now(NULL);
-    for (int i = 0; (i = tl_connections_overdue(&server->guests, i, now)) >= 0; i++) {
-        tl_visit *visit = &server->visits[i];
-        if (visit->is_suspended && visit->dialogue.status == 0) {
-            tl_dialogue_refuse(&visit->dialogue, TL_HTTP_TIMEOUT, TL_CONTROL_FAILED,
-                               "the plant's twin has not answered in time; what was asked for may be done yet");
-            tl_visit_allow(server, visit, TL_VISIT_TAKING);
-            tl_visit_resume(visit);
+    for (int i = 0; (i = tl_connections_overdue(&server->connections, i, now)) >= 0; i++) {
+        tl_client *client = &server->clients[i];
+        if (client->is_suspended && client->dialogue.status == 0) {
+            tl_dialogue_refuse(&client->dialogue, TL_HTTP_TIMEOUT, TL_CONTROL_FAILED,
+                               "the twin did not answer in time; it may still execute the request");
+            set_deadline(server, client, LIMIT_ANSWER);
+            resume_client(client);
         } else {
-            put_out(server, i);
+            close_client(server, i);
         }
     }
 }
@@ -632,13 +636,13 @@ static void end_overdue(tl_server *server) {
 void tl_server_turn(tl_server *server, tl_time most) {
     struct pollfd list[DESCRIPTORS];
     size_t count = list_descriptors(server, list);
-    if (poll(list, count, patience_of(server, most)) < 0 && errno != EINTR) {
-        tl_log_limited(&server->says, TL_LOG_ERROR, "nothing can be waited for: %s", strerror(errno));
+    if (poll(list, count, wait_time(server, most)) < 0 && errno != EINTR) {
+        tl_log_limited(&server->log_limiter, TL_LOG_ERROR, "cannot wait for requests: %s", strerror(errno));
     }
-    open_door(server);
+    accept_clients(server);
     for (int i = 0; i < TL_CONNECTIONS; i++) {
-        if (server->guests.rows[i].is_there) {
-            follow(server, &server->visits[i]);
+        if (server->connections.rows[i].is_there) {
+            poll_plant(server, &server->clients[i]);
         }
     }
     end_overdue(server);
@@ -653,7 +657,7 @@ tl_status tl_server_open(const tl_server_settings *settings, tl_server **server,
         return tl_fail(error, TL_TRY_AGAIN, "out of memory");
     }
     (*server)->settings = *settings;
-    (*server)->says = (tl_log_limiter)TL_LOG_LIMITER(MESSAGES_A_SECOND);
+    (*server)->log_limiter = (tl_log_limiter)TL_LOG_LIMITER(MESSAGES_A_SECOND);
     tl_status status = tl_http_service_start(*server, error);
     if (status != TL_OK) {
         free(*server);
@@ -667,11 +671,11 @@ void tl_server_close(tl_server *server) {
         return;
     }
     for (int i = 0; i < TL_CONNECTIONS; i++) {
-        if (server->guests.rows[i].is_there) {
-            put_out(server, i);
+        if (server->connections.rows[i].is_there) {
+            close_client(server, i);
         }
     }
     MHD_stop_daemon(server->daemon);
-    tl_log_limiter_end(&server->says);
+    tl_log_limiter_end(&server->log_limiter);
     free(server);
 }

@@ -14,15 +14,15 @@
 
 /* ---- token delays ---- */
 
-enum { FREE_OF_CHARGE = 3, MOST_COUNTED = 10 };
+enum { FREE_TRIES = 3, MOST_COUNTED = 10 };
 
 static const tl_time RESET_AFTER = 600 * TL_SECOND;
 
 tl_time tl_token_delays_left(const tl_token_delays *delays, const tl_address *address, tl_time now) {
     for (size_t i = 0; i < TL_TOKEN_DELAYS; i++) {
         const tl_token_delay *row = &delays->rows[i];
-        if (row->wrong > FREE_OF_CHARGE && tl_address_is(&row->address, address)) {
-            tl_time left = row->last + (TL_SECOND << (row->wrong - FREE_OF_CHARGE - 1)) - now;
+        if (row->wrong > FREE_TRIES && tl_address_is(&row->address, address)) {
+            tl_time left = row->last + (TL_SECOND << (row->wrong - FREE_TRIES - 1)) - now;
             return left > 0 ? left : 0;
         }
     }
@@ -85,8 +85,8 @@ static tl_status read_lines(FILE *file, const char *path, tl_tokens *tokens, tl_
             tokens->count = 0;
             return tl_fail(
                 error, TL_BAD_DATA,
-                "%s, line %zu: found no token, one too many, or a name twice; expected \"NAME ROLE SHA256 TIME\" as "
-                "`twinlock token add` writes it",
+                "%s, line %zu: invalid, a name twice, or more than 64 tokens (expected \"NAME ROLE SHA256 TIME\"): "
+                "correct the file, or use `twinlock token`",
                 path, number);
         }
         tokens->count++;
@@ -109,16 +109,15 @@ tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error) {
 
 /* Only the group of the folder may read the file. A user other than root may be unable to change
  * the group; then the file keeps his. */
-static bool give_to_group(int file, const char *path) {
+static bool set_group(int file, const char *path) {
     char folder[PATH_MAX];
     struct stat about;
     if (strlen(path) >= sizeof folder) {
         return false;
     }
     memcpy(folder, path, strlen(path) + 1);
-    bool is_given =
-        stat(dirname(folder), &about) == 0 && (fchown(file, (uid_t)-1, about.st_gid) == 0 || geteuid() != 0);
-    return is_given && fchmod(file, MODE) == 0;
+    bool is_set = stat(dirname(folder), &about) == 0 && (fchown(file, (uid_t)-1, about.st_gid) == 0 || geteuid() != 0);
+    return is_set && fchmod(file, MODE) == 0;
 }
 
 tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *error) {
@@ -127,13 +126,12 @@ tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *e
     if (status != TL_OK) {
         return status;
     }
-    if (!give_to_group(fileno(made.file), path)) {
-        status =
-            tl_fail(error, TL_TRY_AGAIN, "%s: cannot be given to the group of its folder: %s", path, strerror(errno));
+    if (!set_group(fileno(made.file), path)) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: cannot get the group of its folder: %s", path, strerror(errno));
         tl_new_file_discard(&made);
         return status;
     }
-    (void)fputs("# Made by `twinlock token`: a name, a role, the SHA-256 of the token, when it was made.\n", made.file);
+    (void)fputs("# Written by `twinlock token`: name, role, SHA-256 of the token, creation time.\n", made.file);
     for (size_t i = 0; i < tokens->count; i++) {
         const tl_token *token = &tokens->rows[i];
         (void)fprintf(made.file, "%s %s %s %s\n", token->name, tl_change_rights[token->role], token->hash, token->made);
@@ -163,17 +161,17 @@ const tl_token *tl_tokens_find(const tl_tokens *tokens, const char *secret) {
 }
 
 size_t tl_tokens_named(const tl_tokens *tokens, const char *name) {
-    size_t place = 0;
-    while (place < tokens->count && strcmp(tokens->rows[place].name, name) != 0) {
-        place++;
+    size_t index = 0;
+    while (index < tokens->count && strcmp(tokens->rows[index].name, name) != 0) {
+        index++;
     }
-    return place;
+    return index;
 }
 
 tl_status tl_token_make_secret(char secret[TL_TOKEN_SECRET], tl_error *error) {
     unsigned char bits[RANDOM];
     if (getrandom(bits, sizeof bits, 0) != (ssize_t)sizeof bits) {
-        return tl_fail(error, TL_TRY_AGAIN, "no random bits for a token: %s", strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "cannot get random bits for a token: %s", strerror(errno));
     }
     for (size_t i = 0; i < sizeof bits; i++) {
         (void)snprintf(secret + 2 * i, 3, "%02x", bits[i]);

@@ -217,14 +217,14 @@ static const char *const schema[] = {
 
 /* ---- Database fault ---- */
 
-static __thread tl_database_fault last;
+static __thread tl_database_fault last_fault;
 
 tl_database_fault tl_database_get_fault(void) {
-    return last;
+    return last_fault;
 }
 
 void tl_database_set_fault(tl_database_fault fault) {
-    last = fault;
+    last_fault = fault;
 }
 
 tl_database_fault tl_database_fault_of_errno(int number) {
@@ -270,7 +270,7 @@ tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    last = fault;
+    last_fault = fault;
     return tl_fail(error, status, "%s", text);
 }
 
@@ -285,11 +285,12 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
         primary == SQLITE_CANTOPEN || primary == SQLITE_IOERR || primary == SQLITE_FULL || primary == SQLITE_READONLY;
     const char *message = known ? sqlite3_errmsg(database) : sqlite3_errstr(code);
     if (code == SQLITE_READONLY_DBMOVED) {
-        (void)snprintf(text, size, "its file was moved or removed while it is written");
+        (void)snprintf(text, size, "the file was moved or removed while it was being written");
     } else if (primary == SQLITE_INTERRUPT) {
-        (void)snprintf(text, size, "a question about it does not come to an end");
+        (void)snprintf(text, size, "a query exceeded its limit: the file is probably damaged");
     } else if (primary == SQLITE_BUSY) {
-        (void)snprintf(text, size, "another program has locked the database, or has been reading it for too long");
+        (void)snprintf(text, size,
+                       "another program has locked the database, or reads it for too long: end that program");
     } else if (number != 0 && is_of_system) {
         (void)snprintf(text, size, "%s (%s)", message, strerror_r(number, buffer, sizeof buffer));
     } else {
@@ -309,7 +310,7 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
     } else {
         (void)tl_fail(error, status, "%s: %s", path == NULL ? "database" : path, text);
     }
-    last = fault;
+    last_fault = fault;
     return status;
 }
 
@@ -330,7 +331,7 @@ tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *fo
     (void)vsnprintf(what, sizeof what, format, arguments);
     va_end(arguments);
     return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                              "%s: is damaged: %s: take an earlier copy of it, or record into a new file",
+                              "%s: is damaged: %s; restore a copy, or record into another file",
                               sqlite3_db_filename(database, "main"), what);
 }
 
@@ -338,9 +339,9 @@ tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *fo
 
 /* Our statements need some thousand instructions of SQLite's virtual machine; one over a long run
  * needs some million. */
-enum { TURNS_AT_ONCE = 1000 * 1000, MOST_TIMES = 50 };
+enum { INSTRUCTIONS_PER_CALL = 1000 * 1000, MOST_CALLS = 50 };
 
-static __thread int times; /* how often the instructions of the present statement were counted */
+static __thread int limit_calls; /* how often the instructions of the present statement were counted */
 
 /* ---- Limits of a statement ---- */
 
@@ -349,13 +350,13 @@ static int begin_statement(unsigned event, void *context, void *statement, void 
     (void)context;
     (void)statement;
     (void)text;
-    times = 0;
+    limit_calls = 0;
     return 0;
 }
 
-static int count_turns(void *context) {
+static int check_limit(void *context) {
     (void)context;
-    return ++times > MOST_TIMES;
+    return ++limit_calls > MOST_CALLS;
 }
 
 /* Restricts a new connection; call it before the first SQL. A statement that exceeds its time limit
@@ -385,7 +386,7 @@ static void guard_connection(sqlite3 *database) {
         (void)sqlite3_limit(database, limits[i].what, limits[i].most);
     }
     (void)sqlite3_trace_v2(database, SQLITE_TRACE_STMT, begin_statement, NULL);
-    sqlite3_progress_handler(database, TURNS_AT_ONCE, count_turns, NULL);
+    sqlite3_progress_handler(database, INSTRUCTIONS_PER_CALL, check_limit, NULL);
 }
 
 /* ---- Damage ---- */
@@ -417,7 +418,7 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error) {
 /* ---- Validation of the schema ---- */
 
 /* Returns the text of a query; "" if there is no row. */
-static tl_status ask_text(sqlite3 *database, const char *sql, char *text, size_t size, tl_error *error) {
+static tl_status query_text(sqlite3 *database, const char *sql, char *text, size_t size, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(database, sql, &statement, error);
     text[0] = '\0';
@@ -446,14 +447,14 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
         "  ('beginnings', 'run'), ('checkpoints', 'run, tick'), ('tunings', 'run, tick'), ('events', 'event'),"
         "  ('severities', 'code'))"
         " SELECT 'it has the ' || iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60) ||"
-        "  '\", and twinlock makes none' FROM sqlite_schema WHERE type = 'trigger' OR"
+        "  '\", which twinlock never creates' FROM sqlite_schema WHERE type = 'trigger' OR"
         "  (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)"
-        " UNION ALL SELECT iif(type = 'table', 'its table ' || name || ' has not the key that twinlock gives it',"
-        "  name || ' is no table') FROM keys JOIN sqlite_schema USING (name) WHERE type <> 'table' OR columns IS NOT"
+        " UNION ALL SELECT iif(type = 'table', 'its table ' || name || ' has another key than twinlock creates',"
+        "  name || ' is not a table') FROM keys JOIN sqlite_schema USING (name) WHERE type <> 'table' OR columns IS NOT"
         "  (SELECT group_concat(name, ', ') FROM"
         "    (SELECT name FROM pragma_table_xinfo(keys.name) WHERE pk > 0 ORDER BY pk))";
     char found[300];
-    tl_status status = ask_text(database, sql, found, sizeof found, error);
+    tl_status status = query_text(database, sql, found, sizeof found, error);
     return status == TL_OK && found[0] != '\0' ? tl_database_damaged(database, error, "%s", found) : status;
 }
 
@@ -498,7 +499,7 @@ static const char read_format_5[] =
     "CREATE TEMP VIEW components AS SELECT run, component, name, plain, predicted, executions, caught_up AS repeated,"
     "  unstored AS uncached FROM main.components;";
 
-static tl_status migrate(sqlite3 *database, tl_error *error) {
+static tl_status migrate_format(sqlite3 *database, tl_error *error) {
     static const char rename[] = "ALTER TABLE outputs RENAME COLUMN y TO simulated;"
                                  "ALTER TABLE outputs RENAME COLUMN y_hat TO measured;"
                                  "ALTER TABLE outputs RENAME COLUMN delta TO error;"
@@ -535,19 +536,19 @@ static tl_status migrate(sqlite3 *database, tl_error *error) {
 }
 
 /* Makes the names of the current format valid on this connection. */
-static tl_status convert(sqlite3 *database, int64_t version, bool write, tl_error *error) {
+static tl_status convert_format(sqlite3 *database, int64_t version, bool write, tl_error *error) {
     if (version == TL_DATABASE_VERSION) {
         return TL_OK;
     }
-    return write ? migrate(database, error) : tl_database_execute(database, read_format_5, error);
+    return write ? migrate_format(database, error) : tl_database_execute(database, read_format_5, error);
 }
 
-static tl_status judge_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
+static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
     bool is_sqlite = memcmp(header, "SQLite format 3", 16) == 0;
     bool is_ours = is_sqlite && big_endian(header + APPLICATION_AT) == TL_DATABASE_APPLICATION;
     if (size < HEADER && is_ours) {
         return tl_database_refuse(TL_DATABASE_DAMAGED, error, TL_BAD_DATA,
-                                  "%s: is damaged: of its header there are only %lld bytes", path, (long long)size);
+                                  "%s: is damaged: its header has only %lld bytes", path, (long long)size);
     }
     if (size < HEADER) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
@@ -555,11 +556,11 @@ static tl_status judge_header(const unsigned char header[HEADER], int64_t size, 
     }
     if (!is_sqlite) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is not a twinlock database, nor any SQLite database", path);
+                                  "%s: is not a twinlock database: it is not an SQLite file", path);
     }
     if (!is_ours) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is a SQLite database of another program, not of twinlock", path);
+                                  "%s: is not a twinlock database: another program created this SQLite file", path);
     }
     return check_version(path, big_endian(header + VERSION_AT), error);
 }
@@ -577,7 +578,7 @@ tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *e
         return tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path,
                                   sqlite3_errstr(code));
     }
-    return judge_header(header, size, path, error);
+    return check_header(header, size, path, error);
 }
 
 /* SQLite does not know the name of a file that it could not open. */
@@ -592,6 +593,16 @@ static tl_status open_connection(const char *name, int flags, sqlite3 **database
     tl_status status = tl_fail(error, tl_database_fail(*database, code, NULL), "%s: %s", name, why);
     (void)sqlite3_close(*database);
     *database = NULL;
+    return status;
+}
+
+/* The databases of a service can be read by members of its group only. */
+static tl_status name_group(tl_status status, tl_error *error) {
+    static const char hint[] = "; for the database of a service: sudo adduser $USER twinlock, then log in again";
+    if (error != NULL && tl_database_get_fault() == TL_DATABASE_DENIED) {
+        size_t length = strlen(error->text);
+        (void)snprintf(error->text + length, sizeof error->text - length, "%s", hint);
+    }
     return status;
 }
 
@@ -632,8 +643,8 @@ static bool has_wal(const char *path) {
 /* Executes the first SQL. This creates -wal and -shm files; for reading without permission to
  * create them, opens the file as immutable if it has no -wal file. */
 static tl_status first_read(const char *path, bool write, sqlite3 **database, tl_error *error) {
-    static const char question[] = "SELECT 1 FROM sqlite_schema LIMIT 1";
-    int code = sqlite3_exec(*database, question, NULL, NULL, NULL);
+    static const char sql[] = "SELECT 1 FROM sqlite_schema LIMIT 1";
+    int code = sqlite3_exec(*database, sql, NULL, NULL, NULL);
     if (!write && ((code & 0xFF) == SQLITE_CANTOPEN || (code & 0xFF) == SQLITE_READONLY) && !has_wal(path)) {
         (void)sqlite3_close(*database);
         *database = NULL;
@@ -641,13 +652,13 @@ static tl_status first_read(const char *path, bool write, sqlite3 **database, tl
         if (status != TL_OK) {
             return status;
         }
-        code = sqlite3_exec(*database, question, NULL, NULL, NULL);
+        code = sqlite3_exec(*database, sql, NULL, NULL, NULL);
     }
     return code == SQLITE_OK ? TL_OK : tl_database_fail(*database, code, error);
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
-    static const char both[] = "PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA temp_store = MEMORY;";
+    static const char pragmas[] = "PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA temp_store = MEMORY;";
     char version[32];
     struct stat file;
     *database = NULL;
@@ -656,32 +667,34 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         tl_status status = number == ENOENT || number == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
         const char *why = strerror(number);
         char other[TL_OTHER_CASE_TEXT];
-        return tl_database_refuse(tl_database_fault_of_errno(number), error, status, "%s: %s%s", path, why,
-                                  tl_other_case(path, other));
+        status = tl_database_refuse(tl_database_fault_of_errno(number), error, status, "%s: %s%s", path, why,
+                                    tl_other_case(path, other));
+        return write || number != EACCES ? status : name_group(status, error);
     }
     if (!S_ISREG(file.st_mode)) {
-        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%s: is no ordinary file", path);
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%s: is not a regular file", path);
     }
     /* Readers open for writing too, so that the last one to close removes -wal and -shm. SQLite
      * falls back to reading if the file or the medium is read-only. */
     tl_status status = open_connection(path, SQLITE_OPEN_READWRITE, database, error);
     if (status != TL_OK) {
-        return status;
+        return write ? status : name_group(status, error);
     }
     (void)sqlite3_busy_timeout(*database, 2000);
     status = tl_database_recognise(*database, path, error); /* before any SQL */
     if (status == TL_OK && write && sqlite3_db_readonly(*database, "main") == 1) {
-        status = tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN,
-                                    "%s: may not be written: check its permissions and its medium", path);
+        status =
+            tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN,
+                               "%s: is not writable: check its permissions, and whether the disk is read-only", path);
     }
     if (status == TL_OK) {
         status = first_read(path, write, database, error);
     }
     if (status == TL_OK) {
-        status = tl_database_execute(*database, both, error);
+        status = tl_database_execute(*database, pragmas, error);
     }
     if (status == TL_OK) {
-        status = ask_text(*database, "PRAGMA user_version", version, sizeof version, error);
+        status = query_text(*database, "PRAGMA user_version", version, sizeof version, error);
     }
     if (status == TL_OK) { /* user_version as SQL reads it */
         status = check_version(path, strtoll(version, NULL, 10), error);
@@ -690,7 +703,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = check_schema(*database, error);
     }
     if (status == TL_OK) {
-        status = convert(*database, strtoll(version, NULL, 10), write, error);
+        status = convert_format(*database, strtoll(version, NULL, 10), write, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);
@@ -702,7 +715,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     return status;
 }
 
-static tl_status build(const char *name, tl_error *error) {
+static tl_status build_file(const char *name, tl_error *error) {
     char header[256];
     sqlite3 *database = NULL;
     (void)snprintf(header, sizeof header,
@@ -778,7 +791,8 @@ static tl_status remove_leftovers(const char *path, tl_error *error) {
         if (!may_be_removed(name, &leftovers[i])) {
             return tl_database_refuse(
                 TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away", path, name);
+                "%s: cannot be created: SQLite needs the name %s, which another file has: move that file away", path,
+                name);
         }
     }
     remove_beside(path);
@@ -786,7 +800,7 @@ static tl_status remove_leftovers(const char *path, tl_error *error) {
 }
 
 /* Creates an empty file with an unused name beside `path`; returns it in `name`. */
-static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *error) {
+static tl_status reserve_name(const char *path, char name[PATH_MAX], tl_error *error) {
     for (int i = 0;; i++) {
         if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) + JOURNAL >= PATH_MAX) {
             return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
@@ -797,15 +811,15 @@ static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *erro
             return TL_OK;
         }
         if (errno != EEXIST) {
-            return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN, "%s: cannot be made: %s",
-                                      path, strerror(errno));
+            return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
+                                      "%s: cannot be created: %s", path, strerror(errno));
         }
     }
 }
 
 /* Renames the new file unless the name exists by now. A file system that cannot do both in one
  * operation (NFS) can create a second link. */
-static bool put_in_place(const char *built, const char *path) {
+static bool rename_into_place(const char *built, const char *path) {
     if (renameat2(AT_FDCWD, built, AT_FDCWD, path, RENAME_NOREPLACE) == 0) {
         return true;
     }
@@ -816,14 +830,14 @@ tl_status tl_database_create(const char *path, tl_error *error) {
     char name[PATH_MAX];
     tl_status status = remove_leftovers(path, error);
     if (status == TL_OK) {
-        status = take_name(path, name, error);
+        status = reserve_name(path, name, error);
     }
     if (status != TL_OK) {
         return status;
     }
-    status = build(name, error);
-    if (status == TL_OK && !put_in_place(name, path)) {
-        status = tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN, "%s: cannot be made: %s",
+    status = build_file(name, error);
+    if (status == TL_OK && !rename_into_place(name, path)) {
+        status = tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN, "%s: cannot be created: %s",
                                     path, strerror(errno));
     }
     if (status != TL_OK) {
@@ -839,14 +853,14 @@ tl_status tl_database_create(const char *path, tl_error *error) {
 
 /* Returns the resolved path of a file that does not exist yet, so that it is the same when the file
  * exists. */
-static tl_status place_new(const char *given, char path[PATH_MAX], tl_error *error) {
+static tl_status resolve_new(const char *given, char path[PATH_MAX], tl_error *error) {
     char copy[PATH_MAX];
     char folder[PATH_MAX];
     const char *slash = strrchr(given, '/');
     bool fits = snprintf(copy, sizeof copy, "%s", given) < PATH_MAX;
     if (fits && realpath(dirname(copy), folder) == NULL) {
         return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
-                                  "%s: cannot be made: its folder: %s", given, strerror(errno));
+                                  "%s: cannot be created: its folder: %s", given, strerror(errno));
     }
     fits = fits && snprintf(path, PATH_MAX, "%s/%s", strcmp(folder, "/") == 0 ? "" : folder,
                             slash == NULL ? given : slash + 1) < PATH_MAX;
@@ -864,7 +878,7 @@ tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *er
         bool regular = stat(path, &file) == 0 && S_ISREG(file.st_mode);
         return regular ? TL_OK
                        : tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                            "%s: is no ordinary file, and left as it is", given);
+                                            "%s: is not a regular file, so it is not changed", given);
     }
     if (errno != ENOENT) {
         return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
@@ -872,8 +886,8 @@ tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *er
     }
     if (lstat(given, &file) == 0) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is a symbolic link to a file that is not there, and left as it is", given);
+                                  "%s: is a symbolic link to a missing file, so it is not changed", given);
     }
     path[0] = '\0';
-    return place_new(given, path, error);
+    return resolve_new(given, path, error);
 }

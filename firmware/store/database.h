@@ -67,7 +67,7 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
 /* Reports a file that another program has modified. Returns TL_BAD_DATA with the text "FILE: is
- * damaged: WHAT: …what to do"; the fault is TL_DATABASE_FOREIGN. */
+ * damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
 tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
 /* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its log

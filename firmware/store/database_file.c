@@ -22,17 +22,17 @@ static const tl_time PAUSE = TL_SECOND / 20; /* between two tries */
 
 /* Compares the open file with the file of that name. If that is impossible, the result is
  * TL_DATABASE_IN_PLACE. */
-static tl_database_whereabouts look_for(int handle, const char *name) {
+static tl_database_whereabouts compare_file(int handle, const char *name) {
     struct stat ours;
     struct stat named;
     if (handle < 0 || fstat(handle, &ours) != 0) {
         return TL_DATABASE_IN_PLACE;
     }
-    bool is_there = stat(name, &named) == 0;
-    if (!is_there && errno != ENOENT && errno != ENOTDIR) {
+    bool exists = stat(name, &named) == 0;
+    if (!exists && errno != ENOENT && errno != ENOTDIR) {
         return TL_DATABASE_IN_PLACE; /* no permission to check: continue with the open file */
     }
-    if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
+    if (exists && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
         return TL_DATABASE_IN_PLACE;
     }
     return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
@@ -46,7 +46,7 @@ static bool is_current(const tl_database_lock *lock) {
            opened.st_dev == named.st_dev;
 }
 
-static void say_owner(tl_database_lock *lock) {
+static void write_owner(tl_database_lock *lock) {
     char text[32];
     int length = snprintf(text, sizeof text, "%ld\n", (long)getpid());
     if (ftruncate(lock->file, 0) != 0 || pwrite(lock->file, text, (size_t)length, 0) != length) {
@@ -79,22 +79,22 @@ static bool is_ours(const tl_database_lock *lock) {
 
 /* The lock of this process. A child that an FMU forks inherits the descriptor and would keep the
  * lock, so it closes it. */
-static int held = -1;
+static int held_lock = -1;
 
-static void let_go(void) {
-    if (held >= 0) {
-        (void)close(held);
+static void close_inherited(void) {
+    if (held_lock >= 0) {
+        (void)close(held_lock);
     }
 }
 
-static void hold(int file) {
+static void set_held(int file) {
     static bool prepared;
-    prepared = prepared || pthread_atfork(NULL, NULL, let_go) == 0;
-    held = file;
+    prepared = prepared || pthread_atfork(NULL, NULL, close_inherited) == 0;
+    held_lock = file;
 }
 
 /* 1: taken, 0: another recorder has it, −1: errno. */
-static int try_once(tl_database_lock *lock) {
+static int try_lock(tl_database_lock *lock) {
     lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0640);
     if (lock->file < 0) {
         return -1;
@@ -112,12 +112,13 @@ static int try_once(tl_database_lock *lock) {
 /* A foreign file with the lock's name may be the user's and is not changed. */
 static tl_status fail_impossible(const tl_database_lock *lock, const char *database, int reason, tl_error *error) {
     if (reason == EEXIST || reason == ELOOP || reason == EISDIR) {
-        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: %s is there and no lock of twinlock's, which needs that name: move it away",
-                                  database, lock->path);
+        return tl_database_refuse(
+            TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+            "%s: twinlock needs the name %s for its lock, but another file has it: move that file away", database,
+            lock->path);
     }
     return tl_database_refuse(tl_database_fault_of_errno(reason), error, TL_TRY_AGAIN,
-                              "%s: its lock, %s, cannot be made: %s", database, lock->path, strerror(reason));
+                              "%s: its lock %s cannot be created: %s", database, lock->path, strerror(reason));
 }
 
 tl_status tl_database_lock_take(const char *database, tl_time patience, tl_database_lock *lock, tl_error *error) {
@@ -127,10 +128,10 @@ tl_status tl_database_lock_take(const char *database, tl_time patience, tl_datab
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", database);
     }
     for (tl_time waited = 0;; waited += PAUSE) {
-        int result = try_once(lock);
+        int result = try_lock(lock);
         if (result == 1) {
-            say_owner(lock);
-            hold(lock->file);
+            write_owner(lock);
+            set_held(lock->file);
             return TL_OK;
         }
         tl_status status = TL_OK;
@@ -152,7 +153,7 @@ tl_status tl_database_lock_take(const char *database, tl_time patience, tl_datab
 
 void tl_database_lock_release(tl_database_lock *lock) {
     if (lock->file >= 0) {
-        hold(-1);
+        set_held(-1);
         if (is_current(lock)) { /* else it was removed, and its name may belong to another lock */
             (void)unlink(lock->path);
         }
@@ -197,7 +198,7 @@ static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
     return TL_OK;
 }
 
-static bool is_there(const char *name) {
+static bool exists(const char *name) {
     struct stat file;
     return lstat(name, &file) == 0;
 }
@@ -236,7 +237,7 @@ static void remove_log(const char *path) {
 /* O_PATH: closing an ordinary descriptor of the file would release SQLite's locks. */
 static tl_status open_connection(tl_database_file *file, tl_time patience, const tl_database_user *user,
                                  tl_error *error) {
-    tl_status status = is_there(file->path) ? TL_OK : tl_database_create(file->path, error);
+    tl_status status = exists(file->path) ? TL_OK : tl_database_create(file->path, error);
     if (status == TL_OK) {
         file->handle = open(file->path, O_PATH | O_CLOEXEC);
         status = tl_database_open(file->path, true, &file->connection, error);
@@ -269,7 +270,7 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
 /* ---- Renaming a damaged file ---- */
 
 /* Returns false if the new name exists or is too long. */
-static bool put_one_aside(const char *path, const char *name, const char *end) {
+static bool rename_one(const char *path, const char *name, const char *end) {
     char from[PATH_MAX];
     char to[PATH_MAX];
     int first = snprintf(from, sizeof from, "%s%s", path, end);
@@ -277,24 +278,24 @@ static bool put_one_aside(const char *path, const char *name, const char *end) {
     if (first >= PATH_MAX || second >= PATH_MAX) {
         return false;
     }
-    return !is_there(from) || (!is_there(to) && rename(from, to) == 0);
+    return !exists(from) || (!exists(to) && rename(from, to) == 0);
 }
 
-static tl_status put_aside(const char *path, const char *why, tl_database_aside *aside, tl_error *error) {
+static tl_status rename_damaged(const char *path, const char *why, tl_database_aside *aside, tl_error *error) {
     char name[PATH_MAX];
     for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
         int length = snprintf(name, sizeof name, "%s.damaged-%d", path, i);
-        if (length < PATH_MAX && !is_there(name) && put_one_aside(path, name, "-wal") &&
-            put_one_aside(path, name, "-shm") && put_one_aside(path, name, "")) {
+        if (length < PATH_MAX && !exists(name) && rename_one(path, name, "-wal") && rename_one(path, name, "-shm") &&
+            rename_one(path, name, "")) {
             (void)snprintf(aside->name, sizeof aside->name, "%s", name);
             (void)snprintf(aside->why, sizeof aside->why, "%s", why);
             return TL_OK;
         }
     }
-    return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%.400s, and it cannot be put aside", why);
+    return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%.400s; it cannot be renamed either", why);
 }
 
-static void close_as_it_is(tl_database_file *file) {
+static void close_unflushed(tl_database_file *file) {
     if (file->connection != NULL) {
         (void)sqlite3_db_config(file->connection, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     }
@@ -303,8 +304,8 @@ static void close_as_it_is(tl_database_file *file) {
 
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
                                  tl_database_aside *aside, tl_error *error) {
-    close_as_it_is(file);
-    tl_status status = put_aside(file->path, why, aside, error);
+    close_unflushed(file);
+    tl_status status = rename_damaged(file->path, why, aside, error);
     if (status == TL_OK) {
         status = open_connection(file, 0, user, error);
     }
@@ -346,7 +347,7 @@ static off_t size_of(const tl_database_file *file) {
 
 /* Finds the size that the file has after the log is written back. Returns false if it is unknown
  * now. */
-static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
+static bool query_bytes(const tl_database_file *file, int64_t *bytes) {
     static const char sql[] = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
     sqlite3_stmt *statement = NULL;
     int code = sqlite3_prepare_v2(file->connection, sql, -1, &statement, NULL);
@@ -366,11 +367,11 @@ static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
 static bool is_cut(const tl_database_file *file) {
     int64_t bytes = 0;
     off_t size = size_of(file);
-    return size == 0 || (size >= 0 && size < file->size && ask_pages(file, &bytes) && size < bytes);
+    return size == 0 || (size >= 0 && size < file->size && query_bytes(file, &bytes) && size < bytes);
 }
 
 /* Another program may empty the file at any moment, so the size is read after the content. */
-static tl_database_whereabouts look_inside(tl_database_file *file) {
+static tl_database_whereabouts check_content(tl_database_file *file) {
     if (tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
         tl_database_get_fault() == TL_DATABASE_FOREIGN && size_of(file) != 0) {
         return TL_DATABASE_OVERWRITTEN;
@@ -384,11 +385,11 @@ static tl_database_whereabouts look_inside(tl_database_file *file) {
 
 tl_database_whereabouts tl_database_file_look(tl_database_file *file) {
     char log[PATH_MAX + 8];
-    tl_database_whereabouts found = look_for(file->handle, file->path);
+    tl_database_whereabouts found = compare_file(file->handle, file->path);
     if (found == TL_DATABASE_IN_PLACE) {
-        found = look_inside(file);
+        found = check_content(file);
     }
-    if (found == TL_DATABASE_IN_PLACE && look_for(file->log, name_log(file->path, log)) != TL_DATABASE_IN_PLACE) {
+    if (found == TL_DATABASE_IN_PLACE && compare_file(file->log, name_log(file->path, log)) != TL_DATABASE_IN_PLACE) {
         found = TL_DATABASE_WITHOUT_LOG;
     }
     return found;
@@ -399,22 +400,23 @@ void tl_database_file_note(tl_database_file *file) {
 }
 
 bool tl_database_file_write_back(tl_database_file *file) {
-    int left = 0;
-    int done = 0;
-    return sqlite3_wal_checkpoint_v2(file->connection, "main", SQLITE_CHECKPOINT_TRUNCATE, &left, &done) == SQLITE_OK;
+    int frames = 0;
+    int written = 0;
+    return sqlite3_wal_checkpoint_v2(file->connection, "main", SQLITE_CHECKPOINT_TRUNCATE, &frames, &written) ==
+           SQLITE_OK;
 }
 
 void tl_database_file_abandon(tl_database_file *file) {
     char log[PATH_MAX + 8];
-    if (file->log >= 0 && look_for(file->log, name_log(file->path, log)) == TL_DATABASE_IN_PLACE) {
+    if (file->log >= 0 && compare_file(file->log, name_log(file->path, log)) == TL_DATABASE_IN_PLACE) {
         remove_log(file->path);
     }
-    close_as_it_is(file);
+    close_unflushed(file);
     tl_database_file_close(file);
 }
 
 void tl_database_file_close(tl_database_file *file) {
-    if (file->connection != NULL && look_for(file->handle, file->path) == TL_DATABASE_MOVED) {
+    if (file->connection != NULL && compare_file(file->handle, file->path) == TL_DATABASE_MOVED) {
         (void)tl_database_file_write_back(file); /* SQLite would not, because the log still has the old name */
     }
     close_connection(file);
@@ -425,7 +427,7 @@ void tl_database_file_close(tl_database_file *file) {
 /* ---- Identity ---- */
 
 /* Of an open file (name "") or of a file with this name. Returns false with errno. */
-static bool look(int handle, const char *name, tl_database_inode *inode) {
+static bool read_inode(int handle, const char *name, tl_database_inode *inode) {
     struct statx found;
     if (statx(handle, name, AT_EMPTY_PATH, STATX_INO | STATX_BTIME, &found) != 0) {
         return false;
@@ -437,14 +439,14 @@ static bool look(int handle, const char *name, tl_database_inode *inode) {
     return true;
 }
 
-static bool is_same(const tl_database_inode *inode, const tl_database_inode *other) {
+static bool is_same_inode(const tl_database_inode *inode, const tl_database_inode *other) {
     return inode->device == other->device && inode->number == other->number && inode->born == other->born;
 }
 
 tl_database_identity tl_database_identify(const tl_database_file *file) {
     tl_database_identity identity = {.file = {.number = 0}};
-    (void)look(file->handle, "", &identity.file);
-    (void)look(file->log, "", &identity.log);
+    (void)read_inode(file->handle, "", &identity.file);
+    (void)read_inode(file->log, "", &identity.log);
     return identity;
 }
 
@@ -453,14 +455,15 @@ bool tl_database_is_gone(const char *path, const tl_database_identity *identity)
     if (identity->file.number == 0) {
         return false;
     }
-    return look(AT_FDCWD, path, &now) ? !is_same(&now, &identity->file) : errno == ENOENT || errno == ENOTDIR;
+    return read_inode(AT_FDCWD, path, &now) ? !is_same_inode(&now, &identity->file)
+                                            : errno == ENOENT || errno == ENOTDIR;
 }
 
 /* Returns whether its log exists, but the database does not. */
 static bool is_stray(const char *path, const char *log, const tl_database_identity *identity) {
     tl_database_inode now;
-    return identity->log.number != 0 && tl_database_is_gone(path, identity) && look(AT_FDCWD, log, &now) &&
-           is_same(&now, &identity->log);
+    return identity->log.number != 0 && tl_database_is_gone(path, identity) && read_inode(AT_FDCWD, log, &now) &&
+           is_same_inode(&now, &identity->log);
 }
 
 /* With the lock, because another twinlock may be writing there and use this log. */
@@ -487,18 +490,18 @@ static bool is_refused(tl_database_insistence insistence, tl_database_fault faul
     return insistence == TL_DATABASE_ALL_OR_NOTHING || (insistence == TL_DATABASE_IF_OURS && !is_ours);
 }
 
-static bool is_waited_for(tl_database_fault fault) {
+static bool is_retried(tl_database_fault fault) {
     return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
 }
 
 /* Returns the path with links resolved, beside which replacements are created. */
-static const char *find_place(const char *given, char place[PATH_MAX]) {
-    return tl_database_place(given, place, NULL) == TL_OK ? place : given;
+static const char *resolve_path(const char *given, char resolved[PATH_MAX]) {
+    return tl_database_place(given, resolved, NULL) == TL_OK ? resolved : given;
 }
 
 /* Returns whether the folder is read-only. Then no replacement can be created, unless the folder
  * becomes writable; but then the file itself can be opened. */
-static bool is_shut_in(const char *path) {
+static bool is_folder_readonly(const char *path) {
     char copy[PATH_MAX];
     (void)snprintf(copy, sizeof copy, "%s", path);
     return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
@@ -510,13 +513,13 @@ static bool is_shut_in(const char *path) {
  * writable meanwhile. It is tried up to DENIALS times while its mode allows writing: a reader that
  * is root creates log and index as root's files, and only then changes their owner to that of the
  * file. */
-static tl_status open_file(const char *path, const char *place, const tl_database_wanted *wanted,
-                           tl_database_file *file, tl_database_aside *aside, bool *shut, tl_error *error) {
+static tl_status open_file(const char *path, const char *resolved, const tl_database_wanted *wanted,
+                           tl_database_file *file, tl_database_aside *aside, bool *is_readonly, tl_error *error) {
     tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
     tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
-        *shut = is_shut_in(place);
-        if (*shut || (i > 0 && faccessat(AT_FDCWD, place, W_OK, AT_EACCESS) != 0)) {
+        *is_readonly = is_folder_readonly(resolved);
+        if (*is_readonly || (i > 0 && faccessat(AT_FDCWD, resolved, W_OK, AT_EACCESS) != 0)) {
             return status;
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* on a busy machine the reader may need time */
@@ -547,23 +550,23 @@ static tl_status open_beside(const char *path, const char *why, const tl_databas
 
 tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
                                      tl_database_file *file, tl_database_news *news, tl_error *error) {
-    char place[PATH_MAX];
-    return open_beside(find_place(given, place), why, user, file, news, error);
+    char resolved[PATH_MAX];
+    return open_beside(resolve_path(given, resolved), why, user, file, news, error);
 }
 
 tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
                                    bool *waits, tl_error *error) {
-    char place[PATH_MAX];
+    char resolved[PATH_MAX];
     tl_error first = {TL_OK, ""};
-    bool shut = false;
+    bool is_readonly = false;
     *news = (tl_database_news){.beside = ""};
     *waits = false;
     tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
-    const char *path = find_place(wanted->path, place);
-    tl_status status = open_file(wanted->path, path, wanted, file, aside, &shut, &first);
+    const char *path = resolve_path(wanted->path, resolved);
+    tl_status status = open_file(wanted->path, path, wanted, file, aside, &is_readonly, &first);
     tl_database_fault fault = tl_database_get_fault();
-    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
-        if (!shut && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {
+    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_retried(fault)) {
+        if (!is_readonly && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {
             return TL_OK;
         }
         *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;

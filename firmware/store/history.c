@@ -218,9 +218,9 @@ typedef struct row_list {
 
 static tl_status fail_list(tl_history *history, const row_list *list, int64_t run, tl_error *error) {
     return list->what == NULL
-               ? tl_database_damaged(history->database, error,
-                                     "what it tells of run %" PRId64 " is incomplete or wrong", run)
-               : tl_database_damaged(history->database, error, "the %s of run %" PRId64 " are incomplete or wrong",
+               ? tl_database_damaged(history->database, error, "the row of run %" PRId64 " is incomplete or invalid",
+                                     run)
+               : tl_database_damaged(history->database, error, "the %s of run %" PRId64 " are incomplete or invalid",
                                      list->what, run);
 }
 
@@ -332,16 +332,17 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
     size_t count = 0;
     tl_status status = read_runs(history, sql, id, run, &count, error);
     if (status == TL_OK && count == 0) {
-        return id == 0 ? tl_fail(error, TL_BAD_DATA, "%s: holds no run", file_of(history))
-                       : tl_fail(error, TL_BAD_DATA, "%s: holds no run %lld", file_of(history), (long long)id);
+        return id == 0 ? tl_fail(error, TL_BAD_DATA, "%s: contains no run", file_of(history))
+                       : tl_fail(error, TL_BAD_DATA, "%s: contains no run %lld: `twinlock show` lists the runs",
+                                 file_of(history), (long long)id);
     }
     return status;
 }
 
 /* Executes a query for one row about a run. *statement is NULL if there is none; else it is at that
  * row, and the caller finalises it. */
-static tl_status ask_row(tl_history *history, const char *sql, int64_t run, int64_t number, const char *text,
-                         sqlite3_stmt **statement, tl_error *error) {
+static tl_status query_row(tl_history *history, const char *sql, int64_t run, int64_t number, const char *text,
+                           sqlite3_stmt **statement, tl_error *error) {
     tl_status status = tl_database_prepare(history->database, sql, statement, error);
     if (status != TL_OK) {
         return status;
@@ -362,7 +363,7 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
     sqlite3_stmt *statement = NULL;
     *text = NULL;
     tl_status status =
-        ask_row(history, "SELECT text FROM configurations WHERE hash = ?3", 0, 0, hash, &statement, error);
+        query_row(history, "SELECT text FROM configurations WHERE hash = ?3", 0, 0, hash, &statement, error);
     if (status == TL_OK) {
         table_row row = row_of(statement);
         *text = statement != NULL ? take_text(history, &row, TEXT_MOST) : NULL;
@@ -423,15 +424,15 @@ static void read_signal(tl_history *history, const tl_history_run *run, table_ro
     signal->to = take_text_or_null(history, row, NAME_MOST);
 }
 
-#define ASK_SIGNALS(kind)                                                                                              \
+#define SIGNALS_SQL(kind)                                                                                              \
     "SELECT signal, name, unit, type, compared_with FROM signals WHERE run = ?1 AND kind = '" kind "' ORDER BY signal"
 
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error) {
     static const row_list lists[] = {
-        {ASK_SIGNALS("plant"), "signals", TL_MAX_SIGNALS, sizeof(tl_recorder_signal), read_signal},
-        {ASK_SIGNALS("match"), "signals", TL_MAX_MATCH, sizeof(tl_recorder_signal), read_signal},
-        {ASK_SIGNALS("adjust"), "signals", TL_MAX_ADJUST, sizeof(tl_recorder_signal), read_signal},
+        {SIGNALS_SQL("plant"), "signals", TL_MAX_SIGNALS, sizeof(tl_recorder_signal), read_signal},
+        {SIGNALS_SQL("match"), "signals", TL_MAX_MATCH, sizeof(tl_recorder_signal), read_signal},
+        {SIGNALS_SQL("adjust"), "signals", TL_MAX_ADJUST, sizeof(tl_recorder_signal), read_signal},
     };
     void *items = NULL;
     tl_status status = read_list(history, &lists[kind], run, run->run, &items, count, error);
@@ -478,7 +479,7 @@ static tl_status read_checkpoint(tl_history *history, const tl_history_run *run,
     const char *expected = read_text(&row, NAME_MOST);
     const unsigned char *bytes = read_bytes(&row, &read->size);
     if (!row.right) {
-        return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or wrong",
+        return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or invalid",
                                    run->run);
     }
     unsigned char *copy = tl_arena_take(&history->arena, read->size, 1);
@@ -501,7 +502,7 @@ tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run
                               " ORDER BY tick DESC LIMIT 1";
     sqlite3_stmt *statement = NULL;
     *checkpoint = NULL;
-    tl_status status = ask_row(history, sql, run->run, before, NULL, &statement, error);
+    tl_status status = query_row(history, sql, run->run, before, NULL, &statement, error);
     if (statement != NULL) {
         status = read_checkpoint(history, run, statement, before, checkpoint, error);
     }
@@ -516,7 +517,7 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
     sqlite3_stmt *statement = NULL;
     tl_error ignored;
     tl_time cost = 0;
-    (void)ask_row(history, sql, run->run, 0, NULL, &statement, &ignored);
+    (void)query_row(history, sql, run->run, 0, NULL, &statement, &ignored);
     if (statement != NULL) {
         table_row row = row_of(statement);
         cost = take_integer_or(&row, 0, TL_SECOND, 0);
@@ -549,7 +550,7 @@ static void take_key(row_key *key, table_row *row) {
 }
 
 /* Passes a row, whose key was read, to its callback. Returns false if the row is invalid. */
-typedef bool give_row(table_row *row, const row_key *key);
+typedef bool pass_row(table_row *row, const row_key *key);
 
 /* A newer program may have written larger codes than those known here. */
 static int64_t take_code(table_row *row, const tl_history_visitor *visitor, int64_t named) {
@@ -560,7 +561,7 @@ static uint32_t take_bits(table_row *row) {
     return (uint32_t)take_integer(row, 0, UINT32_MAX);
 }
 
-static bool give_sample(table_row *row, const row_key *key) {
+static bool pass_sample(table_row *row, const row_key *key) {
     tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
     sample.value = take_number(row);
     sample.quality = take_code(row, key->visitor, TL_OUTLIER);
@@ -571,7 +572,7 @@ static bool give_sample(table_row *row, const row_key *key) {
     return row->right;
 }
 
-static bool give_step(table_row *row, const row_key *key) {
+static bool pass_step(table_row *row, const row_key *key) {
     tl_history_step step = {.step = key->number};
     step.outcome = take_code(row, key->visitor, TL_OUTCOMES - 1);
     step.stop = take_code(row, key->visitor, TL_STOP_TIME);
@@ -589,7 +590,7 @@ static bool give_step(table_row *row, const row_key *key) {
     return row->right;
 }
 
-static bool give_output(table_row *row, const row_key *key) {
+static bool pass_output(table_row *row, const row_key *key) {
     tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
     output.y = take_number(row);
     output.measured = take_number(row);
@@ -603,7 +604,7 @@ static bool give_output(table_row *row, const row_key *key) {
     return row->right;
 }
 
-static bool give_adjustment(table_row *row, const row_key *key) {
+static bool pass_adjustment(table_row *row, const row_key *key) {
     tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
     adjustment.u = take_number(row);
     adjustment.nominal = take_number(row);
@@ -615,11 +616,11 @@ static bool give_adjustment(table_row *row, const row_key *key) {
 
 /* ---- Tables ---- */
 
-#define ASK_RANGE(table, key)                                                                                          \
+#define RANGE_SQL(table, key)                                                                                          \
     "SELECT (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " LIMIT 1),"                \
     " (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " DESC LIMIT 1)"
 
-#define ASK_ROWS(table, key, columns)                                                                                  \
+#define ROWS_SQL(table, key, columns)                                                                                  \
     "SELECT " key ", signal, " columns " FROM " table " WHERE run = ?1 AND (" key ", signal) > (?2, ?3) AND " key      \
     " <= ?4 ORDER BY " key ", signal LIMIT ?5"
 
@@ -628,37 +629,36 @@ static const struct {
     const char *what;
     const char *range;
     const char *rows;
-    give_row *give;
+    pass_row *pass;
 } tables[TABLES] = {
-    [TL_HISTORY_SAMPLES] = {"the sample of tick", ASK_RANGE("samples", "tick"),
-                            ASK_ROWS("samples", "tick", "value, quality, stamp_ns"), give_sample},
-    [TL_HISTORY_STEPS] = {"step", ASK_RANGE("steps", "step"),
+    [TL_HISTORY_SAMPLES] = {"the sample of tick", RANGE_SQL("samples", "tick"),
+                            ROWS_SQL("samples", "tick", "value, quality, stamp_ns"), pass_sample},
+    [TL_HISTORY_STEPS] = {"step", RANGE_SQL("steps", "step"),
                           "SELECT step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
                           " flags, held FROM steps"
                           " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
-                          give_step},
-    [TL_HISTORY_OUTPUTS] = {"the output of step", ASK_RANGE("outputs", "step"),
-                            ASK_ROWS("outputs", "step", "simulated, measured, quality, readings, squares, rejected"),
-                            give_output},
-    [TL_HISTORY_ADJUSTMENTS] = {"u of step", ASK_RANGE("adjustments", "step"),
-                                ASK_ROWS("adjustments", "step", "applied, nominal"), give_adjustment},
+                          pass_step},
+    [TL_HISTORY_OUTPUTS] = {"the output of step", RANGE_SQL("outputs", "step"),
+                            ROWS_SQL("outputs", "step", "simulated, measured, quality, readings, squares, rejected"),
+                            pass_output},
+    [TL_HISTORY_ADJUSTMENTS] = {"the adjustment of step", RANGE_SQL("adjustments", "step"),
+                                ROWS_SQL("adjustments", "step", "applied, nominal"), pass_adjustment},
 };
 
 static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t number,
                           tl_error *error) {
-    return tl_database_damaged(history->database, error,
-                               "%s %" PRId64 " of run %" PRId64 " is none that the recorder writes", tables[table].what,
-                               number, run->run);
+    return tl_database_damaged(history->database, error, "%s %" PRId64 " of run %" PRId64 " has an invalid value",
+                               tables[table].what, number, run->run);
 }
 
 /* Prepares a statement once; it is reset after each use. */
-static tl_status keep_statement(tl_history *history, const char *sql, sqlite3_stmt **kept, tl_error *error) {
-    return *kept != NULL ? TL_OK : tl_database_prepare(history->database, sql, kept, error);
+static tl_status prepare_once(tl_history *history, const char *sql, sqlite3_stmt **statement, tl_error *error) {
+    return *statement != NULL ? TL_OK : tl_database_prepare(history->database, sql, statement, error);
 }
 
 tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t from,
                            int64_t range[2], bool *any, tl_error *error) {
-    tl_status status = keep_statement(history, tables[table].range, &history->ranges[table], error);
+    tl_status status = prepare_once(history, tables[table].range, &history->ranges[table], error);
     sqlite3_stmt *statement = history->ranges[table];
     *any = false;
     if (status != TL_OK) {
@@ -688,7 +688,7 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
 }
 
 /* Passes the next rows of one statement, after the key. */
-static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_error *error) {
+static tl_status pass_rows(row_key *key, tl_history_table table, int *count, tl_error *error) {
     sqlite3_stmt *statement = key->history->rows[table];
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
@@ -703,7 +703,7 @@ static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_
         int64_t number = sqlite3_column_int64(statement, 0);
         (*count)++;
         take_key(key, &row);
-        if (!row.right || !tables[table].give(&row, key)) {
+        if (!row.right || !tables[table].pass(&row, key)) {
             status = fail_row(key->history, key->run, table, number, error);
         }
     }
@@ -724,9 +724,9 @@ tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const 
     for (int table = 0; table < TABLES && status == TL_OK; table++) {
         row_key key = {history, run, visitor, range[0] - 1, range[1], INT64_MAX, (int64_t)signals[table]};
         int count = wanted[table] ? ROWS_AT_ONCE : 0;
-        status = wanted[table] ? keep_statement(history, tables[table].rows, &history->rows[table], error) : TL_OK;
+        status = wanted[table] ? prepare_once(history, tables[table].rows, &history->rows[table], error) : TL_OK;
         while (status == TL_OK && count == ROWS_AT_ONCE) {
-            status = give_some(&key, (tl_history_table)table, &count, error);
+            status = pass_rows(&key, (tl_history_table)table, &count, error);
         }
     }
     return status;
@@ -744,7 +744,7 @@ struct tl_history_ticks {
     tl_history_visitor steps; /* and adjustments */
     int64_t next;             /* first tick that is not read yet */
     size_t count;             /* of ticks in the buffer */
-    size_t given;             /* ticks returned from the buffer */
+    size_t returned;          /* ticks returned from the buffer */
     tl_history_tick buffer[TICKS_AT_ONCE];
 };
 
@@ -805,21 +805,21 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
     if (status != TL_OK) {
         return status;
     }
-    tl_history_ticks *begun = calloc(1, sizeof *begun);
-    if (begun == NULL) {
+    tl_history_ticks *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
         return fail_memory(error);
     }
-    begun->history = history;
-    begun->run = run;
-    begun->next = from < 0 ? 0 : from;
-    begun->samples = (tl_history_visitor){
-        .context = begun, .strict = true, .signals = {[TL_HISTORY_PLANT] = count}, .sample = add_sample};
-    begun->steps = (tl_history_visitor){.context = begun,
-                                        .strict = true,
-                                        .signals = {[TL_HISTORY_ADJUST] = TL_MAX_ADJUST},
-                                        .step = add_step,
-                                        .adjustment = add_adjustment};
-    *ticks = begun;
+    opened->history = history;
+    opened->run = run;
+    opened->next = from < 0 ? 0 : from;
+    opened->samples = (tl_history_visitor){
+        .context = opened, .strict = true, .signals = {[TL_HISTORY_PLANT] = count}, .sample = add_sample};
+    opened->steps = (tl_history_visitor){.context = opened,
+                                         .strict = true,
+                                         .signals = {[TL_HISTORY_ADJUST] = TL_MAX_ADJUST},
+                                         .step = add_step,
+                                         .adjustment = add_adjustment};
+    *ticks = opened;
     return TL_OK;
 }
 
@@ -851,7 +851,7 @@ static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
 static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     sqlite3 *database = ticks->history->database;
     ticks->count = 0;
-    ticks->given = 0;
+    ticks->returned = 0;
     tl_status status = tl_database_execute(database, "BEGIN", error);
     if (status != TL_OK) {
         return status;
@@ -867,10 +867,10 @@ static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
 }
 
 tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, bool *end, tl_error *error) {
-    tl_status status = ticks->given == ticks->count ? read_ticks(ticks, error) : TL_OK;
+    tl_status status = ticks->returned == ticks->count ? read_ticks(ticks, error) : TL_OK;
     *end = status == TL_OK && ticks->count == 0;
     if (status == TL_OK && !*end) {
-        *tick = ticks->buffer[ticks->given++];
+        *tick = ticks->buffer[ticks->returned++];
     }
     return status;
 }
@@ -878,7 +878,7 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
 /* ---- Events ---- */
 
 /* Ids must ascend. */
-static bool give_event(sqlite3_stmt *statement, int64_t *last, const tl_history_visitor *visitor) {
+static bool pass_event(sqlite3_stmt *statement, int64_t *last, const tl_history_visitor *visitor) {
     table_row row = row_of(statement);
     tl_history_event event = {0};
     int64_t time = 0;
@@ -906,12 +906,11 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
     sqlite3 *database = history->database;
     sqlite3_stmt *statement = NULL;
     int64_t last = 0;
-    tl_status status = ask_row(history, sql, run->run, most, from_at, &statement, error);
+    tl_status status = query_row(history, sql, run->run, most, from_at, &statement, error);
     int code = statement != NULL ? SQLITE_ROW : SQLITE_DONE;
     for (; status == TL_OK && code == SQLITE_ROW; code = sqlite3_step(statement)) {
-        if (!give_event(statement, &last, visitor)) {
-            status = tl_database_damaged(database, error,
-                                         "an event of run %" PRId64 " is none that the recorder writes", run->run);
+        if (!pass_event(statement, &last, visitor)) {
+            status = tl_database_damaged(database, error, "an event of run %" PRId64 " has an invalid value", run->run);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {

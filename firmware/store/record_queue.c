@@ -48,8 +48,8 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
 enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
 
 static const tl_time RING_TIME = 30 * TL_SECOND;
-static const tl_time LOOK_BACK = 10 * TL_SECOND; /* between two checkpoints, or LOOK_BACK_TICKS */
-static const tl_time NAP = TL_SECOND / 1000;     /* between two checks for room */
+static const tl_time LOOK_BACK = 10 * TL_SECOND;    /* between two checkpoints, or LOOK_BACK_TICKS */
+static const tl_time ROOM_PAUSE = TL_SECOND / 1000; /* between two checks for room */
 
 /* ---- Sizes ---- */
 
@@ -62,9 +62,9 @@ static size_t tl_record_queue_ring_at(void) {
     return round_up(sizeof(tl_record_queue_control), PAGE);
 }
 
-size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings, unsigned place) {
+size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings, unsigned checkpoint_slot) {
     return tl_record_queue_ring_at() + round_up(settings->ring_bytes, PAGE) +
-           place * round_up(settings->checkpoint_bytes, PAGE);
+           checkpoint_slot * round_up(settings->checkpoint_bytes, PAGE);
 }
 
 size_t tl_record_queue_bytes(const tl_record_queue_settings *settings) {
@@ -86,7 +86,7 @@ size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step) 
 
 /* ---- Room in the ring ---- */
 
-static void lose(const tl_record_queue *queue) {
+static void count_loss(const tl_record_queue *queue) {
     (void)__atomic_add_fetch(&queue->control->lost, 1, __ATOMIC_RELAXED);
 }
 
@@ -113,7 +113,7 @@ static void publish(tl_record_queue *queue) {
 
 /* A reader that has found the ring corrupted skips to its end, and may have read a wrong end. The
  * next entry is put there. */
-static void follow_reader(tl_record_queue *queue) {
+static void skip_to_reader(tl_record_queue *queue) {
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : queue->written;
     uint64_t ahead = taken - queue->written;
     if (ahead != 0 && ahead <= queue->settings.ring_bytes) {
@@ -131,7 +131,7 @@ static void publish_entry(tl_record_queue *queue, const tl_recorder_pen *pen) {
  * entry may be put. */
 static bool put_waiting_start(tl_record_queue *queue) {
     tl_record_queue_control *control = queue->control;
-    follow_reader(queue);
+    skip_to_reader(queue);
     if (!control->start_waits) {
         return true;
     }
@@ -152,7 +152,7 @@ static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_recorder
     size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&queue->settings.shape, TL_ENTRY_STEP) : 0;
     bool found = put_waiting_start(queue) && has_room(queue, size + step);
     if (!found) {
-        lose(queue);
+        count_loss(queue);
     }
     *pen = pen_of(queue);
     return found;
@@ -183,26 +183,26 @@ static void load_bytes(unsigned char *to, const unsigned char *from, size_t size
 
 /* Reads the mark of a checkpoint slot. Returns false if it has no valid mark. The checkpoint's
  * bytes may belong to another mark. */
-static bool look_at_mark(const tl_record_queue_checkpoint *place, uint64_t *number, uint64_t *digest,
-                         tl_record_queue_mark *mark) {
-    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
-    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
-    load_bytes((unsigned char *)mark, (const unsigned char *)place->mark, sizeof *mark);
+static bool read_mark(const tl_record_queue_checkpoint *checkpoint_slot, uint64_t *number, uint64_t *digest,
+                      tl_record_queue_mark *mark) {
+    *number = __atomic_load_n(&checkpoint_slot->number, __ATOMIC_ACQUIRE);
+    *digest = __atomic_load_n(&checkpoint_slot->digest, __ATOMIC_RELAXED);
+    load_bytes((unsigned char *)mark, (const unsigned char *)checkpoint_slot->mark, sizeof *mark);
     return *number != 0 && *number < TL_RECORD_QUEUE_NUMBERS &&
            (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
 }
 
 /* Sets the end back. Entries behind the new end may have overwritten older ones, and a successor
  * must not resume from a position behind it. So checkpoints with such positions are removed. */
-static void go_back(tl_record_queue *queue, uint64_t end) {
+static void rewind_end(tl_record_queue *queue, uint64_t end) {
     uint64_t before = queue->written;
     queue->written = end;
-    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
-        tl_record_queue_checkpoint *there = &queue->control->places[place];
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+        tl_record_queue_checkpoint *there = &queue->control->places[checkpoint_slot];
         uint64_t number = 0;
         uint64_t digest = 0;
         tl_record_queue_mark mark;
-        if (!look_at_mark(there, &number, &digest, &mark) || !is_kept(queue, before, mark.position) ||
+        if (!read_mark(there, &number, &digest, &mark) || !is_kept(queue, before, mark.position) ||
             !is_kept(queue, end, mark.position)) {
             __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
         }
@@ -214,10 +214,10 @@ static void go_back(tl_record_queue *queue, uint64_t end) {
 /* A dead producer may have left a sample that waits for its step. If the new run contains that
  * tick, it takes the sample again. Otherwise the sample is published together with the beginning.
  * If this process dies earlier, its successor decides. */
-static void settle_waiting_sample(tl_record_queue *queue, const tl_resumption *beginning) {
+static void settle_sample(tl_record_queue *queue, const tl_resumption *beginning) {
     bool waits = queue->written != queue->published;
     if (waits && beginning->from != TL_RESUMED_NOT && queue->waiting >= beginning->tick) {
-        go_back(queue, queue->published);
+        rewind_end(queue, queue->published);
         publish(queue);
     }
 }
@@ -232,7 +232,7 @@ void tl_record_queue_name_configuration(tl_record_queue *queue, const tl_run_tun
 }
 
 bool tl_record_queue_put_start(tl_record_queue *queue, const tl_record_queue_start *start) {
-    settle_waiting_sample(queue, &start->resumption);
+    settle_sample(queue, &start->resumption);
     queue->control->start = *start;
     memcpy(queue->control->start.fmus, start->holds ? "" : queue->fmus, start->holds ? 1 : sizeof queue->fmus);
     queue->control->start.configured = queue->configured;
@@ -273,11 +273,11 @@ bool tl_record_queue_has_room_for_tuning(const tl_record_queue *queue) {
                                                                2 * tl_recorder_entry_size(shape, TL_ENTRY_STEP));
 }
 
-static bool put_part(tl_record_queue *queue, tl_recorder_kind kind, const void *part, size_t size) {
+static bool put_part(tl_record_queue *queue, tl_recorder_kind kind, const void *is_broken, size_t size) {
     tl_recorder_pen pen;
     bool found = find_room(queue, kind, &pen);
     if (found) {
-        tl_recorder_entry_pack_part(&pen, kind, part, size);
+        tl_recorder_entry_pack_part(&pen, kind, is_broken, size);
         publish_entry(queue, &pen);
     }
     return found;
@@ -308,9 +308,9 @@ bool tl_record_queue_wait_for_room(tl_record_queue *queue, tl_time until) {
                   tl_recorder_entry_size(shape, TL_ENTRY_END) + tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
                   (queue->control->start_waits ? tl_recorder_entry_size(shape, TL_ENTRY_START) : 0);
     tl_time now = tl_clock_now(NULL);
-    follow_reader(queue);
+    skip_to_reader(queue);
     while (!has_room(queue, size) && now < until) {
-        tl_clock_sleep_until(now + NAP < until ? now + NAP : until);
+        tl_clock_sleep_until(now + ROOM_PAUSE < until ? now + ROOM_PAUSE : until);
         now = tl_clock_now(NULL);
     }
     return has_room(queue, size);
@@ -327,18 +327,18 @@ static uint64_t tl_record_queue_state_if_there(uint64_t number) {
 }
 
 /* Reserves the number of an event. Returns false if its slot is not free. */
-static bool draw_number(const tl_record_queue *queue, uint64_t *number) {
+static bool reserve_number(const tl_record_queue *queue, uint64_t *number) {
     uint64_t *next = &queue->control->next;
-    bool drawn = false;
+    bool is_reserved = false;
     bool is_free = true;
-    while (is_free && !drawn) { /* retries only if another thread has reserved one */
+    while (is_free && !is_reserved) { /* retries only if another thread has reserved one */
         uint64_t taken = __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE); /* must be loaded first */
         *number = __atomic_load_n(next, __ATOMIC_RELAXED);
         is_free = *number - taken < TL_RECORDER_EVENTS;
-        drawn = is_free &&
-                __atomic_compare_exchange_n(next, number, *number + 1, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+        is_reserved = is_free &&
+                      __atomic_compare_exchange_n(next, number, *number + 1, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
     }
-    return drawn;
+    return is_reserved;
 }
 
 void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity severity, const char *source,
@@ -348,8 +348,8 @@ void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity sev
     if (!has_reader(queue)) {
         return;
     }
-    if (!draw_number(queue, &number)) {
-        lose(queue);
+    if (!reserve_number(queue, &number)) {
+        count_loss(queue);
         return;
     }
     tl_record_queue_slot *slot = &queue->control->slots[number % TL_RECORDER_EVENTS];
@@ -365,11 +365,11 @@ void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity sev
 /* Returns NULL, or a text that describes what is invalid in an event. */
 static const char *tl_record_queue_event_fault(const tl_recorder_event_entry *event) {
     if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
-        return "an event of a severity that there is not";
+        return "an event of unknown severity";
     }
     bool end = memchr(event->source, '\0', sizeof event->source) != NULL &&
                memchr(event->text, '\0', sizeof event->text) != NULL;
-    return end ? NULL : "an event with a text without an end";
+    return end ? NULL : "an event with an unterminated text";
 }
 
 /* ---- Checkpoints ---- */
@@ -378,8 +378,8 @@ uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mar
     return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
 }
 
-static unsigned char *bytes_of_place(const tl_record_queue *queue, unsigned place) {
-    return (unsigned char *)queue->control + tl_record_queue_checkpoint_at(&queue->settings, place);
+static unsigned char *slot_bytes(const tl_record_queue *queue, unsigned checkpoint_slot) {
+    return (unsigned char *)queue->control + tl_record_queue_checkpoint_at(&queue->settings, checkpoint_slot);
 }
 
 /* Touches the pages, so that later stores cause no page fault. The content stays, and may be read
@@ -396,8 +396,8 @@ bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size) {
         return false;
     }
     bool there = true;
-    for (unsigned place = 0; place <= TL_RECORD_QUEUE_PLACES && there; place++) {
-        unsigned char *bytes = bytes_of_place(queue, place);
+    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_PLACES && there; checkpoint_slot++) {
+        unsigned char *bytes = slot_bytes(queue, checkpoint_slot);
         there = !queue->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
         touch_pages(bytes, there ? size : 0);
     }
@@ -407,13 +407,13 @@ bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size) {
 
 unsigned char *tl_record_queue_checkpoint_room(tl_record_queue *queue, size_t *capacity) {
     *capacity = queue->reserved;
-    return queue->reserved == 0 ? NULL : bytes_of_place(queue, TL_RECORD_QUEUE_PLACES);
+    return queue->reserved == 0 ? NULL : slot_bytes(queue, TL_RECORD_QUEUE_PLACES);
 }
 
 void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t size) {
     uint64_t number = queue->number + 1;
-    const unsigned char *room = bytes_of_place(queue, TL_RECORD_QUEUE_PLACES);
-    tl_record_queue_checkpoint *place = &queue->control->places[number % TL_RECORD_QUEUE_PLACES];
+    const unsigned char *room = slot_bytes(queue, TL_RECORD_QUEUE_PLACES);
+    tl_record_queue_checkpoint *checkpoint_slot = &queue->control->places[number % TL_RECORD_QUEUE_PLACES];
     const tl_record_queue_control *control = queue->control;
     size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
     tl_record_queue_mark mark = {.tick = tick,
@@ -423,11 +423,11 @@ void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t
                                  .beginning = queue->beginning,
                                  .tuning = queue->tuning};
     assert(size <= queue->reserved);
-    __atomic_store_n(&place->number, 0, __ATOMIC_RELAXED);
-    store_bytes((unsigned char *)place->mark, (const unsigned char *)&mark, sizeof mark);
-    store_bytes(bytes_of_place(queue, (unsigned)(number % TL_RECORD_QUEUE_PLACES)), room, size);
-    __atomic_store_n(&place->digest, tl_record_queue_digest(number, &mark, room), __ATOMIC_RELAXED);
-    __atomic_store_n(&place->number, number, __ATOMIC_RELEASE);
+    __atomic_store_n(&checkpoint_slot->number, 0, __ATOMIC_RELAXED);
+    store_bytes((unsigned char *)checkpoint_slot->mark, (const unsigned char *)&mark, sizeof mark);
+    store_bytes(slot_bytes(queue, (unsigned)(number % TL_RECORD_QUEUE_PLACES)), room, size);
+    __atomic_store_n(&checkpoint_slot->digest, tl_record_queue_digest(number, &mark, room), __ATOMIC_RELAXED);
+    __atomic_store_n(&checkpoint_slot->number, number, __ATOMIC_RELEASE);
     queue->number = number;
 }
 
@@ -438,27 +438,27 @@ static tl_recorder_page page_of(const tl_record_queue *queue) {
 }
 
 /* Returns the number of the valid checkpoint in a slot; 0: none. */
-static uint64_t look_at_place(const tl_record_queue *queue, unsigned place, tl_record_queue_mark *mark) {
+static uint64_t check_slot(const tl_record_queue *queue, unsigned checkpoint_slot, tl_record_queue_mark *mark) {
     uint64_t number = 0;
     uint64_t digest = 0;
-    bool whole = look_at_mark(&queue->control->places[place], &number, &digest, mark) &&
-                 number % TL_RECORD_QUEUE_PLACES == place && mark->size <= queue->settings.checkpoint_bytes &&
-                 tl_record_queue_digest(number, mark, bytes_of_place(queue, place)) == digest;
+    bool whole = read_mark(&queue->control->places[checkpoint_slot], &number, &digest, mark) &&
+                 number % TL_RECORD_QUEUE_PLACES == checkpoint_slot && mark->size <= queue->settings.checkpoint_bytes &&
+                 tl_record_queue_digest(number, mark, slot_bytes(queue, checkpoint_slot)) == digest;
     return whole ? number : 0;
 }
 
 void tl_record_queue_hide_unused(tl_record_queue *queue) {
     size_t capacity = round_up(queue->settings.checkpoint_bytes, PAGE);
-    for (unsigned place = 0; place <= TL_RECORD_QUEUE_PLACES; place++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
         tl_record_queue_mark mark = {.size = 0};
-        bool is_left = place < TL_RECORD_QUEUE_PLACES && look_at_place(queue, place, &mark) != 0;
-        size_t used = is_left ? (size_t)mark.size : 0;
+        bool is_used = checkpoint_slot < TL_RECORD_QUEUE_PLACES && check_slot(queue, checkpoint_slot, &mark) != 0;
+        size_t used = is_used ? (size_t)mark.size : 0;
         used = round_up(used > queue->reserved ? used : queue->reserved, PAGE);
-        if (place < TL_RECORD_QUEUE_PLACES && !is_left) { /* a reader must not read hidden pages */
-            __atomic_store_n(&queue->control->places[place].number, 0, __ATOMIC_RELAXED);
+        if (checkpoint_slot < TL_RECORD_QUEUE_PLACES && !is_used) { /* a reader must not read hidden pages */
+            __atomic_store_n(&queue->control->places[checkpoint_slot].number, 0, __ATOMIC_RELAXED);
         }
         if (used < capacity) {
-            (void)mprotect(bytes_of_place(queue, place) + used, capacity - used, PROT_NONE);
+            (void)mprotect(slot_bytes(queue, checkpoint_slot) + used, capacity - used, PROT_NONE);
         }
     }
     queue->hides = true;
@@ -467,21 +467,22 @@ void tl_record_queue_hide_unused(tl_record_queue *queue) {
 bool tl_record_queue_checkpoint_left(const tl_record_queue *queue, unsigned which, tl_record_queue_left *left) {
     tl_record_queue_mark marks[TL_RECORD_QUEUE_PLACES];
     uint64_t numbers[TL_RECORD_QUEUE_PLACES];
-    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
-        numbers[place] = look_at_place(queue, place, &marks[place]);
-        numbers[place] = is_kept(queue, queue->written, marks[place].position) ? numbers[place] : 0;
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+        numbers[checkpoint_slot] = check_slot(queue, checkpoint_slot, &marks[checkpoint_slot]);
+        numbers[checkpoint_slot] =
+            is_kept(queue, queue->written, marks[checkpoint_slot].position) ? numbers[checkpoint_slot] : 0;
     }
     unsigned newest = numbers[1] > numbers[0] ? 1 : 0;
-    unsigned place = which == 0 ? newest : 1 - newest;
-    if (which >= TL_RECORD_QUEUE_PLACES || numbers[place] == 0) {
+    unsigned checkpoint_slot = which == 0 ? newest : 1 - newest;
+    if (which >= TL_RECORD_QUEUE_PLACES || numbers[checkpoint_slot] == 0) {
         return false;
     }
-    *left = (tl_record_queue_left){.tick = marks[place].tick,
-                                   .bytes = bytes_of_place(queue, place),
-                                   .size = (size_t)marks[place].size,
-                                   .position = marks[place].position,
-                                   .beginning = marks[place].beginning,
-                                   .tuning = marks[place].tuning};
+    *left = (tl_record_queue_left){.tick = marks[checkpoint_slot].tick,
+                                   .bytes = slot_bytes(queue, checkpoint_slot),
+                                   .size = (size_t)marks[checkpoint_slot].size,
+                                   .position = marks[checkpoint_slot].position,
+                                   .beginning = marks[checkpoint_slot].beginning,
+                                   .tuning = marks[checkpoint_slot].tuning};
     return true;
 }
 
@@ -515,8 +516,8 @@ static void mend_ring(tl_record_queue *queue) {
         queue->waiting = waits ? entry.sample.tick : 0;
     }
     if (!sound) {
-        lose(queue);
-        go_back(queue, position);
+        count_loss(queue);
+        rewind_end(queue, position);
     }
     __atomic_store_n(&queue->control->head, queue->published, __ATOMIC_RELEASE);
     __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
@@ -539,7 +540,7 @@ static void mend_events(tl_record_queue *queue) {
     tl_record_queue_control *control = queue->control;
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE) : control->next;
     if (control->next - taken > TL_RECORDER_EVENTS) {
-        lose(queue);
+        count_loss(queue);
         control->next = taken;
     }
     for (uint64_t number = taken; number != taken + TL_RECORDER_EVENTS; number++) {
@@ -557,9 +558,9 @@ static void mend_events(tl_record_queue *queue) {
 static void mend_checkpoints(tl_record_queue *queue) {
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
     uint64_t newest = 0;
-    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
         tl_record_queue_mark mark;
-        uint64_t number = look_at_place(queue, place, &mark);
+        uint64_t number = check_slot(queue, checkpoint_slot, &mark);
         newest = number > newest ? number : newest;
     }
     queue->number = newest;
@@ -606,12 +607,12 @@ void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const
         .settings = *settings, .control = memory, .ring = (const unsigned char *)memory + tl_record_queue_ring_at()};
 }
 
-static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
+static bool set_fault(tl_record_queue_reader *reader, bool *is_broken, const char *format, ...) TL_PRINTF(3, 4);
 
 /* Stops reading this part. */
-static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) {
+static bool set_fault(tl_record_queue_reader *reader, bool *is_broken, const char *format, ...) {
     va_list arguments;
-    *part = true;
+    *is_broken = true;
     va_start(arguments, format);
     (void)vsnprintf(reader->fault, sizeof reader->fault, format, arguments);
     va_end(arguments);
@@ -631,8 +632,8 @@ uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t tak
     bool waits = waiting <= ring && (reader->is_left || taken - head <= waiting);
     uint64_t end = !waits ? head : reader->is_left ? head + waiting : taken;
     if (!reader->is_ring_broken && end - taken > ring) {
-        (void)refuse(reader, &reader->is_ring_broken, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken,
-                     ring);
+        (void)set_fault(reader, &reader->is_ring_broken, "claims %" PRIu64 " bytes in a ring of %" PRIu64, end - taken,
+                        ring);
     }
     return reader->is_ring_broken ? taken : end;
 }
@@ -653,7 +654,7 @@ bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *posi
         return false;
     }
     const char *fault = tl_recorder_entry_unpack(&page, &reader->settings.shape, position, entry);
-    return fault == NULL || refuse(reader, &reader->is_ring_broken, "holds %s", fault);
+    return fault == NULL || set_fault(reader, &reader->is_ring_broken, "holds %s", fault);
 }
 
 bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t number, tl_recorder_event_entry *event,
@@ -665,7 +666,7 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
         return false;
     }
     if (ahead > 1) {
-        return refuse(reader, &reader->are_events_broken, "has overwritten events that were not taken");
+        return set_fault(reader, &reader->are_events_broken, "has overwritten events before they were read");
     }
     if (*skip) {
         return true;
@@ -674,7 +675,7 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     const char *fault = tl_record_queue_event_fault(event);
     if (fault != NULL) {
-        return refuse(reader, &reader->are_events_broken, "holds %s", fault);
+        return set_fault(reader, &reader->are_events_broken, "holds %s", fault);
     }
     tl_recorder_text_clean(event->source);
     tl_recorder_text_clean(event->text);
@@ -682,16 +683,17 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
 }
 
 /* A checkpoint that may be taken according to its mark. */
-typedef struct offer {
-    unsigned place;
+typedef struct candidate {
+    unsigned checkpoint_slot;
     uint64_t number; /* 0: none */
     uint64_t digest;
     tl_record_queue_mark mark;
-} offer;
+} candidate;
 
-static offer look(const tl_record_queue_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
-    offer found = {.place = place};
-    bool good = look_at_mark(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
+static candidate find_candidate(const tl_record_queue_reader *reader, unsigned checkpoint_slot, uint64_t taken,
+                                uint64_t position) {
+    candidate found = {.checkpoint_slot = checkpoint_slot};
+    bool good = read_mark(&reader->control->places[checkpoint_slot], &found.number, &found.digest, &found.mark) &&
                 found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
                 found.mark.size <= reader->settings.checkpoint_bytes;
     found.number = good ? found.number : 0;
@@ -699,29 +701,31 @@ static offer look(const tl_record_queue_reader *reader, unsigned place, uint64_t
 }
 
 /* Returns false if there is none, if it is invalid, or if it was overwritten meanwhile. */
-static bool copy(const tl_record_queue_reader *reader, const offer *offered, unsigned char *bytes) {
+static bool copy_candidate(const tl_record_queue_reader *reader, const candidate *chosen, unsigned char *bytes) {
     const unsigned char *there = (const unsigned char *)reader->control;
-    if (offered->number == 0 || reader->is_ring_broken) {
+    if (chosen->number == 0 || reader->is_ring_broken) {
         return false;
     }
-    load_bytes(bytes, there + tl_record_queue_checkpoint_at(&reader->settings, offered->place),
-               (size_t)offered->mark.size);
-    return tl_record_queue_digest(offered->number, &offered->mark, bytes) == offered->digest;
+    load_bytes(bytes, there + tl_record_queue_checkpoint_at(&reader->settings, chosen->checkpoint_slot),
+               (size_t)chosen->mark.size);
+    return tl_record_queue_digest(chosen->number, &chosen->mark, bytes) == chosen->digest;
 }
 
 bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
                                        unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number) {
-    offer first = look(reader, 0, taken, position);
-    offer second = look(reader, 1, taken, position);
-    const offer *newer = second.number > first.number ? &second : &first;
-    const offer *older = newer == &first ? &second : &first;
-    const offer *offered = copy(reader, older, bytes) ? older : copy(reader, newer, bytes) ? newer : NULL;
-    if (offered == NULL) {
+    candidate first = find_candidate(reader, 0, taken, position);
+    candidate second = find_candidate(reader, 1, taken, position);
+    const candidate *newer = second.number > first.number ? &second : &first;
+    const candidate *older = newer == &first ? &second : &first;
+    const candidate *chosen = copy_candidate(reader, older, bytes)   ? older
+                              : copy_candidate(reader, newer, bytes) ? newer
+                                                                     : NULL;
+    if (chosen == NULL) {
         return false;
     }
-    *size = (size_t)offered->mark.size;
-    *tick = offered->mark.tick;
-    *number = offered->number;
+    *size = (size_t)chosen->mark.size;
+    *tick = chosen->mark.tick;
+    *number = chosen->number;
     return true;
 }
 

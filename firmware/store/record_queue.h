@@ -256,7 +256,7 @@ typedef struct tl_record_queue_control {
 } tl_record_queue_control;
 
 size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings,
-                                     unsigned place); /* PLACES: memory for the next; PLACES + 1: end */
+                                     unsigned checkpoint_slot); /* PLACES: memory for the next; PLACES + 1: end */
 
 /* Upper limit of checkpoint numbers, so that they never wrap around. */
 #define TL_RECORD_QUEUE_NUMBERS (UINT64_MAX / 2)

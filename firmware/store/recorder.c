@@ -93,7 +93,7 @@ static void *run_writer(void *argument) {
 
 /* ---- Open and close ---- */
 
-static void destroy(tl_recorder *recorder) {
+static void free_recorder(tl_recorder *recorder) {
     free(recorder->memory);
     free(recorder);
 }
@@ -114,16 +114,17 @@ static tl_status start(tl_recorder *recorder, tl_error *error) {
     tl_record_queue_open(&queue.settings, recorder->memory, &recorder->state.taken[0], &recorder->queue);
     queue.memory = recorder->memory;
     recorder->start.account = *settings->account;
-    const tl_recorder_writer_settings made = {
+    const tl_recorder_writer_settings writer_settings = {
         .record = settings, .queues = &queue, .queue_count = 1, .state = &recorder->state, .first = &recorder->start};
-    tl_status status = tl_recorder_writer_open(&made, &recorder->writer, error);
+    tl_status status = tl_recorder_writer_open(&writer_settings, &recorder->writer, error);
     if (status != TL_OK) {
         return status;
     }
     int code = tl_side_thread_start(&recorder->thread, STACK, run_writer, recorder);
     if (code != 0) {
         (void)tl_recorder_writer_close(recorder->writer, 0, NULL);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: no thread to write it: %s", settings->path, strerror(code));
+        return tl_fail(error, TL_TRY_AGAIN, "%s: the recorder's thread cannot be started: %s", settings->path,
+                       strerror(code));
     }
     return TL_OK;
 }
@@ -137,7 +138,7 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
     opened->settings = *settings;
     tl_status status = start(opened, error);
     if (status != TL_OK) {
-        destroy(opened);
+        free_recorder(opened);
         return status;
     }
     *recorder = opened;
@@ -168,6 +169,6 @@ tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_record
     if (counts != NULL) {
         *counts = tl_recorder_get_counts(recorder);
     }
-    destroy(recorder);
+    free_recorder(recorder);
     return status;
 }

@@ -52,7 +52,7 @@ typedef enum statement {
     COMMIT,
     ROLLBACK,
     HAS_TOTALS,
-    GO_ON,
+    RESUME_RUN,
     CONFIGURATION,
     TUNING,
     TUNING_AGAIN,
@@ -118,8 +118,8 @@ static const char *const sql_of[STATEMENTS] = {
     [ROLLBACK] = "ROLLBACK",
     [HAS_TOTALS] = "SELECT 1 FROM runs WHERE run = ?1 AND (samples_written, steps_written, events_written,"
                    " entries_lost, committed) = (?2, ?3, ?4, ?5, ?6)",
-    [GO_ON] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
-              " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
+    [RESUME_RUN] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
+                   " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
     /* Adds the text if it was unknown when a run began with this configuration. */
     [CONFIGURATION] = "INSERT INTO configurations (hash, text) VALUES (?2, ?3)"
                       " ON CONFLICT (hash) DO UPDATE SET text = excluded.text WHERE text = ''",
@@ -247,16 +247,16 @@ static cell cell_text(const char *value) {
 }
 
 /* Replaces bytes that are not UTF-8 by "?". */
-static void repair(char *text) {
-    for (size_t left = strlen(text); left > 0;) {
+static void repair_text(char *text) {
+    for (size_t frames = strlen(text); frames > 0;) {
         uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
+        size_t length = tl_utf8_read(text, frames, &code);
         if (length == 0) {
             *text = '?';
             length = 1;
         }
         text += length;
-        left -= length;
+        frames -= length;
     }
 }
 
@@ -265,7 +265,7 @@ static void repair(char *text) {
 static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
     char *repaired = sqlite3_mprintf("%s", text);
     if (repaired != NULL) {
-        repair(repaired);
+        repair_text(repaired);
     }
     (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
 }
@@ -305,7 +305,7 @@ static int write_row(tl_recorder_database *database, statement which, const cell
 }
 
 /* Executes a statement for a run with one number, which the statement may ignore. */
-static int change(tl_recorder_database *database, statement which, int64_t run, int64_t value) {
+static int execute_change(tl_recorder_database *database, statement which, int64_t run, int64_t value) {
     sqlite3_stmt *prepared = database->statements[which];
     (void)sqlite3_bind_int64(prepared, 1, run);
     (void)sqlite3_bind_int64(prepared, 2, value);
@@ -313,12 +313,13 @@ static int change(tl_recorder_database *database, statement which, int64_t run, 
 }
 
 /* Executes a query for one number of a run; `otherwise` if it is NULL or there is no row. */
-static int ask(tl_recorder_database *database, statement which, int64_t run, int64_t otherwise, int64_t *value) {
+static int query_number(tl_recorder_database *database, statement which, int64_t run, int64_t fallback,
+                        int64_t *value) {
     sqlite3_stmt *prepared = database->statements[which];
     (void)sqlite3_bind_int64(prepared, 1, run);
     int code = sqlite3_step(prepared);
     bool any = code == SQLITE_ROW && sqlite3_column_type(prepared, 0) == SQLITE_INTEGER;
-    *value = any ? sqlite3_column_int64(prepared, 0) : otherwise;
+    *value = any ? sqlite3_column_int64(prepared, 0) : fallback;
     (void)sqlite3_reset(prepared);
     return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
 }
@@ -365,8 +366,8 @@ static int count_frames(void *context, sqlite3 *connection, const char *name, in
  * transaction removes. The ticks of a damaged run may have any value. */
 static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *first, int64_t *until) {
     int64_t ticks = 0;
-    int code = ask(database, FIRST_TICK, run, INT64_MAX, first);
-    code = code != SQLITE_OK ? code : ask(database, TICKS_AT_ONCE, run, 1, &ticks);
+    int code = query_number(database, FIRST_TICK, run, INT64_MAX, first);
+    code = code != SQLITE_OK ? code : query_number(database, TICKS_AT_ONCE, run, 1, &ticks);
     *until = *first < INT64_MAX - ticks ? *first + ticks : INT64_MAX;
     return code;
 }
@@ -374,7 +375,7 @@ static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *fir
 static int change_all(tl_recorder_database *database, statement first, statement last, int64_t run, int64_t value) {
     int code = SQLITE_OK;
     for (statement which = first; which <= last && code == SQLITE_OK; which++) {
-        code = change(database, which, run, value);
+        code = execute_change(database, which, run, value);
     }
     return code;
 }
@@ -397,17 +398,17 @@ static int remove_of_this_run(tl_recorder_database *database, bool *removed) {
     int64_t events = 0;
     int64_t run = database->run;
     int code = find_oldest(database, run, &first, &until);
-    code = code != SQLITE_OK ? code : ask(database, LAST_SAMPLE, run, -1, &last);
+    code = code != SQLITE_OK ? code : query_number(database, LAST_SAMPLE, run, -1, &last);
     if (code == SQLITE_OK && first != INT64_MAX && first < last) {
         return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until < last ? until : last);
     }
-    code = code != SQLITE_OK ? code : ask(database, COUNT_EVENTS, run, 0, &events);
+    code = code != SQLITE_OK ? code : query_number(database, COUNT_EVENTS, run, 0, &events);
     if (code != SQLITE_OK || events <= NEWEST_EVENTS) {
         *removed = false;
         return code;
     }
     int64_t surplus = events - NEWEST_EVENTS;
-    return change(database, OLD_EVENTS, run, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE);
+    return execute_change(database, OLD_EVENTS, run, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE);
 }
 
 /* Removes a little in one transaction. *removed is false if nothing remains that may be removed. */
@@ -418,7 +419,7 @@ static int remove_some(tl_recorder_database *database, bool *removed) {
     if (code != SQLITE_OK) {
         return code;
     }
-    code = ask(database, OLDEST_RUN, database->run, 0, &run);
+    code = query_number(database, OLDEST_RUN, database->run, 0, &run);
     if (code == SQLITE_OK && run != 0) {
         code = remove_of_old_run(database, run);
     } else if (code == SQLITE_OK && database->run != 0) {
@@ -438,11 +439,11 @@ static int64_t log_bytes(const tl_recorder_database *database) {
 }
 
 static int write_back(tl_recorder_database *database, int mode) {
-    int left = 0;
-    int done = 0;
-    int code = sqlite3_wal_checkpoint_v2(database->connection, "main", mode, &left, &done);
+    int frames = 0;
+    int written = 0;
+    int code = sqlite3_wal_checkpoint_v2(database->connection, "main", mode, &frames, &written);
     database->writings_back++;
-    if (code == SQLITE_OK && left == done) {
+    if (code == SQLITE_OK && frames == written) {
         database->log_frames = 0; /* the next transaction restarts the log unless a reader needs it */
     }
     return code;
@@ -460,7 +461,7 @@ int tl_recorder_database_tidy(tl_recorder_database *database) {
 }
 
 /* Returns at most `pages` free pages to the file system. */
-static int shrink(tl_recorder_database *database, int64_t pages) {
+static int shrink_file(tl_recorder_database *database, int64_t pages) {
     char sql[64];
     (void)snprintf(sql, sizeof sql, "PRAGMA incremental_vacuum(%lld)",
                    (long long)(pages < PAGES_AT_ONCE ? pages : PAGES_AT_ONCE));
@@ -492,10 +493,10 @@ static int make_room(tl_recorder_database *database, size_t bytes) {
     bool removed = true;
     int code = check_log(database, needed);
     for (int i = 0; i < STEPS_PER_BATCH && code == SQLITE_OK && removed; i++) {
-        code = ask(database, PAGE_COUNT, 0, 0, &all);
-        code = code == SQLITE_OK ? ask(database, FREE_COUNT, 0, 0, &unused) : code;
+        code = query_number(database, PAGE_COUNT, 0, 0, &all);
+        code = code == SQLITE_OK ? query_number(database, FREE_COUNT, 0, 0, &unused) : code;
         if (code == SQLITE_OK && all > most && unused > 0) {
-            code = shrink(database, all - most);
+            code = shrink_file(database, all - most);
         } else if (code == SQLITE_OK && all - unused + needed > most) {
             code = remove_some(database, &removed);
         } else {
@@ -624,14 +625,14 @@ static int write_signals(tl_recorder_database *database, const tl_record_queue_s
         code = write_signal(database, "plant", i, signal, signal->unit, signal->type);
     }
     for (size_t i = 0; !start->holds && i < settings->match_count && code == SQLITE_OK; i++) {
-        bool told = i < account->matches;
-        code = write_signal(database, "match", i, &settings->match[i], told ? account->match[i].unit : "",
-                            told ? account->match[i].type : TL_REAL);
+        bool is_known = i < account->matches;
+        code = write_signal(database, "match", i, &settings->match[i], is_known ? account->match[i].unit : "",
+                            is_known ? account->match[i].type : TL_REAL);
     }
     for (size_t i = 0; !start->holds && i < settings->adjust_count && code == SQLITE_OK; i++) {
-        bool told = i < account->adjusts;
-        code = write_signal(database, "adjust", i, &settings->adjust[i], told ? account->adjust[i].unit : "",
-                            told ? account->adjust[i].type : TL_REAL);
+        bool is_known = i < account->adjusts;
+        code = write_signal(database, "adjust", i, &settings->adjust[i], is_known ? account->adjust[i].unit : "",
+                            is_known ? account->adjust[i].type : TL_REAL);
     }
     size_t components =
         account->components < settings->component_count ? account->components : settings->component_count;
@@ -670,7 +671,7 @@ int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size
 }
 
 int tl_recorder_database_go_on(tl_recorder_database *database) {
-    return change(database, GO_ON, database->run, 0);
+    return execute_change(database, RESUME_RUN, database->run, 0);
 }
 
 /* This process has the writer's lock, so the recorder of a run without an end was killed. The last
@@ -696,7 +697,7 @@ int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick
     (void)sqlite3_bind_blob64(prepared, 5, bytes, size, SQLITE_STATIC);
     int code = run_statement(prepared);
     (void)sqlite3_clear_bindings(prepared);
-    return code == SQLITE_OK ? change(database, OLD_CHECKPOINTS, database->run, 0) : code;
+    return code == SQLITE_OK ? execute_change(database, OLD_CHECKPOINTS, database->run, 0) : code;
 }
 
 static int write_sample(tl_recorder_database *database, const tl_sample *sample) {
@@ -758,7 +759,7 @@ int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tun
         code = write_row(database, CONFIGURATION, (cell[]){hash, cell_text(known->text)});
     } else {
         bind_row(database, IS_CONFIGURATION, &hash);
-        code = ask(database, IS_CONFIGURATION, database->run, 0, &is);
+        code = query_number(database, IS_CONFIGURATION, database->run, 0, &is);
     }
     *impossible = is == 0;
     if (code != SQLITE_OK || is == 0) {
@@ -809,7 +810,7 @@ static void bind_totals(tl_recorder_database *database, statement which, const t
 int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const tl_recorder_totals *totals, bool *has) {
     int64_t found = 0;
     bind_totals(database, HAS_TOTALS, totals);
-    int code = ask(database, HAS_TOTALS, run, 0, &found);
+    int code = query_number(database, HAS_TOTALS, run, 0, &found);
     *has = found != 0;
     return code;
 }
@@ -865,7 +866,7 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
     for (int i = 0; i < STATEMENTS && code == SQLITE_OK; i++) {
         code = sqlite3_prepare_v3(connection, sql_of[i], -1, SQLITE_PREPARE_PERSISTENT, &opened->statements[i], NULL);
     }
-    return code == SQLITE_OK ? ask(opened, PAGE_SIZE, 0, 4096, &opened->page_size) : code;
+    return code == SQLITE_OK ? query_number(opened, PAGE_SIZE, 0, 4096, &opened->page_size) : code;
 }
 
 void tl_recorder_database_close(tl_recorder_database *database) {

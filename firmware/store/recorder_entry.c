@@ -29,7 +29,7 @@ static inline void copy_part(unsigned char *to, const unsigned char *from, size_
 }
 
 /* Invertible, so that a changed word always changes the digest. */
-static uint64_t mix(uint64_t digest, uint64_t word) {
+static uint64_t mix_word(uint64_t digest, uint64_t word) {
     digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
     return digest ^ digest >> 29;
 }
@@ -39,12 +39,12 @@ uint64_t tl_recorder_digest(uint64_t digest, const void *part, size_t size) {
     uint64_t word = 0;
     for (; size >= sizeof word; size -= sizeof word, bytes += sizeof word) {
         memcpy(&word, bytes, sizeof word);
-        digest = mix(digest, word);
+        digest = mix_word(digest, word);
     }
     if (size > 0) {
         word = 0;
         copy_part((unsigned char *)&word, bytes, size);
-        digest = mix(digest, word);
+        digest = mix_word(digest, word);
     }
     return digest;
 }
@@ -130,8 +130,8 @@ bool tl_packed_record_is_sound(const tl_record *record, size_t match) {
 /* ---- Sizes ---- */
 
 size_t tl_recorder_entry_size_of_start(bool holds) {
-    size_t told = holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning);
-    return 2 + sizeof(tl_resumption) + 2 * sizeof(uint64_t) + told;
+    size_t account_size = holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning);
+    return 2 + sizeof(tl_resumption) + 2 * sizeof(uint64_t) + account_size;
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
@@ -162,7 +162,7 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
 
 /* ---- Packing ---- */
 
-static void put(tl_recorder_pen *pen, const void *part, size_t size) {
+static void put_bytes(tl_recorder_pen *pen, const void *part, size_t size) {
     pen->digest = tl_recorder_digest(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
@@ -174,13 +174,13 @@ static void put(tl_recorder_pen *pen, const void *part, size_t size) {
 static void put_parts(tl_recorder_pen *pen, const tl_packed_part *parts, const tl_recorder_shape *shape,
                       const void *from) {
     for (; parts->size != 0; parts++) {
-        put(pen, (const unsigned char *)from + parts->at, bytes_of(parts, shape));
+        put_bytes(pen, (const unsigned char *)from + parts->at, bytes_of(parts, shape));
     }
 }
 
 static void put_byte(tl_recorder_pen *pen, unsigned value) {
     unsigned char byte = (unsigned char)value;
-    put(pen, &byte, 1);
+    put_bytes(pen, &byte, 1);
 }
 
 static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
@@ -190,18 +190,18 @@ static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
 
 static void put_digest(tl_recorder_pen *pen) {
     uint64_t digest = pen->digest;
-    put(pen, &digest, sizeof digest);
+    put_bytes(pen, &digest, sizeof digest);
 }
 
 void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_record_queue_start *start, uint64_t id) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, start->holds);
-    put(pen, &start->resumption, sizeof start->resumption);
-    put(pen, &id, sizeof id);
+    put_bytes(pen, &start->resumption, sizeof start->resumption);
+    put_bytes(pen, &id, sizeof id);
     if (!start->holds) {
-        put(pen, &start->account, sizeof start->account);
-        put(pen, start->fmus, sizeof start->fmus);
-        put(pen, &start->configured, sizeof start->configured);
+        put_bytes(pen, &start->account, sizeof start->account);
+        put_bytes(pen, start->fmus, sizeof start->fmus);
+        put_bytes(pen, &start->configured, sizeof start->configured);
     }
     put_digest(pen);
 }
@@ -225,8 +225,8 @@ void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape
         relative.stamps[i] = tl_recorder_entry_stamp(start, sample->stamps[i]);
     }
     put_kind(pen, TL_ENTRY_SAMPLE);
-    put(pen, &id, sizeof id);
-    put(pen, &relative.tick, sizeof relative.tick);
+    put_bytes(pen, &id, sizeof id);
+    put_bytes(pen, &relative.tick, sizeof relative.tick);
     put_parts(pen, tl_packed_signals, shape, &relative);
     put_digest(pen);
 }
@@ -235,28 +235,28 @@ void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *
                                  const tl_recorder_component *ledger) {
     put_kind(pen, TL_ENTRY_STEP);
     put_parts(pen, tl_packed_record, shape, record);
-    put(pen, ledger, shape->components * sizeof *ledger);
+    put_bytes(pen, ledger, shape->components * sizeof *ledger);
     put_digest(pen);
 }
 
 void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, const void *part, size_t size) {
     put_kind(pen, kind);
-    put(pen, part, size);
+    put_bytes(pen, part, size);
     put_digest(pen);
 }
 
 /* ---- Unpacking ---- */
 
 /* Read position within an entry. */
-typedef struct look {
+typedef struct cursor {
     const tl_recorder_page *page;
     uint64_t position;
     uint64_t digest;
-} look;
+} cursor;
 
 /* Returns false if the part would exceed the end. Each byte is copied once and then not read from
  * the memory again. */
-static bool get(look *at, void *part, size_t size) {
+static bool get_bytes(cursor *at, void *part, size_t size) {
     const tl_recorder_page *page = at->page;
     size_t from = (size_t)(at->position & (page->capacity - 1));
     size_t first = size < page->capacity - from ? size : page->capacity - from;
@@ -271,30 +271,30 @@ static bool get(look *at, void *part, size_t size) {
     return true;
 }
 
-static bool get_parts(look *at, const tl_packed_part *parts, const tl_recorder_shape *shape, void *to) {
+static bool get_parts(cursor *at, const tl_packed_part *parts, const tl_recorder_shape *shape, void *to) {
     bool whole = true;
     for (; whole && parts->size != 0; parts++) {
-        whole = get(at, (unsigned char *)to + parts->at, bytes_of(parts, shape));
+        whole = get_bytes(at, (unsigned char *)to + parts->at, bytes_of(parts, shape));
     }
     return whole;
 }
 
-static const char *const CUT = "an entry that ends behind the last one";
-static const char *const UNKNOWN = "an enumeration with a value that it does not have";
+static const char *const CUT = "a truncated entry";
+static const char *const UNKNOWN = "an enumeration with an unknown value";
 
-static const char *get_tuning(look *at, tl_run_tuning *tuning) {
-    if (!get(at, tuning, sizeof *tuning)) {
+static const char *get_tuning(cursor *at, tl_run_tuning *tuning) {
+    if (!get_bytes(at, tuning, sizeof *tuning)) {
         return CUT;
     }
-    return tl_identity_is_sound(tuning->hash) ? NULL : "a digest of a configuration that is none";
+    return tl_identity_is_sound(tuning->hash) ? NULL : "an invalid digest of a configuration";
 }
 
-static const char *get_start(look *at, tl_recorder_entry *entry) {
+static const char *get_start(cursor *at, tl_recorder_entry *entry) {
     tl_record_queue_start *start = &entry->start;
     uint8_t holds = 0;
     memset(start, 0, sizeof *start);
-    if (!get(at, &holds, 1) || !get(at, &start->resumption, sizeof start->resumption) ||
-        !get(at, &entry->id, sizeof entry->id)) {
+    if (!get_bytes(at, &holds, 1) || !get_bytes(at, &start->resumption, sizeof start->resumption) ||
+        !get_bytes(at, &entry->id, sizeof entry->id)) {
         return CUT;
     }
     if (holds > 1 || (unsigned)start->resumption.from > (unsigned)TL_RESUMED_INPUTS) {
@@ -304,49 +304,49 @@ static const char *get_start(look *at, tl_recorder_entry *entry) {
     if (start->holds) {
         return NULL;
     }
-    if (!get(at, &start->account, sizeof start->account) || !get(at, start->fmus, sizeof start->fmus)) {
+    if (!get_bytes(at, &start->account, sizeof start->account) || !get_bytes(at, start->fmus, sizeof start->fmus)) {
         return CUT;
     }
     if (!tl_identity_is_sound(start->fmus)) {
-        return "a digest of FMUs that is none";
+        return "an invalid digest of the FMUs";
     }
-    return tl_account_is_sound(&start->account) ? get_tuning(at, &start->configured) : "an account that is none";
+    return tl_account_is_sound(&start->account) ? get_tuning(at, &start->configured) : "an invalid account";
 }
 
-static const char *get_sample(look *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {
-    bool whole = get(at, id, sizeof *id) && get(at, &sample->tick, sizeof sample->tick) &&
+static const char *get_sample(cursor *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {
+    bool whole = get_bytes(at, id, sizeof *id) && get_bytes(at, &sample->tick, sizeof sample->tick) &&
                  get_parts(at, tl_packed_signals, shape, sample);
     return !whole ? CUT : are_qualities(sample->quality, shape->plant) ? NULL : UNKNOWN;
 }
 
-static const char *get_step(look *at, const tl_recorder_shape *shape, tl_recorder_entry *entry) {
+static const char *get_step(cursor *at, const tl_recorder_shape *shape, tl_recorder_entry *entry) {
     bool whole = get_parts(at, tl_packed_record, shape, &entry->record) &&
-                 get(at, entry->ledger, shape->components * sizeof *entry->ledger);
+                 get_bytes(at, entry->ledger, shape->components * sizeof *entry->ledger);
     return !whole ? CUT : tl_packed_record_is_sound(&entry->record, shape->match) ? NULL : UNKNOWN;
 }
 
-static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
-    if (!get(at, reason, TL_RECORDER_REASON)) {
+static const char *get_end(cursor *at, char reason[TL_RECORDER_REASON]) {
+    if (!get_bytes(at, reason, TL_RECORDER_REASON)) {
         return CUT;
     }
     if (memchr(reason, '\0', TL_RECORDER_REASON) == NULL) {
-        return "a text without an end";
+        return "an unterminated text";
     }
     tl_recorder_text_clean(reason);
     return NULL;
 }
 
-static const char *check_digest(look *at) {
+static const char *check_digest(cursor *at) {
     uint64_t digest = at->digest;
     uint64_t found = 0;
-    return !get(at, &found, sizeof found) ? CUT : found == digest ? NULL : "an entry that somebody has written over";
+    return !get_bytes(at, &found, sizeof found) ? CUT : found == digest ? NULL : "an overwritten entry";
 }
 
 const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
                                      tl_recorder_entry *entry) {
-    look at = {page, *position, *position};
+    cursor at = {page, *position, *position};
     uint8_t kind = 0;
-    const char *fault = get(&at, &kind, 1) ? "an entry of a kind that there is not" : CUT;
+    const char *fault = get_bytes(&at, &kind, 1) ? "an entry of unknown kind" : CUT;
     switch (kind) {
     case MARK + TL_ENTRY_START:
         fault = get_start(&at, entry);

@@ -40,7 +40,7 @@ static void note_fate(tl_recorder_file *file, const char *fate) {
                    tl_recorder_mark_entries(tl_recorder_state_mark(file->state)));
 }
 
-static void tell(tl_recorder_file *file, const char *text) {
+static void report_fate(tl_recorder_file *file, const char *text) {
     tl_recorder_file_say(file, TL_EVENT_ERROR, text);
     file->fate[0] = '\0';
 }
@@ -49,31 +49,32 @@ void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news)
     char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
     if (news != NULL && news->aside.name[0] != '\0') {
         const char *name = strrchr(news->aside.name, '/');
-        (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", file->fate,
-                       file->fate[0] != '\0' ? "; what took its place was " : "",
-                       name == NULL ? news->aside.name : name + 1, news->aside.why);
-        tell(file, text);
+        (void)snprintf(text, sizeof text, "%s%s%sis damaged: renamed to %.60s, recording into a new file: %.100s",
+                       file->fate[0] != '\0' ? "was " : "", file->fate,
+                       file->fate[0] != '\0' ? "; its replacement " : "", name == NULL ? news->aside.name : name + 1,
+                       news->aside.why);
+        report_fate(file, text);
     }
     if (news != NULL && news->beside[0] != '\0') {
-        (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s",
-                       file->fate[0] != '\0' ? " of one that was " : "", file->fate, news->beside);
-        tell(file, text);
+        (void)snprintf(text, sizeof text, "is used instead%s%s: %.180s",
+                       file->fate[0] != '\0' ? " of a file that was " : "", file->fate, news->beside);
+        report_fate(file, text);
     }
     if (file->fate[0] != '\0') {
-        (void)snprintf(text, sizeof text, "was %s%s", file->fate, news == NULL ? "" : ", and is made anew");
-        tell(file, text);
+        (void)snprintf(text, sizeof text, "was %s%s", file->fate, news == NULL ? "" : "; recording into a new file");
+        report_fate(file, text);
     }
 }
 
 /* ---- The run in the file ---- */
 
-static bool is_same(const tl_recorder_totals *totals, const tl_recorder_totals *other) {
+static bool is_same_totals(const tl_recorder_totals *totals, const tl_recorder_totals *other) {
     return totals->samples == other->samples && totals->steps == other->steps && totals->events == other->events &&
            totals->lost == other->lost && strcmp(totals->committed, other->committed) == 0;
 }
 
 /* Finds out whether the file has the run with the totals of the mark. */
-static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *there) {
+static int find_totals(tl_recorder_file *file, const tl_recorder_mark *mark, bool *there) {
     *there = false;
     if (mark->run == 0 || strcmp(mark->path, file->file.path) != 0) {
         return SQLITE_OK;
@@ -90,7 +91,7 @@ static void leave_run(tl_recorder_file *file, bool gone) {
 
 /* The previous writer wrote another file. Its entries are lost, unless that file still exists and
  * only cannot be written, or was renamed as damaged. */
-static void leave_kept(tl_recorder_file *file, const tl_database_news *news) {
+static void leave_previous(tl_recorder_file *file, const tl_database_news *news) {
     bool is_aside = news->aside.name[0] != '\0';
     bool is_here = strcmp(tl_recorder_state_mark(file->state)->path, file->file.path) == 0 && !is_aside;
     bool gone = !file->is_kept || is_here;
@@ -105,17 +106,17 @@ int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *ne
     const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
     bool there = false;
     int code = SQLITE_OK;
-    if (tried != NULL && (tried->run != mark->run || !is_same(&tried->totals, &mark->totals))) {
-        code = is_there(file, tried, &there);
+    if (tried != NULL && (tried->run != mark->run || !is_same_totals(&tried->totals, &mark->totals))) {
+        code = find_totals(file, tried, &there);
         if (there) {
             tl_recorder_state_settle(file->state);
         }
     }
     mark = tl_recorder_state_mark(file->state);
     if (code == SQLITE_OK && !there && mark->run != 0) {
-        code = is_there(file, mark, &there);
+        code = find_totals(file, mark, &there);
         if (code == SQLITE_OK && !there) {
-            leave_kept(file, news);
+            leave_previous(file, news);
         }
     }
     file->goes_on = there;
@@ -124,19 +125,19 @@ int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *ne
 
 /* ---- Opening and closing ---- */
 
-static int begin_use(void *context, sqlite3 *connection) {
+static int open_statements(void *context, sqlite3 *connection) {
     tl_recorder_file *file = context;
     return tl_recorder_database_open(connection, file->record, &file->database);
 }
 
-static void end_use(void *context) {
+static void close_statements(void *context) {
     tl_recorder_file *file = context;
     tl_recorder_database_close(file->database);
     file->database = NULL;
 }
 
 void tl_recorder_file_close(tl_recorder_file *file) {
-    end_use(file);
+    close_statements(file);
     tl_database_file_close(&file->file);
 }
 
@@ -151,7 +152,7 @@ static void remove_stray_logs(const tl_recorder_file *file) {
 }
 
 /* Opens the file of the previous writer, even if another one is requested. */
-static tl_status open_kept(tl_recorder_file *file) {
+static tl_status open_previous(tl_recorder_file *file) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
     if (mark->run == 0 || access(mark->path, F_OK) != 0) {
@@ -173,7 +174,7 @@ tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence i
     *news = (tl_database_news){.beside = ""};
     *waits = false;
     remove_stray_logs(file);
-    tl_status status = open_kept(file);
+    tl_status status = open_previous(file);
     return status == TL_OK ? TL_OK : tl_database_instead_open(&wanted, &file->file, news, waits, &file->failure);
 }
 
@@ -193,7 +194,7 @@ void tl_recorder_file_begin(tl_recorder_file *file, const tl_recorder_settings *
     *file = (tl_recorder_file){.record = record,
                                .state = state,
                                .file = TL_DATABASE_FILE_NONE,
-                               .user = {begin_use, end_use, file},
+                               .user = {open_statements, close_statements, file},
                                .limiter = TL_LOG_LIMITER(5)};
 }
 
@@ -212,7 +213,7 @@ static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_dat
 static bool replace_damaged(tl_recorder_file *file) {
     tl_database_news news = {.beside = ""};
     tl_error why = file->failure;
-    end_use(file);
+    close_statements(file);
     tl_recorder_state_leave_run(file->state, false);
     tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &news.aside, &file->failure);
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* the damaged file keeps its name */
@@ -250,14 +251,14 @@ bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
 
 /* The file was removed, overwritten or moved. This is reported together with the file that replaces
  * it. */
-static void leave(tl_recorder_file *file, tl_database_whereabouts found) {
+static void leave_file(tl_recorder_file *file, tl_database_whereabouts found) {
     bool gone = found != TL_DATABASE_MOVED;
     note_fate(file, found == TL_DATABASE_MOVED     ? "moved away"
                     : found == TL_DATABASE_REMOVED ? "removed"
                                                    : "overwritten");
     leave_run(file, gone);
     if (gone) {
-        end_use(file);
+        close_statements(file);
         tl_database_file_abandon(&file->file);
     } else {
         tl_recorder_file_close(file);
@@ -272,7 +273,7 @@ static bool restore_log(tl_recorder_file *file) {
         return false;
     }
     tl_recorder_file_say(file, TL_EVENT_WARNING,
-                         "its log, -wal, was removed: what it held is written back, and it is made anew");
+                         "its log (-wal) was removed: its data was written back, and a new log is created");
     tl_recorder_file_close(file);
     file->opened_at = 0;
     return true;
@@ -280,7 +281,7 @@ static bool restore_log(tl_recorder_file *file) {
 
 /* A program that overwrites a file truncates it first. Without the pause, the other program's file
  * would be renamed as damaged. */
-static tl_database_whereabouts look(tl_recorder_file *file) {
+static tl_database_whereabouts check_file(tl_recorder_file *file) {
     tl_database_whereabouts found = tl_database_file_look(&file->file);
     if (found == TL_DATABASE_CUT) {
         tl_clock_sleep_until(tl_clock_now(NULL) + CUT_PAUSE);
@@ -290,18 +291,18 @@ static tl_database_whereabouts look(tl_recorder_file *file) {
 }
 
 bool tl_recorder_file_look_after(tl_recorder_file *file) {
-    tl_database_whereabouts found = look(file);
+    tl_database_whereabouts found = check_file(file);
     switch (found) {
     case TL_DATABASE_IN_PLACE:
         return false;
     case TL_DATABASE_WITHOUT_LOG:
         return restore_log(file);
     case TL_DATABASE_CUT:
-        (void)tl_fail(&file->failure, TL_BAD_DATA, "%s: was cut off", file->file.path);
+        (void)tl_fail(&file->failure, TL_BAD_DATA, "%s: was cut: bytes are missing at its end", file->file.path);
         (void)replace_damaged(file);
         return true;
     default:
-        leave(file, found);
+        leave_file(file, found);
         return true;
     }
 }

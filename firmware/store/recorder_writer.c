@@ -45,7 +45,7 @@ static const tl_time CLOSE_PAUSE = TL_SECOND / 20; /* between two tries during c
 typedef struct source {
     tl_recorder_writer_queue queue;
     tl_record_queue_reader reader;
-    bool is_told;       /* damage was reported */
+    bool is_reported;   /* damage was reported */
     tl_time damaged_at; /* not before this time; 0: not damaged */
 } source;
 
@@ -106,7 +106,7 @@ static const char *why_lost(const tl_recorder_writer *writer) {
                                                             : "they came faster than the recorder could write them";
 }
 
-static void say_loss(tl_recorder_writer *writer, const char *why) {
+static void report_loss(tl_recorder_writer *writer, const char *why) {
     char text[TL_EVENT_TEXT];
     uint64_t lost = mark_of(writer)->totals.lost;
     if (lost > writer->file.lost_said) {
@@ -121,7 +121,7 @@ static void say_loss(tl_recorder_writer *writer, const char *why) {
 }
 
 /* Reports a failure only once while its kind is the same. */
-static void note_refusal(tl_recorder_writer *writer, int kind) {
+static void report_refusal(tl_recorder_writer *writer, int kind) {
     char text[TL_EVENT_TEXT];
     if (writer->refusal == 0) {
         __atomic_store_n(&writer->state->refused_since, tl_clock_now(NULL), __ATOMIC_RELAXED);
@@ -133,13 +133,13 @@ static void note_refusal(tl_recorder_writer *writer, int kind) {
     writer->refusal = kind;
 }
 
-static void note_refusal_to_open(tl_recorder_writer *writer) {
+static void report_open_failure(tl_recorder_writer *writer) {
     tl_recorder_file *file = &writer->file;
     (void)snprintf(file->reason, sizeof file->reason, "%.180s", file->failure.text);
-    note_refusal(writer, REFUSED_TO_OPEN + (int)tl_database_get_fault());
+    report_refusal(writer, REFUSED_TO_OPEN + (int)tl_database_get_fault());
 }
 
-static void note_success(tl_recorder_writer *writer) {
+static void report_success(tl_recorder_writer *writer) {
     char text[TL_EVENT_TEXT];
     if (writer->refusal != 0) {
         tl_time pause = tl_clock_now(NULL) - writer->state->refused_since;
@@ -147,9 +147,9 @@ static void note_success(tl_recorder_writer *writer) {
         __atomic_store_n(&writer->state->refused_since, 0, __ATOMIC_RELAXED);
         (void)snprintf(text, sizeof text, "writes again after %.1f s", tl_seconds(pause));
         tl_recorder_file_say(&writer->file, TL_EVENT_INFO, text);
-        say_loss(writer, "the database could not be written");
+        report_loss(writer, "the database could not be written");
     } else if (tl_clock_now(NULL) - writer->lost_said_at >= LOSS_PAUSE) {
-        say_loss(writer, why_lost(writer));
+        report_loss(writer, why_lost(writer));
     }
 }
 
@@ -201,7 +201,7 @@ static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t 
 
 /* ---- Damage of the record queues ---- */
 
-static void reopen(source *from) {
+static void reopen_queue(source *from) {
     bool is_left = from->reader.is_left;
     tl_record_queue_reader_open(&from->queue.settings, from->queue.memory, &from->reader);
     from->reader.is_left = is_left;
@@ -221,24 +221,24 @@ static void mend_queues(tl_recorder_writer *writer) {
     for (size_t i = 0; i < writer->settings.queue_count; i++) {
         source *from = &writer->sources[i];
         if (is_broken(from) && (again || from->damaged_at == 0)) {
-            reopen(from);
+            reopen_queue(from);
             from->damaged_at = 0;
         } else if (!is_broken(from) && again) {
-            from->is_told = false;
+            from->is_reported = false;
         }
     }
 }
 
 /* Call after reading; `begun`: when the reading began. */
-static void note_damage(tl_recorder_writer *writer, tl_time begun) {
+static void report_damage(tl_recorder_writer *writer, tl_time began_at) {
     for (size_t i = 0; i < writer->settings.queue_count; i++) {
         char text[TL_EVENT_TEXT];
         source *from = &writer->sources[i];
-        from->damaged_at = !is_broken(from) ? 0 : from->damaged_at != 0 ? from->damaged_at : begun;
-        if (is_broken(from) && !from->is_told) {
-            from->is_told = true;
+        from->damaged_at = !is_broken(from) ? 0 : from->damaged_at != 0 ? from->damaged_at : began_at;
+        if (is_broken(from) && !from->is_reported) {
+            from->is_reported = true;
             writer->was_corrupted = true;
-            (void)snprintf(text, sizeof text, "the queue of %s was corrupted%s: it %.120s", from->queue.name,
+            (void)snprintf(text, sizeof text, "the record queue of %s was corrupted%s: it %.120s", from->queue.name,
                            i == writer->settings.ring ? " by the process of the FMUs" : "", from->reader.fault);
             tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
         }
@@ -259,7 +259,7 @@ static void begin_batch(tl_recorder_writer *writer) {
 }
 
 /* Advances the mark without a transaction, because nothing is written to the database. */
-static void settle(tl_recorder_writer *writer) {
+static void advance_mark(tl_recorder_writer *writer) {
     tl_recorder_state_try(writer->state, &writer->next);
     tl_recorder_state_settle(writer->state);
 }
@@ -288,7 +288,7 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
 
 /* The mark is stored before the commit, so that a successor can check whether the commit has
  * happened. */
-static int commit(tl_recorder_writer *writer) {
+static int commit_batch(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     tl_utc_text(tl_utc_now(), next->totals.committed);
     (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(&writer->file));
@@ -300,7 +300,7 @@ static int commit(tl_recorder_writer *writer) {
 
 static int end_batch(tl_recorder_writer *writer, int code) {
     tl_recorder_file *file = &writer->file;
-    code = code == SQLITE_OK ? commit(writer) : code;
+    code = code == SQLITE_OK ? commit_batch(writer) : code;
     if (code != SQLITE_OK) {
         tl_recorder_file_keep_words(file, code);
         tl_recorder_database_rollback(file->database);
@@ -325,14 +325,14 @@ static bool is_handed_over(const tl_recorder_writer *writer) {
 }
 
 /* Returns up to where the ring may be read. */
-static uint64_t end_of(tl_recorder_writer *writer, uint64_t end) {
+static uint64_t limit_end(tl_recorder_writer *writer, uint64_t end) {
     return is_handed_over(writer) ? taken_of(writer)->ring : end;
 }
 
 /* Sets `next` to the committed mark and returns the end of what may be read. */
-static uint64_t look_from_mark(tl_recorder_writer *writer) {
+static uint64_t readable_end(tl_recorder_writer *writer) {
     writer->next = *mark_of(writer);
-    return end_of(writer, tl_record_queue_reader_end(ring_of(writer), taken_of(writer)->ring));
+    return limit_end(writer, tl_record_queue_reader_end(ring_of(writer), taken_of(writer)->ring));
 }
 
 /* Returns whether the next entry is the beginning of another run; then `entry` holds it. */
@@ -384,7 +384,7 @@ static void count_lost(tl_recorder_writer *writer) {
     }
 }
 
-static void drop(tl_recorder_writer *writer) {
+static void drop_entry(tl_recorder_writer *writer) {
     writer->next.dropped++;
     tl_recorder_mark_lose(&writer->next, 1);
 }
@@ -394,10 +394,10 @@ static void drop_entries(tl_recorder_writer *writer, uint64_t end) {
     uint64_t position = taken_of(writer)->ring;
     while (position != end && take_entry(writer, &position, end) && writer->entry.kind != TL_ENTRY_START) {
         taken_of(writer)->ring = position;
-        drop(writer);
+        drop_entry(writer);
     }
     if (taken_of(writer)->ring != taken_of_ring(writer)) {
-        settle(writer);
+        advance_mark(writer);
     }
 }
 
@@ -455,7 +455,7 @@ static int write_part(tl_recorder_writer *writer, bool *written) {
     }
     *written = !impossible;
     if (impossible) {
-        drop(writer);
+        drop_entry(writer);
         return SQLITE_OK;
     }
     writer->next.written++;
@@ -464,7 +464,7 @@ static int write_part(tl_recorder_writer *writer, bool *written) {
 
 /* Continues the run in a new file, beginning at this tick: an earlier tuning is written again for
  * it. */
-static int begin_at(tl_recorder_writer *writer, int64_t tick) {
+static int continue_at(tl_recorder_writer *writer, int64_t tick) {
     tl_recorder_database *database = writer->file.database;
     int code = tl_recorder_database_begin_at(database, tick);
     bool impossible = false;
@@ -495,7 +495,7 @@ static int write_sample_or_step(tl_recorder_writer *writer) {
         next->totals.samples++;
         next->sampled = tick + 1;
         if (next->is_again && code == SQLITE_OK) {
-            code = begin_at(writer, tick);
+            code = continue_at(writer, tick);
             next->is_again = false;
         }
     }
@@ -610,7 +610,7 @@ static bool is_stray(tl_recorder_writer *writer) {
 static int write_entry(tl_recorder_writer *writer) {
     const char *hand_over = writer->settings.hand_over;
     if (is_stray(writer)) {
-        drop(writer);
+        drop_entry(writer);
         return SQLITE_OK;
     }
     switch (writer->entry.kind) {
@@ -684,8 +684,8 @@ static bool has_more(tl_recorder_writer *writer, uint64_t end) {
 static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t before = mark_of(writer)->number;
     size_t limit = tl_recorder_database_batch(writer->file.database);
-    uint64_t left = end - taken_of(writer)->ring;
-    size_t bytes = left < limit ? (size_t)left : limit;
+    uint64_t remaining = end - taken_of(writer)->ring;
+    size_t bytes = remaining < limit ? (size_t)remaining : limit;
     size_t events = count_events(writer, end, limit / EVENT_BYTES);
     bool has_own = writer->next.said != writer->state->own_said;
     size_t missing = bytes_of_missing(writer, oldest_awaited(writer), limit);
@@ -712,7 +712,7 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t position = 0;
     begin_batch(writer);
     *more = false;
-    end = end_of(writer, end);
+    end = limit_end(writer, end);
     bool has_early = writer->next.run != 0 && count_events(writer, taken_of(writer)->ring, 1) > 0;
     if (!has_early && is_beginning(writer, end, &position)) { /* else events of the previous run wait */
         int64_t rest = tick_of_other(writer);
@@ -758,34 +758,35 @@ static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
 /* ---- Remaining entries ---- */
 
 /* Counts the samples, steps and events that are not written. */
-static uint64_t count_left(tl_recorder_writer *writer) {
-    uint64_t end = look_from_mark(writer);
+static uint64_t count_remaining(tl_recorder_writer *writer) {
+    uint64_t end = readable_end(writer);
     uint64_t position = taken_of(writer)->ring;
-    uint64_t left = 0;
+    uint64_t remaining = 0;
     while (position != end && take_entry(writer, &position, end)) {
-        left += writer->entry.kind != TL_ENTRY_START && writer->entry.kind != TL_ENTRY_END ? 1 : 0;
+        remaining += writer->entry.kind != TL_ENTRY_START && writer->entry.kind != TL_ENTRY_END ? 1 : 0;
     }
-    return left + (writer->next.has_begun ? count_events(writer, end_of(writer, UINT64_MAX), TL_RECORDER_EVENTS) : 0);
+    return remaining +
+           (writer->next.has_begun ? count_events(writer, limit_end(writer, UINT64_MAX), TL_RECORDER_EVENTS) : 0);
 }
 
 /* Returns whether the ring is written completely or up to a handover. */
-static bool is_read(tl_recorder_writer *writer) {
-    uint64_t end = look_from_mark(writer);
+static bool is_ring_read(tl_recorder_writer *writer) {
+    uint64_t end = readable_end(writer);
     return taken_of(writer)->ring == end || ring_of(writer)->is_ring_broken;
 }
 
 /* Returns whether nothing remains that could be written. */
 static bool is_empty(tl_recorder_writer *writer) {
-    bool is_ring_empty = is_read(writer);
+    bool is_ring_empty = is_ring_read(writer);
     const tl_recorder_mark *next = &writer->next;
     return is_ring_empty &&
-           (!next->has_begun || (next->run != 0 && count_events(writer, end_of(writer, UINT64_MAX), 1) == 0));
+           (!next->has_begun || (next->run != 0 && count_events(writer, limit_end(writer, UINT64_MAX), 1) == 0));
 }
 
 bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
     tl_recorder_event_entry event;
     bool skip = false;
-    return is_read(writer) &&
+    return is_ring_read(writer) &&
            !read_event(writer, writer->settings.ring, taken_of(writer)->events, taken_of(writer)->ring, &event, &skip);
 }
 
@@ -793,7 +794,7 @@ bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     uint64_t position = taken_of_ring(writer);
     bool is_full =
         tl_record_queue_reader_end(ring_of(writer), position) - position > settings_of_ring(writer)->ring_bytes / 2;
-    return writer->refusal == 0 && (is_full || is_beginning(writer, look_from_mark(writer), &position));
+    return writer->refusal == 0 && (is_full || is_beginning(writer, readable_end(writer), &position));
 }
 
 void tl_recorder_writer_leave(tl_recorder_writer *writer) {
@@ -815,7 +816,7 @@ static bool is_open(tl_recorder_writer *writer) {
     }
     if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &news, &waits) != TL_OK) {
         tl_recorder_file_tell(file, NULL);
-        note_refusal_to_open(writer);
+        report_open_failure(writer);
         return false;
     }
     tl_recorder_file_hurry(file);
@@ -825,7 +826,7 @@ static bool is_open(tl_recorder_writer *writer) {
         tl_recorder_file_keep_words(file, code);
     }
     if (code != SQLITE_OK && !tl_recorder_file_mend(file, code)) {
-        note_refusal(writer, code & 0xFF);
+        report_refusal(writer, code & 0xFF);
         tl_recorder_file_close(file);
     }
     return file->database != NULL;
@@ -848,7 +849,7 @@ static int write_all(tl_recorder_writer *writer) {
         }
     }
     if (code == SQLITE_OK) {
-        note_success(writer);
+        report_success(writer);
         code = write_batch(writer, taken_of_ring(writer), &more);
     }
     return code;
@@ -860,12 +861,12 @@ static void skip_damage(tl_recorder_writer *writer) {
     uint64_t taken = taken_of_ring(writer);
     uint64_t to = writer->is_reopened ? tl_record_queue_reader_skip(ring_of(writer), taken) : taken;
     if (to != taken) {
-        reopen(&writer->sources[writer->settings.ring]);
+        reopen_queue(&writer->sources[writer->settings.ring]);
         begin_batch(writer);
         if (!is_handed_over(writer)) {
             taken_of(writer)->ring = to;
             writer->next.is_cut = true;
-            settle(writer);
+            advance_mark(writer);
         }
     }
 }
@@ -873,7 +874,7 @@ static void skip_damage(tl_recorder_writer *writer) {
 void tl_recorder_writer_write(tl_recorder_writer *writer) {
     int mends = 0;
     bool again = true;
-    tl_time begun = tl_clock_now(NULL);
+    tl_time began_at = tl_clock_now(NULL);
     tl_thread_heartbeat_beat(writer->settings.heartbeat);
     mend_queues(writer);
     skip_damage(writer);
@@ -890,10 +891,10 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
         }
         again = code != SQLITE_OK && mends++ < MENDS && tl_recorder_file_mend(&writer->file, code);
         if (code != SQLITE_OK && !again) {
-            note_refusal(writer, code & 0xFF);
+            report_refusal(writer, code & 0xFF);
         }
     }
-    note_damage(writer, begun);
+    report_damage(writer, began_at);
 }
 
 /* ---- Opening and closing ---- */
@@ -906,7 +907,7 @@ static tl_status begin_first(tl_recorder_writer *writer, tl_database_insistence 
     writer->next.has_begun = true;
     writer->next.is_untimed = true;
     writer->next.ring = (uint32_t)writer->settings.ring;
-    settle(writer);
+    advance_mark(writer);
     if (writer->file.database == NULL) {
         return TL_OK;
     }
@@ -929,7 +930,7 @@ static tl_status open_all(tl_recorder_writer *writer) {
     if (status == TL_OK) {
         tl_recorder_file_tell(&writer->file, &news);
     } else {
-        note_refusal_to_open(writer);
+        report_open_failure(writer);
     }
     status = writer->settings.first == NULL ? TL_OK : begin_first(writer, insistence);
     if (writer->file.database != NULL) {
@@ -952,7 +953,7 @@ static void open_queues(tl_recorder_writer *writer) {
     writer->settings.queues = NULL; /* owned by the caller */
 }
 
-static void destroy(tl_recorder_writer *writer) {
+static void free_writer(tl_recorder_writer *writer) {
     tl_recorder_file_end(&writer->file);
     free(writer->checkpoint);
     free(writer);
@@ -982,7 +983,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
     tl_status status = open_all(opened);
     if (status != TL_OK) {
         (void)tl_fail(error, status, "%s", opened->file.failure.text);
-        destroy(opened);
+        free_writer(opened);
         return status;
     }
     *writer = opened;
@@ -999,7 +1000,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     if (writer->is_last) {
         tl_recorder_writer_leave(writer);
     }
-    say_loss(writer, why_lost(writer));
+    report_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
     while (((mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_said) || !is_empty(writer)) &&
            tl_clock_now(NULL) - began < patience) {
@@ -1007,14 +1008,14 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
         tl_recorder_writer_write(writer);
     }
     if (!is_empty(writer)) {
-        uint64_t left = count_left(writer);
-        (void)__atomic_add_fetch(&writer->state->dropped, left, __ATOMIC_RELAXED);
+        uint64_t remaining = count_remaining(writer);
+        (void)__atomic_add_fetch(&writer->state->dropped, remaining, __ATOMIC_RELAXED);
         status =
             tl_fail(error, TL_TRY_AGAIN, "%s: the run's end and its last %" PRIu64 " entries could not be written: %s",
-                    tl_recorder_writer_path(writer), left, writer->file.reason);
+                    tl_recorder_writer_path(writer), remaining, writer->file.reason);
     } else if (writer->is_last && writer->file.database != NULL) {
         (void)tl_recorder_database_give_up(writer->file.database); /* or the next writer does it */
     }
-    destroy(writer);
+    free_writer(writer);
     return status;
 }

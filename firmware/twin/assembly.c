@@ -17,13 +17,13 @@
 /* ---- opening files ---- */
 
 /* Writes the end of a message about a missing file: what exists instead; empty if nothing does. */
-static void tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+static void describe_path(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     struct stat about;
     if (stat(path, &about) != 0) {
         (void)tl_other_case(path, text);
         return;
     }
-    (void)snprintf(text, TL_OTHER_CASE_TEXT, "; what is there is %s, and an FMU is a file: name the .fmu file itself",
+    (void)snprintf(text, TL_OTHER_CASE_TEXT, "; this path is %s (expected a file): name the .fmu file itself",
                    S_ISDIR(about.st_mode)    ? "a folder"
                    : S_ISFIFO(about.st_mode) ? "a FIFO"
                    : S_ISSOCK(about.st_mode) ? "a socket"
@@ -50,7 +50,7 @@ static bool open_file(tl_assembly *assembly, const tl_config_component *componen
         file->is_there = true;
         file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     } else {
-        tell_what_is_there(path, file->other);
+        describe_path(path, file->other);
     }
     file->path = tl_arena_text(&assembly->arena, path);
     file->libraries = tl_arena_take(&assembly->arena, component->library_count, sizeof *file->libraries);
@@ -121,7 +121,8 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *fil
 }
 
 /* A configuration written on another machine names the intended FMU by its hash. */
-static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const tl_assembly_file *file) {
+static bool has_expected_hash(tl_assembly *assembly, const tl_config_component *configured,
+                              const tl_assembly_file *file) {
     char found[TL_SHA256_TEXT];
     if (configured->sha256 == NULL) {
         return true;
@@ -129,9 +130,8 @@ static bool is_meant(tl_assembly *assembly, const tl_config_component *configure
     (void)tl_identity_open_file(file->descriptor, found);
     if (strcmp(found, configured->sha256) != 0) {
         tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
-                      "another file is meant than %.200s: its SHA-256 is %s, expected %s; install that one, or correct "
-                      "\"sha256\"",
-                      file->path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
+                      "%.200s: its SHA-256 is %s (expected %s): install the right file, or correct \"sha256\"",
+                      file->path, found[0] != '\0' ? found : "unknown, because it cannot be read", configured->sha256);
         return false;
     }
     return true;
@@ -148,7 +148,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
             configured->fmu, file->path, file->other);
         return;
     }
-    const tl_fmu *fmu = is_meant(assembly, configured, file) ? load_fmu(assembly, file, configured) : NULL;
+    const tl_fmu *fmu = has_expected_hash(assembly, configured, file) ? load_fmu(assembly, file, configured) : NULL;
     if (fmu != NULL) {
         assembly->components[index] = (tl_plan_component){
             .where = configured->where,

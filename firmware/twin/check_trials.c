@@ -33,23 +33,23 @@ static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_
 
 #define NO_COMPONENT SIZE_MAX
 
-typedef struct way_search {
+typedef struct method_search {
     const tl_twin_child_settings *settings;
     tl_twin_job job; /* with the methods to test */
     tl_other_way *found;
-} way_search;
+} method_search;
 
-static size_t count_of(const way_search *self) {
+static size_t count_of(const method_search *self) {
     return self->settings->config->component_count;
 }
 
-static bool is_changed(const way_search *self, size_t component) {
+static bool is_changed(const method_search *self, size_t component) {
     return self->job.rollback[component] != (unsigned char)TL_ROLLBACK_NONE;
 }
 
 /* Returns the component that failed. If the process ended before it knew the name: the only
  * component whose method was changed, if there is exactly one. */
-static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
+static size_t find_culprit(const method_search *self, const tl_twin_outcome *tried) {
     size_t only = NO_COMPONENT;
     size_t changed = 0;
     for (size_t i = 0; i < count_of(self); i++) {
@@ -63,7 +63,7 @@ static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried)
 }
 
 /* The failure cannot be attributed to a component. */
-static void give_up(const way_search *self, const char *why) {
+static void mark_unknown(const method_search *self, const char *why) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
             self->found[i].kind = TL_OTHER_WAY_UNKNOWN;
@@ -76,7 +76,7 @@ static void give_up(const way_search *self, const char *why) {
 
 /* Sets the component's method to `auto` for the next trial. Returns false if `auto` itself has
  * failed. */
-static bool use_auto(way_search *self, size_t culprit) {
+static bool use_auto(method_search *self, size_t culprit) {
     bool is_new =
         self->settings->config->components[culprit].rollback != TL_ROLLBACK_AUTO && !is_changed(self, culprit);
     if (is_new) {
@@ -86,7 +86,7 @@ static bool use_auto(way_search *self, size_t culprit) {
 }
 
 /* All rollbacks were exact with the methods of `tried`. */
-static void note_found(const way_search *self, const tl_twin_ways *tried) {
+static void note_found(const method_search *self, const tl_twin_ways *tried) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
             self->found[i].kind = TL_OTHER_WAY_FOUND;
@@ -97,7 +97,7 @@ static void note_found(const way_search *self, const tl_twin_ways *tried) {
 
 tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
                             tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error) {
-    way_search self = {.settings = settings, .job = *settings->job, .found = found};
+    method_search self = {.settings = settings, .job = *settings->job, .found = found};
     tl_twin_outcome now = {.ways = *checked};
     tl_status status = TL_OK;
     self.job.task = TL_TASK_WAYS;
@@ -108,7 +108,7 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
     while (failed && status == TL_OK) {
         size_t culprit = find_culprit(&self, &now);
         if (culprit == NO_COMPONENT) {
-            give_up(&self, now.text);
+            mark_unknown(&self, now.text);
             return TL_OK;
         }
         if (!use_auto(&self, culprit)) {
@@ -129,8 +129,8 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
 /* Value of the key "rollback", and description of the method. */
 static const struct {
     const char *key;
-    const char *words;
-} ways[TL_ROLLBACKS] = {
+    const char *text;
+} methods[TL_ROLLBACKS] = {
     [TL_ROLLBACK_STATE] = {"state", "by its state"},
     [TL_ROLLBACK_MEMORY] = {"memory", "by its memory"},
     [TL_ROLLBACK_REPLAY] = {"replay", "by replay"},
@@ -141,27 +141,27 @@ enum { LARGE = 10000 * 1024 };
 
 /* A state after which the set values are set again has no key of its own: only "auto" finds this
  * method. */
-static void tell_found(const tl_other_way *other, FILE *out) {
-    const tl_twin_way *way = &other->way;
-    const char *key = way->is_given_again != 0 ? NULL : ways[way->rollback].key;
-    const char *words = ways[way->rollback].words;
-    if (way->rollback == TL_ROLLBACK_REPLAY) {
-        (void)fprintf(out, "comes back by replay, within %u steps of its beginning only",
+static void describe_found(const tl_other_way *other, FILE *out) {
+    const tl_twin_way *method = &other->way;
+    const char *key = method->is_given_again != 0 ? NULL : methods[method->rollback].key;
+    const char *text = methods[method->rollback].text;
+    if (method->rollback == TL_ROLLBACK_REPLAY) {
+        (void)fprintf(out, "can be rolled back by replay, but only within %u steps of its start",
                       (unsigned)other->replay_steps);
     } else {
-        (void)fprintf(out, "comes back exactly %s%s", words != NULL ? words : "otherwise",
-                      way->is_given_again != 0 ? ", if it is given again what it had been given" : "");
+        (void)fprintf(out, "can be rolled back exactly %s%s", text != NULL ? text : "with another method",
+                      method->is_given_again != 0 ? ", if its values are set again after that" : "");
     }
-    if (way->is_measured != 0) {
+    if (method->is_measured != 0) {
         (void)fprintf(out, "; a save and a restore take %.4g \302\265s here",
-                      tl_seconds(way->save + way->restore) * 1e6);
+                      tl_seconds(method->save + method->restore) * 1e6);
     }
-    if (way->is_measured != 0 && way->bytes != 0) {
-        bool is_large = way->bytes >= LARGE;
-        (void)fprintf(out, ", a state takes %.1f %s", (double)way->bytes / (is_large ? 1048576.0 : 1024.0),
+    if (method->is_measured != 0 && method->bytes != 0) {
+        bool is_large = method->bytes >= LARGE;
+        (void)fprintf(out, ", a state takes %.1f %s", (double)method->bytes / (is_large ? 1048576.0 : 1024.0),
                       is_large ? "MiB" : "KiB");
     }
-    (void)fprintf(out, ": write \"rollback\": \"%s\" in the component", key != NULL ? key : "auto");
+    (void)fprintf(out, ": set \"rollback\": \"%s\" in the component", key != NULL ? key : "auto");
 }
 
 void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) {
@@ -171,11 +171,11 @@ void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) 
         return;
     }
     if (other->kind == TL_OTHER_WAY_FOUND) {
-        tell_found(other, out);
+        describe_found(other, out);
     } else if (other->kind == TL_OTHER_WAY_NONE) {
-        (void)fputs("does not come back in another way either", out);
+        (void)fputs("cannot be rolled back exactly by any other method", out);
     } else {
-        (void)fprintf(out, "could not be tried in another way: %s", other->text);
+        (void)fprintf(out, "could not be tested with another method: %s", other->text);
     }
     (void)fclose(out);
 }
@@ -191,8 +191,8 @@ static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl
 }
 
 /* Both twins have stepped and differ. */
-static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twin_outcome *pair,
-                            tl_pair_verdict *verdict, tl_error *error) {
+static tl_status distinguish_pair(const tl_twin_child_settings *settings, const tl_twin_outcome *pair,
+                                  tl_pair_verdict *verdict, tl_error *error) {
     tl_twin_outcome again;
     tl_status status = try_pair(settings, true, &again, error);
     if (status == TL_OK && again.status != TL_TRY_AGAIN) {
@@ -225,7 +225,7 @@ tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_v
         }
     } else if (pair.text[0] != '\0') {
         verdict->kind = TL_PAIR_UNKNOWN;
-        return tell_apart(settings, &pair, verdict, error);
+        return distinguish_pair(settings, &pair, verdict, error);
     }
     return TL_OK;
 }

@@ -1,6 +1,8 @@
 /* Checkpointer: see checkpointer.h. */
 #include "firmware/twin/checkpointer.h"
 
+#include <stdio.h>
+
 #include "firmware/base/os.h"
 
 static const tl_time INTERVAL = 10 * TL_SECOND;
@@ -25,23 +27,23 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
     bool can_save = tl_twin_can_save(self->twin);
     self->only_marks = !self->is_off && (!can_save || !readable);
     if (self->only_marks) {
-        tl_journal_event(journal, -1, can_save ? TL_EVENT_WARNING : TL_EVENT_INFO, "checkpoint", "%s",
-                         can_save
-                             ? "loading a saved state of these FMUs has ended a process, or went on otherwise: none "
-                               "are saved, and after a restart the newest inputs are run again"
-                             : "not every FMU is rolled back by states that it can turn into bytes "
-                               "(canSerializeFMUstate): after a restart the newest inputs are run again");
+        tl_journal_event(
+            journal, -1, can_save ? TL_EVENT_WARNING : TL_EVENT_INFO, "checkpoint", "%s",
+            can_save ? "none are saved: a saved state of these FMUs ended the process that loaded it, or gave other "
+                       "results there; a restarted twin repeats the newest inputs"
+                     : "none are saved: not all FMUs are rolled back by states that they can serialise "
+                       "(canSerializeFMUstate); a restarted twin repeats the newest inputs");
     }
 }
 
-static void end(tl_checkpointer *self, const char *why) {
+static void stop_saving(tl_checkpointer *self, const char *why) {
     self->only_marks = true;
     tl_journal_event(self->journal, -1, TL_EVENT_WARNING, "checkpoint",
-                     "no more are saved, and after a restart the inputs since the last one are run again: %s", why);
+                     "no more are saved: %s; a restarted twin repeats the inputs since the last one", why);
 }
 
 /* Saves to the record queue and measures the cost. Returns false if nothing was saved. */
-static bool save(tl_checkpointer *self, size_t *size) {
+static bool save_twin(tl_checkpointer *self, size_t *size) {
     size_t capacity = 0;
     unsigned char *room = tl_record_queue_checkpoint_room(self->queue, &capacity);
     tl_error error;
@@ -50,13 +52,13 @@ static bool save(tl_checkpointer *self, size_t *size) {
     }
     tl_time begun = tl_clock_now(NULL);
     if (tl_twin_save(self->twin, room, capacity, size, &error) != TL_OK) {
-        end(self, error.text);
+        stop_saving(self, error.text);
         return false;
     }
     self->cost = tl_clock_now(NULL) - begun;
     self->least = self->least == 0 || self->cost < self->least ? self->cost : self->least;
     if (*size > capacity) {
-        end(self, "the state has grown to more than twice its size");
+        stop_saving(self, "the state has grown to more than twice its size");
         return false;
     }
     return *size != 0;
@@ -72,20 +74,23 @@ void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size) {
 static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *size) {
     tl_error error;
     if (tl_twin_save(self->twin, NULL, 0, size, &error) != TL_OK) {
-        end(self, error.text);
+        stop_saving(self, error.text);
         return false;
     }
     if (*size == 0) {
         return false;
     }
     if (!tl_record_queue_reserve_checkpoint(self->queue, tl_checkpointer_room(*size))) {
-        end(self, "it is too large, or there is not enough memory");
+        stop_saving(self, "a state is too large, or there is not enough memory");
         return false;
     }
-    self->is_ready = save(self, size);
-    self->is_ready = self->is_ready && save(self, size);
+    self->is_ready = save_twin(self, size);
+    self->is_ready = self->is_ready && save_twin(self, size);
     if (self->cost > budget->time) {
-        end(self, "it takes longer than the budget of a step");
+        char why[80];
+        (void)snprintf(why, sizeof why, "saving takes %.3g ms, more than the budget of a step (%.3g ms)",
+                       tl_seconds(self->cost) * 1e3, tl_seconds(budget->time) * 1e3);
+        stop_saving(self, why);
     }
     return self->is_ready;
 }
@@ -100,11 +105,11 @@ static bool has_time(const tl_checkpointer *self, int64_t tick, const tl_budget 
     return tl_clock_now(NULL) - budget->started + expected <= budget->time;
 }
 
-static void tell_late(tl_checkpointer *self, int64_t tick) {
+static void report_late(tl_checkpointer *self, int64_t tick) {
     if (!self->has_told && is_late(self, tick)) {
         self->has_told = true;
         tl_journal_event(self->journal, tick, TL_EVENT_WARNING, "checkpoint",
-                         "none was saved for %lld ticks, since no step had %.3g ms left",
+                         "none was saved for %lld ticks, because no step had %.3g ms left for it",
                          (long long)(tick - self->next), tl_seconds(self->cost) * 1e3);
     }
 }
@@ -121,8 +126,8 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
     if (self->only_marks) {
         tl_checkpointer_put(self, tick, 0);
     } else if (self->is_ready && !has_time(self, tick, budget)) {
-        tell_late(self, tick);
-    } else if (self->is_ready ? save(self, &size) : save_first(self, budget, &size)) {
+        report_late(self, tick);
+    } else if (self->is_ready ? save_twin(self, &size) : save_first(self, budget, &size)) {
         tl_checkpointer_put(self, tick, size);
     }
 }
@@ -136,5 +141,5 @@ void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget) {
 
 bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size) {
     *size = 0;
-    return self->is_ready && self->cost < left && save(self, size);
+    return self->is_ready && self->cost < left && save_twin(self, size);
 }

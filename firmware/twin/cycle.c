@@ -45,6 +45,7 @@ struct tl_cycle {
     tl_resumption resumption; /* how the run after the handover began */
     uint64_t skipped;         /* number of skipped ticks */
     bool has_skipped;         /* the newest tick was skipped */
+    bool was_in_time;         /* a deadline was met: neither a slow start nor a gap before it explains a later miss */
     bool has_begun;           /* the twin has begun: the normal heartbeat timeout applies */
     tl_summary summary;
     tl_watch watch;
@@ -68,21 +69,28 @@ struct tl_cycle {
 /* smallest page size of all machines */
 enum { PAGE = 4096 };
 
-void tl_realtime_lock_memory(tl_journal *journal) {
+int tl_realtime_lock_memory(void) {
     struct rlimit limit;
     bool unlimited = getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;
     /* With a limit, locking future mappings too would make a later allocation fail. */
-    if (mlockall(unlimited ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT) != 0) {
-        tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
-                         "memory is not locked (%s): a page fault may delay a cycle; raise LimitMEMLOCK to permit it",
-                         strerror(errno));
-    }
+    return mlockall(unlimited ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT) == 0 ? 0 : errno;
 }
 
-void tl_realtime_tell_refused(tl_journal *journal) {
-    tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
-                     "no permission for SCHED_FIFO: ordinary scheduling is used and ticks may be missed; grant "
-                     "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
+/* Reports once what may have caused a missed tick or deadline. */
+static void report_missing(tl_cycle *cycle, int64_t tick) {
+    tl_realtime_missing *missing = &cycle->settings.missing;
+    if (missing->lock_error != 0) {
+        tl_journal_event(cycle->settings.journal, tick, TL_EVENT_WARNING, "cycle",
+                         "tick late: memory is not locked (%s), so a page fault may be the cause; raise LimitMEMLOCK",
+                         strerror(missing->lock_error));
+    }
+    if (missing->priority) {
+        tl_journal_event(
+            cycle->settings.journal, tick, TL_EVENT_WARNING, "cycle",
+            "tick late: no permission for SCHED_FIFO, so other processes may be the cause; raise LimitRTPRIO or "
+            "grant CAP_SYS_NICE");
+    }
+    *missing = (tl_realtime_missing){.lock_error = 0};
 }
 
 /* Touches the stack in advance, so that the cycle does not fault if memory is not locked. */
@@ -95,7 +103,7 @@ __attribute__((noinline)) static void touch_stack(void) {
 
 /* ---- tuning ---- */
 
-static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
+static void apply_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
     memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
     cycle->was_tuned = true;
@@ -107,7 +115,7 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
 }
 
 /* At the start of a tick: applies a tuning with a new number. */
-static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
+static void poll_tuning(tl_cycle *cycle) {
     const tl_live_tuning *block = cycle->settings.tuning;
     uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
     bool has_room = !cycle->has_run || tl_record_queue_has_room_for_tuning(cycle->settings.queue);
@@ -123,10 +131,10 @@ static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
     cycle->tuned = head.number;
     status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
     if (status == TL_OK) {
-        take_tuning(cycle, &head);
+        apply_tuning(cycle, &head);
     } else {
         tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
-                         "configuration %.12s refused: %.150s", tl_identity_is_sound(head.hash) ? head.hash : "?",
+                         "configuration %.12s rejected: %.150s", tl_identity_is_sound(head.hash) ? head.hash : "?",
                          error.text);
     }
     tl_live_tuning_answer_with(cycle->settings.answer, head.number, cycle->next_tick,
@@ -134,7 +142,7 @@ static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
 }
 
 /* At the start of a tick: sets the tolerances of the second lock monitor. */
-static void tl_cycle_look_for_tolerances(tl_cycle *cycle) {
+static void poll_tolerances(tl_cycle *cycle) {
     tl_lock_tolerances found;
     if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->tolerances, &found, sizeof found)) {
         return;
@@ -143,10 +151,10 @@ static void tl_cycle_look_for_tolerances(tl_cycle *cycle) {
     cycle->second.tolerances = tl_lock_tolerances_is_there(&found) ? &cycle->tolerances : NULL;
 }
 
-static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
+static void init_monitors(tl_cycle *cycle, const tl_account *account) {
     tl_recovery_init(&cycle->recovery, &cycle->settings.assembly->config, account);
     tl_lock_monitor_init(&cycle->second, &cycle->settings.assembly->config, account);
-    tl_cycle_look_for_tolerances(cycle);
+    poll_tolerances(cycle);
 }
 
 /* ---- handover: see cycle.h ---- */
@@ -156,33 +164,33 @@ static bool is_due(const tl_cycle *cycle) {
 }
 
 /* At the handover tick each cycle already has its new role. */
-static tl_time tl_cycle_delay(const tl_cycle *cycle) {
+static tl_time start_delay(const tl_cycle *cycle) {
     bool is_shadow_then = cycle->is_shadow != is_due(cycle);
     return is_shadow_then ? cycle->settings.assembly->config.step / 4 : 0;
 }
 
 /* Publishes that this cycle has done its part. */
-static void say(tl_cycle *cycle) {
+static void report_done(tl_cycle *cycle) {
     cycle->handover.is_ahead = false;
     __atomic_store_n(cycle->settings.place.handed_over, cycle->handover.number, __ATOMIC_RELEASE);
 }
 
 /* At the start of a tick: reads a new announcement. */
-static void tl_cycle_look_for_handover(tl_cycle *cycle) {
-    const tl_cycle_place *place = &cycle->settings.place;
+static void poll_handover(tl_cycle *cycle) {
+    const tl_cycle_place *slot = &cycle->settings.place;
     uint32_t to = 0;
-    if (place->stage == NULL || cycle->handover.is_ahead ||
-        !tl_handover_look(place->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
+    if (slot->stage == NULL || cycle->handover.is_ahead ||
+        !tl_handover_look(slot->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
         return;
     }
-    cycle->handover.is_ahead = (to == place->place) == cycle->is_shadow;
+    cycle->handover.is_ahead = (to == slot->place) == cycle->is_shadow;
     if (!cycle->handover.is_ahead) {
-        say(cycle); /* it has that role already */
+        report_done(cycle); /* it has that role already */
     }
 }
 
 /* Restarts the counts from 0 at the next tick. */
-static void count_anew(tl_cycle *cycle) {
+static void reset_counts(tl_cycle *cycle) {
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->summary = (tl_summary){.resumption = cycle->resumption};
     cycle->warm_up = facts.first + facts.lead;
@@ -195,11 +203,11 @@ static void count_anew(tl_cycle *cycle) {
 
 /* If the supervisor was stopped during the announcement, the two twins may have seen it at
  * different ticks. */
-static void tell_late_handover(const tl_cycle *cycle) {
+static void report_late_handover(const tl_cycle *cycle) {
     if (cycle->next_tick > cycle->handover.tick) {
         tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "handover",
-                         "handover at tick %" PRId64 ": announced too late, and done at tick %" PRId64
-                         "; ticks around it may be missing or in both runs",
+                         "handover at tick %" PRId64 " was announced too late, and done at tick %" PRId64
+                         ": ticks around it may be missing, or in both runs",
                          cycle->handover.tick, cycle->next_tick);
     }
 }
@@ -217,7 +225,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
         return status;
     }
     tl_account_take(settings->assembly->twin, &start.account);
-    tl_cycle_begin_judges(cycle, &start.account);
+    init_monitors(cycle, &start.account);
     cycle->resumption = (tl_resumption){
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the run before */
@@ -240,32 +248,33 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
 static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     tl_time step = cycle->settings.assembly->config.step;
     bool is_last = cycle->next_tick >= cycle->handover.tick;
-    tl_time left = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
+    tl_time remaining = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
     size_t size = 0;
-    bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : left, &size);
+    bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : remaining, &size);
     return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
 }
 
 /* Reports present problems again, because the new run's events do not contain them yet. */
-static void take_over(tl_cycle *cycle) {
+static void become_live(tl_cycle *cycle) {
     bool is_saved = cycle->resumption.from == TL_RESUMED_CHECKPOINT;
     cycle->is_shadow = false;
     cycle->is_behind = false;
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
-    count_anew(cycle);
+    reset_counts(cycle);
     tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "handover",
-                     "has taken over from tick %" PRId64 " on%s", cycle->resumption.tick,
-                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
-    tell_late_handover(cycle);
-    say(cycle);
+                     "this twin is live from tick %" PRId64 " on%s", cycle->resumption.tick,
+                     is_saved ? ""
+                              : "; its state could not be saved: a replay of this run starts from the start values");
+    report_late_handover(cycle);
+    report_done(cycle);
 }
 
 /* ---- the live twin ---- */
 
-static void hand_over(tl_cycle *cycle) {
+static void become_shadow(tl_cycle *cycle) {
     tl_record_queue *queue = cycle->settings.queue;
-    tell_late_handover(cycle);
+    report_late_handover(cycle);
     if (!cycle->has_tuning) { /* keep the present tuning for a later run */
         cycle->tuning = *tl_record_queue_tuning(queue);
         cycle->was_tuned = strcmp(cycle->tuning.hash, queue->configured.hash) != 0;
@@ -278,31 +287,31 @@ static void hand_over(tl_cycle *cycle) {
     cycle->has_run = false;
     cycle->is_shadow = true;
     tl_journal_set_apart(cycle->settings.journal, true);
-    count_anew(cycle);
-    say(cycle);
+    reset_counts(cycle);
+    report_done(cycle);
 }
 
 /* ---- ticks ---- */
 
-static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
+static tl_status before_tick(tl_cycle *cycle) {
     if (!is_due(cycle)) {
         return TL_OK;
     }
     if (!cycle->is_shadow) {
         if (cycle->settings.assembly->config.measurements !=
             TL_AHEAD) { /* in mode ahead its last record is not complete yet */
-            hand_over(cycle);
+            become_shadow(cycle);
         }
         return TL_OK;
     }
     tl_status status = cycle->has_run ? TL_OK : try_to_begin_run(cycle, NULL);
     if (status == TL_OK) {
-        take_over(cycle);
+        become_live(cycle);
     }
     return status;
 }
 
-static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+static tl_status after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     if (cycle->has_run) {
         tl_checkpointer_after(&cycle->checkpointer, tick, budget);
     } else if (cycle->handover.is_ahead) {
@@ -322,7 +331,7 @@ static bool is_stopped(const tl_cycle *cycle) {
     return __atomic_load_n(&cycle->stop, __ATOMIC_RELAXED);
 }
 
-static void show(tl_cycle *cycle) {
+static void publish_status(tl_cycle *cycle) {
     int64_t due = cycle->next_tick - cycle->warm_up;
     tl_cycle_status *shown = &cycle->shown;
     cycle->summary.ticks = due > 0 ? (uint64_t)due : 0;
@@ -341,11 +350,11 @@ static void show(tl_cycle *cycle) {
     tl_latest_publish(&cycle->published, shown, sizeof *shown);
 }
 
-static tl_time patience(const tl_config *config) {
+static tl_time tick_timeout(const tl_config *config) {
     return config->realtime_hang + 2 * config->step;
 }
 
-static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
+static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_config *config = &cycle->settings.assembly->config;
     const tl_lock_change *change = NULL;
     if (record->step >= cycle->first_step) { /* in mode ahead the first record belongs to a step before */
@@ -360,7 +369,7 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
-        tl_thread_heartbeat_set_timeout(cycle->heartbeat, patience(config));
+        tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));
     }
     if (tl_recovery_step(&cycle->recovery, record, &change)) {
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, PATIENCE_WITH_BEGINNING);
@@ -414,15 +423,15 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (!cycle->has_begun) { /* in its first tick the twin initialises and proves the FMUs */
         cycle->has_begun = true;
-        tl_thread_heartbeat_set_timeout(cycle->heartbeat, patience(&cycle->settings.assembly->config));
+        tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(&cycle->settings.assembly->config));
     }
     if (ready) {
-        keep(cycle, tick, &record);
+        process_record(cycle, tick, &record);
     }
     if (ahead) {
         put_sample(cycle, &sample);
         if (is_due(cycle) && !cycle->is_shadow) { /* its last record is complete with this sample */
-            hand_over(cycle);
+            become_shadow(cycle);
         }
     }
     if (status == TL_OK) {
@@ -432,13 +441,13 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
         cycle->skipped += skipped ? 1 : 0;
         cycle->has_skipped = skipped;
         cycle->next_tick = tick + 1;
-        status = tl_cycle_after_tick(cycle, tick, budget);
+        status = after_tick(cycle, tick, budget);
     }
     return status;
 }
 
-static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
-    tl_status status = tl_cycle_before_tick(cycle);
+static tl_status compute_due(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    tl_status status = before_tick(cycle);
     return status == TL_OK ? compute_tick(cycle, tick, budget) : status;
 }
 
@@ -447,16 +456,17 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
 static tl_status compute_missed(tl_cycle *cycle, const tl_budget *budget) {
     tl_budget own = *budget;
     own.started = tl_clock_now(NULL);
-    return compute(cycle, cycle->next_tick, cycle->is_behind ? &own : NULL);
+    return compute_due(cycle, cycle->next_tick, cycle->is_behind ? &own : NULL);
 }
 
 /* Executes all due ticks: missed ones first, as many as the budget permits, then the present. */
 static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
-    tl_time start = cycle->start + tl_cycle_delay(cycle);
+    tl_time start = cycle->start + start_delay(cycle);
     int64_t present = (budget->started - start) / period;
     int64_t missed_from = cycle->next_tick;
     uint64_t skipped_before = cycle->skipped;
+    bool is_late = false;
     tl_status status = TL_OK;
     present = present < cycle->last_tick ? present : cycle->last_tick;
     while (status == TL_OK && cycle->next_tick < present) {
@@ -469,18 +479,22 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     if (status == TL_OK && cycle->next_tick == present) {
         if (cycle->is_behind) { /* all missed ticks are done */
             cycle->is_behind = false;
-            count_anew(cycle);
+            reset_counts(cycle);
         }
-        status = compute(cycle, present, budget);
-        tl_time deadline = tl_time_of_step(start, period, present + 1);
-        cycle->summary.deadline_misses += tl_clock_now(NULL) > deadline ? 1 : 0;
+        status = compute_due(cycle, present, budget);
+        is_late = tl_clock_now(NULL) > tl_time_of_step(start, period, present + 1);
+        cycle->summary.deadline_misses += is_late ? 1 : 0;
     }
+    if (cycle->was_in_time && (is_late || cycle->skipped != skipped_before)) {
+        report_missing(cycle, present);
+    }
+    cycle->was_in_time = cycle->was_in_time || (cycle->next_tick > present && !is_late);
     return status;
 }
 
 /* Mode ahead: the measurement of the last step comes one period later. If the cycle must stop, it
  *             does not wait for it. */
-static void finish(tl_cycle *cycle) {
+static void finish_last(tl_cycle *cycle) {
     const tl_config *config = &cycle->settings.assembly->config;
     tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
     tl_sample sample;
@@ -498,18 +512,18 @@ static void finish(tl_cycle *cycle) {
     }
     tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
     if (ready) {
-        keep(cycle, cycle->next_tick, &record);
+        process_record(cycle, cycle->next_tick, &record);
         put_sample(cycle, &sample);
     }
 }
 
 /* Verifies the rollback of the FMUs in the time until the next tick, except for a reserve. */
-static tl_status look(tl_cycle *cycle) {
-    enum { STAYS_LEFT = 8 }; /* reserve: this fraction of a period */
+static tl_status verify_rollback(tl_cycle *cycle) {
+    enum { RESERVE = 8 }; /* reserve: this fraction of a period */
     tl_time period = cycle->settings.assembly->config.step;
-    tl_time next = tl_time_of_step(cycle->start, period, cycle->next_tick) + tl_cycle_delay(cycle);
+    tl_time next = tl_time_of_step(cycle->start, period, cycle->next_tick) + start_delay(cycle);
     tl_twin_look_news news;
-    tl_status status = tl_twin_look(cycle->settings.assembly->twin, next - period / STAYS_LEFT, &news, &cycle->error);
+    tl_status status = tl_twin_look(cycle->settings.assembly->twin, next - period / RESERVE, &news, &cycle->error);
     if (news.found) {
         tl_journal_event(cycle->settings.journal, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", "%s",
                          news.text);
@@ -517,17 +531,17 @@ static tl_status look(tl_cycle *cycle) {
     return status;
 }
 
-static void run(void *context) {
+static void run_cycle(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
     tl_locale_use();
     touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
-        tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
+        tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + start_delay(cycle);
         tl_clock_sleep_until(instant);
-        tl_cycle_look_for_tolerances(cycle);
-        tl_cycle_look_for_tuning(cycle);
-        tl_cycle_look_for_handover(cycle);
+        poll_tolerances(cycle);
+        poll_tuning(cycle);
+        poll_handover(cycle);
         const tl_budget budget = {
             .evaluations = config->budget_evaluations,
             .time = config->budget_time,
@@ -537,26 +551,26 @@ static void run(void *context) {
         if (!is_stopped(cycle) && budget.started >= instant) {
             cycle->status = catch_up(cycle, &budget);
             tl_fmu_guard_tick();
-            show(cycle);
-            cycle->status = cycle->status == TL_OK ? look(cycle) : cycle->status;
+            publish_status(cycle);
+            cycle->status = cycle->status == TL_OK ? verify_rollback(cycle) : cycle->status;
         }
     }
-    finish(cycle);
+    finish_last(cycle);
     cycle->shown.ended = true;
-    show(cycle);
+    publish_status(cycle);
     tl_thread_heartbeat_stop(cycle->heartbeat);
 }
 
 /* Tick 0 is one period from now, unless the run is resumed. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
-    const tl_cycle_place *place = &cycle->settings.place;
+    const tl_cycle_place *slot = &cycle->settings.place;
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
-    if (place->is_shadow || resumption->from != TL_RESUMED_NOT) {
-        cycle->start = place->is_shadow ? place->start : resumption->start;
-        cycle->next_tick = place->is_shadow ? place->tick : resumption->tick;
+    if (slot->is_shadow || resumption->from != TL_RESUMED_NOT) {
+        cycle->start = slot->is_shadow ? slot->start : resumption->start;
+        cycle->next_tick = slot->is_shadow ? slot->tick : resumption->tick;
     }
     cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
 }
@@ -573,7 +587,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_account_take(settings->assembly->twin, &account);
     started->last_tick = config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + account.lead;
     tl_watch_init(&started->watch, config, settings->journal);
-    tl_cycle_begin_judges(started, &account);
+    init_monitors(started, &account);
     started->heartbeat = tl_thread_heartbeat_start(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->queue, settings->journal,
                          !settings->unreadable);
@@ -587,7 +601,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     } /* else it began when it followed the earlier run */
     started->tuned = tl_record_queue_tuning(settings->queue)
                          ->number; /* a failed resume may have left a tuning, which does not apply */
-    tl_fmu_thread_begin(settings->thread, run, started);
+    tl_fmu_thread_begin(settings->thread, run_cycle, started);
     *cycle = started;
     return TL_OK;
 }
@@ -659,7 +673,7 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
 /* Intervals of log messages and status, and the longest sleep. */
 static const tl_time HOLD_REMIND = 600 * TL_SECOND;
 static const tl_time HOLD_SHOW = TL_SECOND;
-static const tl_time HOLD_LOOK = TL_SECOND / 20;
+static const tl_time HOLD_POLL = TL_SECOND / 20;
 
 /* Records all samples due until now; returns the next tick. */
 static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
@@ -674,21 +688,22 @@ static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start
     return tick;
 }
 
-/* `left`: time until the next retry. */
-static void describe_hold(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
+/* `remaining`: time until the next retry. */
+static void describe_hold(const tl_safe_hold_settings *settings, tl_time remaining, char text[TL_HEARTBEAT_STATUS]) {
     const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
-    long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;
+    long seconds = remaining > 0 ? (long)((remaining + TL_SECOND - 1) / TL_SECOND) : 0;
     if (settings->since != 0) {
         (void)snprintf(text, TL_HEARTBEAT_STATUS,
-                       "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+                       "the twin starts after the test of its FMUs' saved states. The plant is read%s", recorded);
         return;
     }
     (void)snprintf(text, TL_HEARTBEAT_STATUS,
-                   "safe hold: %s %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
+                   "safe hold: %s %u times; next retry in %ld %s. The plant is read%s. To retry now, stop and "
                    "start the run. Last failure: %s",
                    settings->missing > 0 ? "the twin could not be started" : "the twin failed",
                    settings->missing > 0 ? settings->missing : settings->failures,
-                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded, settings->reason);
+                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded,
+                   settings->reason[0] != '\0' ? settings->reason : "unknown");
 }
 
 void tl_safe_hold(const tl_safe_hold_settings *settings) {
@@ -704,7 +719,7 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
     tl_twin_recorder_start(settings->cycle->queue, NULL, start);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
         tl_time due = tl_time_of_step(start, settings->cycle->assembly->config.step, tick);
-        tl_time most = tl_clock_now(NULL) + HOLD_LOOK;
+        tl_time most = tl_clock_now(NULL) + HOLD_POLL;
         tl_clock_sleep_until(due < most ? due : most);
         tick = hold_samples(settings, start, tick);
         tl_thread_heartbeat_beat(settings->heartbeat);

@@ -22,14 +22,18 @@
 /* ---- Real-time scheduling if it is permitted, else ordinary scheduling.
  *
  * Purpose: SCHED_FIFO for the cycle thread, and locked memory so that no page fault delays it. If
- *          one is not permitted, one event reports it with the remedy, and the run continues.
+ *          one is not permitted, the run continues. An event reports that only when the cycle has
+ *          missed a tick or a deadline for the first time, as its possible cause with the remedy.
  */
 
-/* mlockall: locks the present mappings, and future ones if the limit permits it. */
-void tl_realtime_lock_memory(tl_journal *journal);
+/* What is configured and was not permitted. Zeroed: nothing. */
+typedef struct tl_realtime_missing {
+    int lock_error; /* errno of mlockall */
+    bool priority;
+} tl_realtime_missing;
 
-/* Reports as an event that the cycle's thread did not get its priority. */
-void tl_realtime_tell_refused(tl_journal *journal);
+/* mlockall: locks the present mappings, and future ones if permitted. Returns 0 or errno. */
+int tl_realtime_lock_memory(void);
 
 /* ---- Real-time cycle: the FMU thread wakes up at absolute instants, takes a sample, and steps the
  * twin.
@@ -82,6 +86,7 @@ typedef struct tl_cycle_settings {
     const tl_live_tuning *tuning;  /* tunings from another process; NULL: none */
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
     tl_cycle_place place;
+    tl_realtime_missing missing;
     bool unreadable;    /* saved states of these FMUs cannot be loaded, so none are saved */
     tl_summary resumed; /* what was done before the first tick of a resumed run; else zeroes */
 } tl_cycle_settings;

@@ -10,7 +10,7 @@
  * Order:   the config manager writes an order (tl_live_order) and the candidate configuration. The
  *          supervisor starts the shadow and announces handovers in this block. Each twin reads the
  *          block at the start of a tick, and publishes in its status block what it has done
- *          (tl_live_twin_pulse.flipped). No process sends a message or waits.
+ *          (tl_live_twin_pulse.handed_over). No process sends a message or waits.
  * Tick:    the handover tick is far enough ahead that both twins see it in time, and that the
  *          shadow finds a tick with time to save itself: its run begins with that checkpoint. A
  *          twin that sees a handover after its tick does its part at its next tick, and records a
@@ -36,10 +36,10 @@
 enum { TL_TWIN_SLOTS = 2, TL_HANDOVER_WHY = 192 };
 
 /* End reason of a run at a handover; the twin continues as a shadow. */
-#define TL_LIVE_TAKEN_OVER "another configuration has taken over"
+#define TL_LIVE_TAKEN_OVER "handover to another configuration"
 
 /* End reason of a run if a new run with another configuration replaces it. */
-#define TL_LIVE_BEGUN_ANEW "another configuration: the run begins anew"
+#define TL_LIVE_BEGUN_ANEW "restarted with another configuration"
 
 /* ---- the supervisor writes ---- */
 

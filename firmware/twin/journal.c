@@ -30,7 +30,7 @@ bool tl_journal_is_apart(const tl_journal *journal) {
 
 /* Reserves an entry to write to; NULL if the queue is full. An entry is free for the writer of
  * number n when its `turn` is n. */
-static tl_journal_entry *claim(tl_journal *journal, uint64_t *number) {
+static tl_journal_entry *claim_entry(tl_journal *journal, uint64_t *number) {
     *number = __atomic_load_n(&journal->head, __ATOMIC_RELAXED);
     for (;;) {
         tl_journal_entry *entry = &journal->entries[*number % TL_JOURNAL_ENTRIES];
@@ -62,7 +62,7 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
         journal->hear(journal->listener, tick, severity, source, text);
     }
     uint64_t number;
-    tl_journal_entry *entry = claim(journal, &number);
+    tl_journal_entry *entry = claim_entry(journal, &number);
     if (entry == NULL) {
         (void)__atomic_add_fetch(&journal->dropped, 1, __ATOMIC_RELAXED);
         return;
@@ -88,7 +88,8 @@ void tl_journal_drain(tl_journal *journal) {
     }
     uint64_t dropped = __atomic_exchange_n(&journal->dropped, 0, __ATOMIC_RELAXED);
     if (dropped != 0) {
-        tl_log(TL_LOG_WARNING, "journal: %llu events were not logged; the database has them",
+        tl_log(TL_LOG_WARNING,
+               "journal: %llu events were not logged, because they came too fast; the database, if any, has them",
                (unsigned long long)dropped);
     }
 }

@@ -67,16 +67,16 @@ static tl_status fail_changed(tl_error *error) {
 }
 
 /* Validates a private copy. */
-static tl_status check(const tl_live_tuning_head *head, tl_error *error) {
+static tl_status check_head(const tl_live_tuning_head *head, tl_error *error) {
     if (head->hash[0] == '\0' || !tl_identity_is_sound(head->hash)) {
-        return tl_fail(error, TL_BAD_DATA, "a tuning came with a digest that is none");
+        return tl_fail(error, TL_BAD_DATA, "tuning: its hash is invalid");
     }
     if (!is_text(head->who, sizeof head->who) || !is_text(head->origin, sizeof head->origin) ||
         !is_text(head->why, sizeof head->why)) {
-        return tl_fail(error, TL_BAD_DATA, "a tuning came with a text that cannot be shown");
+        return tl_fail(error, TL_BAD_DATA, "tuning: a text is invalid");
     }
     if (head->size > TL_CONFIG_MAX_BYTES) {
-        return tl_fail(error, TL_BAD_DATA, "a tuning came with a configuration of %u bytes, expected at most %d",
+        return tl_fail(error, TL_BAD_DATA, "tuning: its configuration has %u bytes (expected at most %d)",
                        (unsigned)head->size, (int)TL_CONFIG_MAX_BYTES);
     }
     return tl_tuning_check(&head->tuning, error);
@@ -91,7 +91,7 @@ tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *
     head->number = number;
     head->size = __atomic_load_n(&block->head.size, __ATOMIC_ACQUIRE);
     tl_words_load((char *)head + BEHIND, (const char *)&block->head + BEHIND, sizeof *head - BEHIND);
-    return tl_live_tuning_number(block) != number ? fail_changed(error) : check(head, error);
+    return tl_live_tuning_number(block) != number ? fail_changed(error) : check_head(head, error);
 }
 
 tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_head *head,
@@ -108,7 +108,7 @@ tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_h
     }
     tl_sha256(text, head->size, digest);
     if (strlen(text) != head->size || strcmp(digest, head->hash) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "a tuning came with a text that is not that of its digest");
+        return tl_fail(error, TL_BAD_DATA, "tuning: its text does not match its hash");
     }
     return TL_OK;
 }

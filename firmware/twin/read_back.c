@@ -7,7 +7,7 @@
 
 #include "master/twin/twin_read_back.h"
 
-typedef enum read_stage { STAGE_LEFT_OUT, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE } read_stage;
+typedef enum read_stage { STAGE_SKIPPED, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE } read_stage;
 
 /* Result of one component in the block. */
 typedef struct read_answer {
@@ -17,7 +17,7 @@ typedef struct read_answer {
 
 /* At the beginning of the block; the saved states follow. */
 typedef struct read_block {
-    uint64_t told; /* bytes of the saved states */
+    uint64_t size; /* bytes of the saved states */
     read_answer of[TL_RECORDER_COMPONENTS];
 } read_block;
 
@@ -30,24 +30,24 @@ static unsigned char *bytes_of(read_block *block) {
 /* ---- reader process ---- */
 
 /* `is_here`: the control test, in the process that saved the states. */
-static void judge(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
-    char words[TL_ERROR_TEXT];
+static void evaluate_result(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
+    char text[TL_ERROR_TEXT];
     *found = (tl_read_back_component){.finding = is_here ? TL_READ_BACK_UNKNOWN : TL_READ_BACK_IS_EXACT};
     if (read->outcome == TL_READ_BACK_DIFFERS) {
         found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_OTHER;
-        (void)snprintf(found->text, sizeof found->text, "%.127s is %.9g in step %u after it, and %.9g %s",
+        (void)snprintf(found->text, sizeof found->text, "%.127s is %.9g in step %u after it, but %.9g %s",
                        read->variable, read->first, read->after, read->again,
-                       is_here ? "if it is led back and steps again" : "in the other process");
+                       is_here ? "if the step is repeated after a rollback" : "in the other process");
     } else if (read->outcome == TL_READ_BACK_REFUSED) {
         found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_REFUSED;
-        tl_assembly_quote(read->error.text, name, words, sizeof words);
+        tl_assembly_quote(read->error.text, name, text, sizeof text);
         (void)snprintf(found->text, sizeof found->text, "%s%.400s",
-                       is_here ? "led back, it fails in a step that it had done: " : "", words);
+                       is_here ? "after a rollback it fails in a step that had succeeded: " : "", text);
     }
 }
 
 /* Publishes progress at once, because this process may end during the next call. */
-static void say(read_answer *kept, read_stage reached) {
+static void set_stage(read_answer *kept, read_stage reached) {
     __atomic_store_n(&kept->stage, (uint32_t)reached, __ATOMIC_RELEASE);
 }
 
@@ -59,13 +59,13 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
     }
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         tl_read_back read;
-        if (own->of[i].stage != STAGE_WANTED || own->told > ROOM) {
+        if (own->of[i].stage != STAGE_WANTED || own->size > ROOM) {
             continue;
         }
-        say(&own->of[i], STAGE_BEGUN);
-        tl_twin_read_state(assembly->twin, bytes_of(own), (size_t)own->told, i, &read);
-        judge(&read, assembly->config.components[i].name, false, &own->of[i].found);
-        say(&own->of[i], STAGE_DONE);
+        set_stage(&own->of[i], STAGE_BEGUN);
+        tl_twin_read_state(assembly->twin, bytes_of(own), (size_t)own->size, i, &read);
+        evaluate_result(&read, assembly->config.components[i].name, false, &own->of[i].found);
+        set_stage(&own->of[i], STAGE_DONE);
     }
     return TL_OK;
 }
@@ -73,10 +73,10 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
 /* ---- process that saved ---- */
 
 /* Evaluates one component after the reader process has ended. Returns true if it is done. */
-static bool settle(read_answer *given, const tl_error *end, tl_read_back_component *found) {
-    const read_stage reached = (read_stage)given->stage;
+static bool evaluate_answer(read_answer *answer, const tl_error *end, tl_read_back_component *found) {
+    const read_stage reached = (read_stage)answer->stage;
     if (reached == STAGE_DONE) {
-        *found = given->found; /* untrusted: the FMU of that process may have overwritten it */
+        *found = answer->found; /* untrusted: the FMU of that process may have overwritten it */
         found->text[sizeof found->text - 1] = '\0';
         if (found->finding != TL_READ_BACK_IS_EXACT && found->finding != TL_READ_BACK_IS_OTHER) {
             found->finding = TL_READ_BACK_IS_REFUSED;
@@ -86,50 +86,50 @@ static bool settle(read_answer *given, const tl_error *end, tl_read_back_compone
         (void)snprintf(found->text, sizeof found->text, "%s", end->text);
     }
     if (reached != STAGE_WANTED) {
-        given->stage = STAGE_LEFT_OUT;
+        answer->stage = STAGE_SKIPPED;
     }
     return reached != STAGE_WANTED;
 }
 
 /* Starts as many processes as needed: each one completes at least one component, or is the last. */
-static void ask(const tl_read_back_host *host, tl_read_back_report *report) {
+static void run_readers(const tl_read_back_host *host, tl_read_back_report *report) {
     read_block *block = host->block;
     bool goes_on = true;
     while (goes_on) {
-        tl_error end = {.text = "it did not come so far"};
-        bool is_left = false;
+        tl_error end = {.text = "the test ended before this component"};
+        bool remains = false;
         goes_on = false;
         (void)host->ask(host->context, &end);
         for (size_t i = 0; i < report->count; i++) {
-            if (block->of[i].stage != STAGE_LEFT_OUT) {
-                bool settled = settle(&block->of[i], &end, &report->of[i]);
+            if (block->of[i].stage != STAGE_SKIPPED) {
+                bool settled = evaluate_answer(&block->of[i], &end, &report->of[i]);
                 goes_on = goes_on || settled;
-                is_left = is_left || !settled;
+                remains = remains || !settled;
             }
         }
-        goes_on = goes_on && is_left;
+        goes_on = goes_on && remains;
     }
 }
 
 /* Saves all components and sets the findings that need no other process. Returns false if there is
  * nothing to load. */
-static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_report *report) {
+static bool save_states(const tl_assembly *assembly, read_block *block, tl_read_back_report *report) {
     tl_read_back here[TL_RECORDER_COMPONENTS];
-    tl_error error = {.text = "its bytes are too many for this"};
+    tl_error error = {.text = "its saved state is too large for this test"};
     size_t size = 0;
     tl_status status = tl_twin_write_states(assembly->twin, bytes_of(block), ROOM, &size, here, &error);
-    bool is_told = status == TL_OK && size != 0 && size <= ROOM;
-    block->told = size;
+    bool is_saved = status == TL_OK && size != 0 && size <= ROOM;
+    block->size = size;
     for (size_t i = 0; i < report->count; i++) {
         tl_read_back_component *found = &report->of[i];
-        if (is_told) {
-            judge(&here[i], assembly->config.components[i].name, true, found);
+        if (is_saved) {
+            evaluate_result(&here[i], assembly->config.components[i].name, true, found);
         } else {
             tl_assembly_quote(error.text, "", found->text, sizeof found->text);
         }
-        block->of[i].stage = is_told && here[i].outcome == TL_READ_BACK_EXACT ? STAGE_WANTED : STAGE_LEFT_OUT;
+        block->of[i].stage = is_saved && here[i].outcome == TL_READ_BACK_EXACT ? STAGE_WANTED : STAGE_SKIPPED;
     }
-    return is_told;
+    return is_saved;
 }
 
 void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report) {
@@ -138,8 +138,8 @@ void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *hos
         return;
     }
     report->is_tried = true;
-    if (tell(assembly, host->block, report)) {
-        ask(host, report);
+    if (save_states(assembly, host->block, report)) {
+        run_readers(host, report);
     }
     report->is_exact = true;
     for (size_t i = 0; i < report->count; i++) {
@@ -158,11 +158,11 @@ const char *tl_read_back_words(tl_read_back_finding finding) {
     case TL_READ_BACK_IS_REFUSED:
         return "cannot be loaded by another process";
     case TL_READ_BACK_IS_OTHER:
-        return "goes on otherwise in another process";
+        return "gives other results in another process";
     case TL_READ_BACK_NOR_HERE:
     case TL_READ_BACK_IS_EXACT:
     case TL_READ_BACK_UNKNOWN:
         break;
     }
-    return "could not be tried in another process";
+    return "could not be tested in another process";
 }

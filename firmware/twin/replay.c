@@ -12,7 +12,7 @@
 
 /* ---- replay report ---- */
 
-static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+static void add_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
     const tl_history_event event = {"", tick >= 0, tick, tl_severity_name(severity), source, text};
     tl_html_report_add_event(context, &event);
 }
@@ -44,7 +44,7 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
     tl_status status = tl_new_file_open(path, &report->file, error);
     status = status == TL_OK ? tl_html_report_create(&settings, &report->page, error) : status;
     if (status == TL_OK) {
-        tl_journal_listen(journal, hear, report->page);
+        tl_journal_listen(journal, add_event, report->page);
     }
     return status;
 }
@@ -64,7 +64,7 @@ void tl_replay_report_close(tl_replay_report *report) {
 
 /* ---- replay ---- */
 
-static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *result, tl_summary *summary) {
+static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_result *result, tl_summary *summary) {
     const tl_config *config = replay->config;
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
@@ -86,7 +86,7 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
 }
 
 /* In real time: waits for the tick's instant and counts ticks that are late. */
-static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) {
+static void pace_tick(const tl_replay *replay, tl_time started, tl_summary *summary) {
     const tl_recording_tick *tick = replay->realtime ? tl_twin_feed_look(replay->feed) : NULL;
     if (tick != NULL) {
         tl_time period = replay->config->step;
@@ -98,7 +98,7 @@ static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) 
 
 /* The twin has applied the run's tunings of this tick already; updates configuration, lock monitor,
  * watch and recorder here. */
-static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings *tunings) {
+static void apply_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings *tunings) {
     tl_run_tuning tuning;
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
         tl_config_retune(replay->config, &tuning.values);
@@ -136,7 +136,7 @@ static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t 
     const tl_sample *sample = &fed->tick->sample;
     bool ready = fed->result->ready != 0;
     if (!fed->last) {
-        take_tunings(replay, sample->tick, tunings);
+        apply_tunings(replay, sample->tick, tunings);
         take_sample(replay, fed->tick, missed);
         tl_summary_sample(summary, replay->config, sample);
         summary->figures.skipped += ready && fed->result->record.outcome == TL_CAUGHT_UP ? 1 : 0;
@@ -144,13 +144,13 @@ static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t 
         tl_recorder_put_sample(replay->recorder, sample);
     }
     if (ready) {
-        keep(replay, sample->tick, fed->result, summary);
+        keep_record(replay, sample->tick, fed->result, summary);
     }
 }
 
 /* Steps that were computed before the interruption was noticed are counted: they are in the twin's
  * account. */
-static tl_status look_for_interruption(const tl_replay *replay, const tl_summary *summary, tl_error *error) {
+static tl_status check_interruption(const tl_replay *replay, const tl_summary *summary, tl_error *error) {
     if (tl_interrupt_requested() == NULL) {
         return TL_OK;
     }
@@ -159,7 +159,7 @@ static tl_status look_for_interruption(const tl_replay *replay, const tl_summary
                    (unsigned long long)summary->figures.steps);
 }
 
-static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
+static tl_status run_ticks(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
     const tl_recording_tunings recorded = tl_recording_get_tunings(replay->recording);
     tl_twin_tunings tunings = {.bytes = (const unsigned char *)recorded.list, .count = recorded.count};
     uint64_t missed = 0;
@@ -167,16 +167,16 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
     tl_time started = tl_clock_now(NULL);
     for (;;) {
         tl_twin_fed fed = {0};
-        pace(replay, started, summary);
+        pace_tick(replay, started, summary);
         tl_status status = tl_twin_feed_next(replay->feed, &fed, &end, error);
         if (end || fed.result == NULL) {
-            return status == TL_OK ? look_for_interruption(replay, summary, error) : status;
+            return status == TL_OK ? check_interruption(replay, summary, error) : status;
         }
         keep_tick(replay, &fed, &missed, &tunings, summary);
         if (status != TL_OK) {
             return status;
         }
-        (void)look_for_interruption(replay, summary, error);
+        (void)check_interruption(replay, summary, error);
         tl_progress_update(progress, fed.tick->sample.tick);
     }
 }
@@ -195,16 +195,14 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     const tl_recording_tunings tunings = tl_recording_get_tunings(replay->recording);
     summary->tunings = tunings.recorded;
     summary->tunings_left_out = tunings.recorded - tunings.count;
-    tl_status status = run(replay, &progress, summary, error);
+    tl_status status = run_ticks(replay, &progress, summary, error);
     tl_progress_end(&progress);
     if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
         /* In mode ahead the measurement of a step comes one tick later. */
         unsigned needed = (unsigned)replay->account->lead + (replay->config->measurements == TL_AHEAD ? 1 : 0);
-        status =
-            tl_fail(error, TL_BAD_DATA,
-                    "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
-                    "than its first",
-                    (long long)ticks, tl_seconds(replay->config->step), needed);
+        status = tl_fail(error, TL_BAD_DATA,
+                         "the recording is too short for a step: it has %lld ticks of %g s (expected at least %u)",
+                         (long long)ticks, tl_seconds(replay->config->step), needed + 1);
     }
     tl_lock_monitor_get(replay->judge, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
@@ -219,14 +217,14 @@ tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning 
     tl_twin_recorder_identify(config, text);
     if (strcmp(text, beginning->fmus) != 0) {
         return tl_fail(error, TL_BAD_DATA,
-                       "run %" PRId64 " goes on with run %" PRId64
-                       ", and the FMUs are not those of these runs any more",
+                       "run %" PRId64 " resumes run %" PRId64
+                       ", but the FMU files have changed since: install the files of these runs",
                        beginning->run, beginning->resumption.run);
     }
     tl_identity_format(text);
     if (beginning->resumption.from == TL_RESUMED_CHECKPOINT && strcmp(text, beginning->checkpoint->format) != 0) {
         return tl_fail(error, TL_BAD_DATA,
-                       "run %" PRId64 " begins with a checkpoint that only %s can read, and this is %s", beginning->run,
+                       "run %" PRId64 " starts from a checkpoint that only %s can load (this is %s)", beginning->run,
                        beginning->checkpoint->format, text);
     }
     return TL_OK;

@@ -25,10 +25,10 @@ void tl_resume_say(tl_resume_tell *tell, void *context, tl_severity severity, co
 
 enum { NAME = 32 };
 
-/* Writes "run 7" or "the run before". */
+/* Writes "run 7" or "the previous run". */
 static const char *name_run(int64_t run, char text[NAME]) {
     if (run < 0) {
-        (void)snprintf(text, NAME, "the run before");
+        (void)snprintf(text, NAME, "the previous run");
     } else {
         (void)snprintf(text, NAME, "run %" PRId64, run);
     }
@@ -55,11 +55,12 @@ bool tl_resume_is_under_way(int64_t run, const tl_config *config, int64_t last, 
                             char why[TL_RESUME_WHY]) {
     char name[NAME];
     if (gap < 0) {
-        return tl_resume_refuse(why, "by the clock %s has not happened yet", name_run(run, name));
+        return tl_resume_refuse(why, "the clock is earlier than the last tick of %s: check the system time",
+                                name_run(run, name));
     }
     if (gap > config->record_resume) {
-        return tl_resume_refuse(why, "nobody ran since %s for %.1f s, which is more than record.resume_s",
-                                name_run(run, name), tl_seconds(gap));
+        return tl_resume_refuse(why, "%s ended %.1f s ago (record.resume_s allows %g s)", name_run(run, name),
+                                tl_seconds(gap), tl_seconds(config->record_resume));
     }
     int64_t now = last + gap / config->step;
     return config->duration == 0 || now < config->duration / config->step + (int64_t)lead ||
@@ -90,15 +91,15 @@ size_t tl_resume_tick_bytes(const tl_recorder_shape *shape) {
 }
 
 /* Devices can send any time stamp; out-of-range stamps are clamped. */
-static tl_time nearer(tl_time stamp) {
+static tl_time clamp_stamp(tl_time stamp) {
     tl_time most = stamp > TL_RESUME_FAR ? TL_RESUME_FAR : stamp;
     return stamp == TL_TIME_NEVER || most >= -TL_RESUME_FAR ? most : -TL_RESUME_FAR;
 }
 
-static void pack(const tl_recorder_shape *shape, const tl_sample *sample, unsigned char *bytes) {
+static void pack_tick(const tl_recorder_shape *shape, const tl_sample *sample, unsigned char *bytes) {
     tl_sample near = *sample;
     for (size_t i = 0; i < shape->plant; i++) {
-        near.stamps[i] = nearer(sample->stamps[i]);
+        near.stamps[i] = clamp_stamp(sample->stamps[i]);
     }
     bytes[0] = NO_STEP;
     unsigned char *u = tl_pack(tl_packed_signals, shape, &near, bytes + 1);
@@ -106,7 +107,7 @@ static void pack(const tl_recorder_shape *shape, const tl_sample *sample, unsign
 }
 
 /* Unpacks without conversion. */
-static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_resume_tick *tick) {
+static void unpack_tick(const tl_recorder_shape *shape, const unsigned char *bytes, tl_resume_tick *tick) {
     tick->has_u = bytes[0] != NO_STEP;
     tick->resets = bytes[0] == HAS_RESET;
     const unsigned char *u = tl_unpack(tl_packed_signals, shape, bytes + 1, &tick->sample);
@@ -117,7 +118,7 @@ static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, t
 static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *bytes) {
     tl_resume_tick tick;
     bool sound = bytes[0] <= HAS_RESET;
-    unpack(shape, bytes, &tick);
+    unpack_tick(shape, bytes, &tick);
     for (size_t i = 0; sound && i < shape->plant; i++) {
         tl_time stamp = tick.sample.stamps[i];
         bool in_time = stamp == TL_TIME_NEVER || (stamp >= -TL_RESUME_FAR && stamp <= TL_RESUME_FAR);
@@ -131,7 +132,7 @@ static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *b
 
 /* ---- list of ticks ---- */
 
-static unsigned char *place_of(const tl_resume_ticks *ticks, size_t index) {
+static unsigned char *bytes_at(const tl_resume_ticks *ticks, size_t index) {
     return ticks->bytes + index * tl_resume_tick_bytes(&ticks->shape);
 }
 
@@ -162,13 +163,13 @@ bool tl_resume_ticks_add(tl_resume_ticks *ticks, const tl_sample *sample) {
     if (!make_room(ticks)) {
         return false;
     }
-    pack(&ticks->shape, sample, place_of(ticks, ticks->count++));
+    pack_tick(&ticks->shape, sample, bytes_at(ticks, ticks->count++));
     return true;
 }
 
 void tl_resume_ticks_set_step(tl_resume_ticks *ticks, int64_t tick, const double *u, bool resets) {
     if (tick >= ticks->first && tick - ticks->first < (int64_t)ticks->count) {
-        unsigned char *bytes = place_of(ticks, (size_t)(tick - ticks->first));
+        unsigned char *bytes = bytes_at(ticks, (size_t)(tick - ticks->first));
         bytes[0] = resets ? HAS_RESET : HAS_STEP;
         memcpy(bytes + u_at(&ticks->shape), u, ticks->shape.adjust * sizeof *u);
     }
@@ -176,7 +177,7 @@ void tl_resume_ticks_set_step(tl_resume_ticks *ticks, int64_t tick, const double
 
 static tl_status add_recorded(tl_resume_ticks *ticks, const tl_history_tick *tick, tl_error *error) {
     if (!tl_resume_ticks_add(ticks, &tick->sample)) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the samples of an earlier run");
     }
     if (tick->has_step && tick->adjusted == ticks->shape.adjust) {
         tl_resume_ticks_set_step(ticks, tick->sample.tick, tick->u, (tick->step.flags & TL_FLAG_RESET) != 0);
@@ -203,8 +204,8 @@ tl_status tl_resume_ticks_read(tl_resume_ticks *ticks, tl_history *history, cons
 int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first) {
     bool stepped = false;
     size_t at = (size_t)(first - ticks->first);
-    while (at < ticks->count && (place_of(ticks, at)[0] != NO_STEP || !stepped)) {
-        stepped = place_of(ticks, at++)[0] != NO_STEP;
+    while (at < ticks->count && (bytes_at(ticks, at)[0] != NO_STEP || !stepped)) {
+        stepped = bytes_at(ticks, at++)[0] != NO_STEP;
     }
     return stepped ? ticks->first + (int64_t)at - 1 : first - 1;
 }
@@ -269,27 +270,28 @@ size_t tl_resume_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t fi
 }
 
 /* Copies one piece; returns the address of the next one. */
-static unsigned char *put(unsigned char *place, const void *piece, size_t size) {
+static unsigned char *put_bytes(unsigned char *target, const void *piece, size_t size) {
     if (size != 0) {
-        memcpy(place, piece, size);
+        memcpy(target, piece, size);
     }
-    return place + size;
+    return target + size;
 }
 
 void tl_resume_write(const tl_resume *resume, void *image) {
     const uint64_t size = tl_resume_size(resume);
-    unsigned char *place = image;
+    unsigned char *target = image;
     memset(image, 0, HEAD);
-    (void)put(put(put(place, MAGIC, sizeof MAGIC), &size, sizeof size), resume, TL_RESUME_PLAIN);
-    place = put(place + HEAD, resume->checkpoint, resume->checkpoint_size);
-    place = put(place, resume->tunings, resume->tuning_count * sizeof(tl_run_tuning));
-    (void)put(place, resume->ticks, (size_t)(resume->last - resume->first + 1) * tl_resume_tick_bytes(&resume->shape));
+    (void)put_bytes(put_bytes(put_bytes(target, MAGIC, sizeof MAGIC), &size, sizeof size), resume, TL_RESUME_PLAIN);
+    target = put_bytes(target + HEAD, resume->checkpoint, resume->checkpoint_size);
+    target = put_bytes(target, resume->tunings, resume->tuning_count * sizeof(tl_run_tuning));
+    (void)put_bytes(target, resume->ticks,
+                    (size_t)(resume->last - resume->first + 1) * tl_resume_tick_bytes(&resume->shape));
 }
 
 /* ---- reading ---- */
 
 static tl_status fail_damaged(tl_error *error, const char *what) {
-    return tl_fail(error, TL_BAD_DATA, "what is left of an earlier run is damaged: %s", what);
+    return tl_fail(error, TL_BAD_DATA, "the resume data of an earlier run are damaged: %s", what);
 }
 
 static bool is_within(int64_t value, int64_t least, int64_t most) {
@@ -308,18 +310,18 @@ static bool is_origin(const tl_resume *found) {
 static tl_status check_head(const unsigned char *image, size_t size, const tl_resume *found, const tl_config *config,
                             tl_error *error) {
     char digest[TL_SHA256_TEXT];
-    uint64_t told = 0;
+    uint64_t size_field = 0;
     const tl_recorder_shape samples = {.plant = config->signal_count};
     const tl_recorder_shape shape = found->from == TL_RESUMED_NOT ? samples : tl_recorder_shape_of(config);
     const int64_t last_possible = TL_RESUME_FAR / config->step;
-    memcpy(&told, image + sizeof MAGIC, sizeof told);
+    memcpy(&size_field, image + sizeof MAGIC, sizeof size_field);
     tl_resume_identify(config, digest);
     if (memcmp(&found->shape, &shape, sizeof shape) != 0 || found->step != config->step ||
         memcmp(found->signals, digest, sizeof digest) != 0) {
-        return fail_damaged(error, "it has not the signals of this configuration");
+        return fail_damaged(error, "its signals are not those of this configuration");
     }
     bool is_sound =
-        memcmp(image, MAGIC, sizeof MAGIC) == 0 && told == size && is_within(found->first, 0, last_possible) &&
+        memcmp(image, MAGIC, sizeof MAGIC) == 0 && size_field == size && is_within(found->first, 0, last_possible) &&
         is_within(found->last, found->first - 1, last_possible) && found->last - found->first < TL_RESUME_TICKS &&
         found->checkpoint_size <= size && found->tuning_count <= TL_RESUME_TUNINGS && is_origin(found) &&
         is_within(found->run, TL_RESUME_UNNUMBERED, TL_RESUME_FAR) &&
@@ -332,7 +334,7 @@ static tl_status check_ticks(const tl_resume *resume, tl_error *error) {
     size_t count = (size_t)(resume->last - resume->first + 1);
     for (size_t i = 0; i < count; i++) {
         if (!is_sound_tick(&resume->shape, resume->ticks + i * tl_resume_tick_bytes(&resume->shape))) {
-            return tl_fail(error, TL_BAD_DATA, "what is left of an earlier run is damaged: its tick %" PRId64,
+            return tl_fail(error, TL_BAD_DATA, "the resume data of an earlier run are damaged: its tick %" PRId64,
                            resume->first + (int64_t)i);
         }
     }
@@ -347,7 +349,7 @@ static tl_status check_tunings(const tl_resume *resume, tl_error *error) {
         memcpy(&tuning, resume->tunings + i * sizeof tuning, sizeof tuning);
         if (!is_within(tuning.tick, least, TL_RESUME_FAR) || !tl_identity_is_sound(tuning.hash) ||
             tuning.hash[0] == '\0' || tl_tuning_check(&tuning.values, &why) != TL_OK) {
-            return fail_damaged(error, "what was in force");
+            return fail_damaged(error, "its tunings");
         }
         least = tuning.tick;
     }
@@ -355,7 +357,7 @@ static tl_status check_tunings(const tl_resume *resume, tl_error *error) {
 }
 
 /* Sets the fields that are not in the image or are stored after its head. */
-static void complete(tl_resume *resume, const unsigned char *behind, tl_time now) {
+static void complete_resume(tl_resume *resume, const unsigned char *behind, tl_time now) {
     tl_time gap = now - tl_time_of_step(resume->start, resume->step, resume->last);
     resume->gap = gap < 0 ? 0 : gap;
     resume->checkpoint_tick = resume->first - 1;
@@ -379,7 +381,7 @@ static tl_status read_image(const void *image, size_t size, const tl_config *con
     memcpy(&found, bytes + PLAIN_AT, TL_RESUME_PLAIN);
     tl_status status = check_head(bytes, size, &found, config, error);
     if (status == TL_OK) {
-        complete(&found, bytes + HEAD, now);
+        complete_resume(&found, bytes + HEAD, now);
         status = check_tunings(&found, error);
         status = status == TL_OK ? check_ticks(&found, error) : status;
         *resume = status == TL_OK ? found : *resume;
@@ -395,7 +397,7 @@ tl_status tl_resume_read(const void *image, size_t size, const tl_config *config
     if (status == TL_OK &&
         (resume->from == TL_RESUMED_NOT || !is_within(gap, -resume->step, config->record_resume + READING))) {
         *resume = (tl_resume){.from = TL_RESUMED_NOT};
-        return fail_damaged(error, "it is not of just now");
+        return fail_damaged(error, "its time is wrong");
     }
     return status;
 }
@@ -405,7 +407,7 @@ tl_status tl_resume_read_samples(const void *image, size_t size, const tl_config
     tl_status status = read_image(image, size, config, 0, resume, error);
     if (status == TL_OK && (resume->from != TL_RESUMED_NOT || resume->start != start)) {
         *resume = (tl_resume){.from = TL_RESUMED_NOT};
-        return fail_damaged(error, "it is not of the run that is under way");
+        return fail_damaged(error, "it does not belong to the present run");
     }
     return status;
 }
@@ -417,7 +419,7 @@ bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *ou
     size_t index = (size_t)(tick - resume->first);
     memset(out, 0, sizeof *out);
     memset(out->sample.quality, TL_NO_LINK, sizeof out->sample.quality);
-    unpack(&resume->shape, resume->ticks + index * tl_resume_tick_bytes(&resume->shape), out);
+    unpack_tick(&resume->shape, resume->ticks + index * tl_resume_tick_bytes(&resume->shape), out);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         bool never = i >= resume->shape.plant || out->sample.stamps[i] == TL_TIME_NEVER;
         out->sample.stamps[i] = never ? TL_TIME_NEVER : out->sample.stamps[i] + resume->start;
@@ -441,15 +443,15 @@ typedef struct follower {
     tl_run_tuning tuning;    /* the newest one */
 } follower;
 
-static tl_status build_anew(const follower *self, tl_error *error) {
+static tl_status rebuild_twin(const follower *self, tl_error *error) {
     tl_status status = tl_assembly_rebuild(self->settings->assembly);
-    return status == TL_OK ? TL_OK : tl_fail(error, status, "the twin could not be built a second time");
+    return status == TL_OK ? TL_OK : tl_fail(error, status, "the twin could not be built again");
 }
 
 /* ---- start ---- */
 
 /* If a checkpoint cannot be loaded, the twin is built again. */
-static tl_status begin(const follower *self, tl_resume_outcome *outcome, tl_error *error) {
+static tl_status begin_twin(const follower *self, tl_resume_outcome *outcome, tl_error *error) {
     const tl_resume *resume = self->resume;
     tl_twin *twin = self->settings->assembly->twin;
     if (resume->from != TL_RESUMED_CHECKPOINT) {
@@ -462,9 +464,9 @@ static tl_status begin(const follower *self, tl_resume_outcome *outcome, tl_erro
     }
     *outcome = TL_RESUME_REFUSED;
     tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                  "the checkpoint of tick %" PRId64 " of %s is of no use: %.120s", resume->checkpoint_tick, self->name,
-                  error->text);
-    return build_anew(self, error);
+                  "the checkpoint of tick %" PRId64 " of %s cannot be loaded: %.120s", resume->checkpoint_tick,
+                  self->name, error->text);
+    return rebuild_twin(self, error);
 }
 
 /* ---- recording ---- */
@@ -515,7 +517,7 @@ static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tic
 
 /* Limits a tuning with more evaluations than the twin has memory for. That has no effect, because
  * nothing is searched here. */
-static void take_tunings(follower *self, int64_t tick) {
+static void apply_tunings(follower *self, int64_t tick) {
     tl_assembly *assembly = self->settings->assembly;
     tl_run_tuning tuning;
     tl_error error;
@@ -527,7 +529,7 @@ static void take_tunings(follower *self, int64_t tick) {
             note_tuning(self, &tuning, tick);
         } else {
             tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                          "what %s took at tick %" PRId64 " is passed over: %.140s", self->name, tuning.tick,
+                          "the tuning of %s at tick %" PRId64 " is skipped: %.140s", self->name, tuning.tick,
                           error.text);
         }
     }
@@ -541,7 +543,7 @@ static tl_status follow_tick(follower *self, const tl_resume_tick *tick, tl_summ
     bool ready = false;
     bool ahead =
         assembly->config.measurements == TL_AHEAD; /* in mode ahead the step before is enqueued before the sample */
-    take_tunings(self, tick->sample.tick);
+    apply_tunings(self, tick->sample.tick);
     tl_summary_sample(summary, &assembly->config, &tick->sample);
     if (!ahead) {
         put_sample(self, &tick->sample);
@@ -560,25 +562,25 @@ static tl_status follow_tick(follower *self, const tl_resume_tick *tick, tl_summ
     return status;
 }
 
-static void tell_all(const follower *self, tl_time took) {
+static void report_resume(const follower *self, tl_time took) {
     const tl_resume *resume = self->resume;
     char from[64];
     if (resume->from == TL_RESUMED_CHECKPOINT) {
         (void)snprintf(from, sizeof from, "a checkpoint %.1f s old", tl_seconds(resume->age));
     } else {
         (void)snprintf(from, sizeof from, "%s",
-                       resume->from == TL_RESUMED_START ? "the start of its recorded inputs" : "its newest inputs");
+                       resume->from == TL_RESUMED_START ? "its first recorded input" : "its newest inputs");
     }
     tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_INFO,
-                  "goes on with %s at tick %" PRId64 " from %s, %" PRId64
-                  " ticks run again in %.0f ms; nobody ran for %.2f s (%" PRId64 " ticks)",
+                  "resumes %s at tick %" PRId64 " from %s: %" PRId64
+                  " ticks repeated in %.0f ms; no twin ran for %.2f s (%" PRId64 " ticks)",
                   self->name, resume->last + 1, from, resume->last - resume->first + 1, tl_seconds(took) * 1e3,
                   tl_seconds(resume->gap), resume->gap / resume->step);
 }
 
 /* Follows the ticks from the present one on. After a failure the twin is built again, and the begun
  * run must be ended. */
-static tl_status go_on(follower *self, tl_summary *summary, tl_resume_outcome *outcome, tl_error *error) {
+static tl_status follow_ticks(follower *self, tl_summary *summary, tl_resume_outcome *outcome, tl_error *error) {
     const tl_resume *resume = self->resume;
     tl_resume_tick tick;
     tl_status status = TL_OK;
@@ -593,9 +595,9 @@ static tl_status go_on(follower *self, tl_summary *summary, tl_resume_outcome *o
         status = follow_tick(self, &tick, summary, error);
     }
     if (status == TL_OK) {
-        take_tunings(self, resume->last + 1); /* if there was no tick to follow */
+        apply_tunings(self, resume->last + 1); /* if there was no tick to follow */
         put_tuning(self);
-        tell_all(self, tl_clock_now(NULL) - begun);
+        report_resume(self, tl_clock_now(NULL) - begun);
         return TL_OK;
     }
     *outcome = TL_RESUME_FAILED;
@@ -604,8 +606,8 @@ static tl_status go_on(follower *self, tl_summary *summary, tl_resume_outcome *o
         return status;
     }
     tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                  "begins anew: to go on with %s has failed: %.140s", self->name, error->text);
-    return build_anew(self, error);
+                  "starts a new run: %s could not be resumed: %.140s", self->name, error->text);
+    return rebuild_twin(self, error);
 }
 
 tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_resume *resume, tl_summary *summary,
@@ -617,6 +619,6 @@ tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_r
     (void)name_run(resume->run, self.name);
     *summary = (tl_summary){0};
     *outcome = TL_RESUME_FOLLOWED;
-    tl_status status = begin(&self, outcome, error);
-    return status == TL_OK && *outcome == TL_RESUME_FOLLOWED ? go_on(&self, summary, outcome, error) : status;
+    tl_status status = begin_twin(&self, outcome, error);
+    return status == TL_OK && *outcome == TL_RESUME_FOLLOWED ? follow_ticks(&self, summary, outcome, error) : status;
 }

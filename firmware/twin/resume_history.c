@@ -30,11 +30,11 @@ struct tl_resume_history {
     tl_time gap;               /* ns since `last` */
     tl_time ended;             /* last tick of a run that is not resumed; 0: unknown */
     int64_t most;              /* most ticks that can be followed */
-    int looked;                /* number of checkpoints tried */
+    int tried;                 /* number of checkpoints tried */
     int64_t before;            /* all of them at this tick or later */
     tl_resume_ticks ticks;
-    const tl_history_tuning *taken; /* tunings applied by the run */
-    size_t taken_count;
+    const tl_history_tuning *applied; /* tunings applied by the run */
+    size_t applied_count;
     tl_run_tuning tunings[TL_RESUME_TUNINGS];
     tl_resume found;
     char why[TL_RESUME_WHY]; /* why a new run begins; "": not worth reporting */
@@ -48,9 +48,8 @@ static tl_status last_tick(tl_resume_history *self, const tl_history_run *run, i
     tl_status status = tl_history_last_step(self->history, run, &step, error);
     *tick = step < 0 ? -1 : step + (int64_t)run->lead;
     if (status == TL_OK && *tick > tl_history_last_possible(run)) {
-        status =
-            tl_fail(error, TL_BAD_DATA, "%s: it is damaged: the steps of run %" PRId64 " are later than there is time",
-                    self->settings.path, run->run);
+        status = tl_fail(error, TL_BAD_DATA, "%s: is damaged: the step numbers of run %" PRId64 " are impossible",
+                         self->settings.path, run->run);
     }
     return status;
 }
@@ -75,22 +74,28 @@ static tl_status find_run(tl_resume_history *self, tl_error *error) {
         }
     }
     if (status == TL_OK && self->run == NULL && fruitless == TL_RESUME_FRUITLESS) {
-        (void)tl_resume_refuse(self->why, "%d runs in a row have got nowhere", TL_RESUME_FRUITLESS);
+        (void)tl_resume_refuse(self->why, "the last %d runs ended before their first own step", TL_RESUME_FRUITLESS);
     }
     return status;
 }
 
 static bool is_same(tl_resume_history *self) {
     const tl_history_run *run = self->run;
-    const char *at_end = self->taken_count != 0 ? self->taken[self->taken_count - 1].hash : run->configuration_hash;
-    if (run->fmus[0] == '\0' || run->boot[0] == '\0' || !run->has_start) {
-        return tl_resume_refuse(self->why, "run %" PRId64 " does not tell what it takes to go on with it", run->run);
+    const char *at_end =
+        self->applied_count != 0 ? self->applied[self->applied_count - 1].hash : run->configuration_hash;
+    const char *missing = run->fmus[0] == '\0'   ? "the hash of its FMU files"
+                          : run->boot[0] == '\0' ? "its boot ID"
+                          : !run->has_start      ? "its start time"
+                                                 : NULL;
+    if (missing != NULL) {
+        return tl_resume_refuse(self->why, "the record of run %" PRId64 " is incomplete: %s is missing", run->run,
+                                missing);
     }
     if (strcmp(at_end, self->settings.config->hash) != 0) {
-        return tl_resume_refuse(self->why, "the configuration is not that of run %" PRId64, run->run);
+        return tl_resume_refuse(self->why, "the configuration has changed since run %" PRId64, run->run);
     }
     return strcmp(run->fmus, self->settings.fmus) == 0 ||
-           tl_resume_refuse(self->why, "the FMUs are not those of run %" PRId64, run->run);
+           tl_resume_refuse(self->why, "the FMU files have changed since run %" PRId64, run->run);
 }
 
 /* ---- time of its end ---- */
@@ -119,27 +124,28 @@ static bool find_gap(tl_resume_history *self, tl_time now) {
 }
 
 /* Checks if there is a run to resume; if not, `why` may contain the reason. */
-static tl_status find(tl_resume_history *self, bool *found, tl_error *error) {
+static tl_status find_resume(tl_resume_history *self, bool *found, tl_error *error) {
     tl_status status = find_run(self, error);
     const tl_history_run *run = self->run;
     *found = false;
     if (status == TL_OK && run != NULL) {
-        status = tl_history_tunings(self->history, run, &self->taken, &self->taken_count, error);
+        status = tl_history_tunings(self->history, run, &self->applied, &self->applied_count, error);
     }
     if (status != TL_OK || run == NULL) {
         return status;
     }
     tl_time now = tl_clock_now(NULL);
-    bool goes_on = tl_resume_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self);
+    bool can_resume = tl_resume_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self);
     bool is_known = find_gap(self, now);
-    if (!goes_on && is_known && self->gap >= 0) {
+    if (!can_resume && is_known && self->gap >= 0) {
         self->ended = now - self->gap;
     }
-    if (goes_on && !is_known) {
-        goes_on = tl_resume_refuse(self->why, "run %" PRId64 " does not tell when it was", run->run);
+    if (can_resume && !is_known) {
+        can_resume =
+            tl_resume_refuse(self->why, "the record of run %" PRId64 " is incomplete: its time is missing", run->run);
     }
-    *found =
-        goes_on && tl_resume_is_under_way(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
+    *found = can_resume &&
+             tl_resume_is_under_way(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
     if (*found) {
         self->start = now - self->gap - tl_time_of_step(0, run->step, self->last);
         self->most = tl_resume_most_followed(tl_history_execution_cost(self->history, run), self->settings.components);
@@ -149,7 +155,7 @@ static tl_status find(tl_resume_history *self, bool *found, tl_error *error) {
 
 /* Reads the ticks from `from` on, up to a gap. Reads one more than can be followed, to detect that
  * there are too many. */
-static tl_status survey(tl_resume_history *self, int64_t from, tl_error *error) {
+static tl_status read_ticks(tl_resume_history *self, int64_t from, tl_error *error) {
     return tl_resume_ticks_read(&self->ticks, self->history, self->run, from, self->most + 1, error);
 }
 
@@ -169,24 +175,25 @@ static bool read_tuning(tl_resume_history *self, const char *hash, int64_t tick,
 static size_t read_tunings(tl_resume_history *self, int64_t first, int64_t last) {
     size_t from = 0; /* first tuning after that one */
     size_t to = 0;
-    for (size_t i = 0; i < self->taken_count; i++) {
-        from = self->taken[i].tick <= first ? i + 1 : from;
-        to = self->taken[i].tick <= last ? i + 1 : to;
+    for (size_t i = 0; i < self->applied_count; i++) {
+        from = self->applied[i].tick <= first ? i + 1 : from;
+        to = self->applied[i].tick <= last ? i + 1 : to;
     }
     bool own = from == 0;
-    const char *hash = own ? self->run->configuration_hash : self->taken[from - 1].hash;
-    size_t count = read_tuning(self, hash, own ? 0 : self->taken[from - 1].tick, &self->tunings[0]) ? 1 : 0;
+    const char *hash = own ? self->run->configuration_hash : self->applied[from - 1].hash;
+    size_t count = read_tuning(self, hash, own ? 0 : self->applied[from - 1].tick, &self->tunings[0]) ? 1 : 0;
     from = to > from + TL_RESUME_TUNINGS - 1 ? to - (TL_RESUME_TUNINGS - 1) : from;
     for (size_t i = from; i < to; i++) {
-        count += read_tuning(self, self->taken[i].hash, self->taken[i].tick, &self->tunings[count]) ? 1 : 0;
+        count += read_tuning(self, self->applied[i].hash, self->applied[i].tick, &self->tunings[count]) ? 1 : 0;
     }
     return count;
 }
 
 /* Makes the resume point from the ticks that were read, up to `last`. */
-static void take(tl_resume_history *self, tl_resumed_from from, int64_t last, const tl_history_checkpoint *checkpoint) {
+static void make_point(tl_resume_history *self, tl_resumed_from from, int64_t last,
+                       const tl_history_checkpoint *checkpoint) {
     int64_t started = 0;
-    size_t tunings = self->taken_count != 0 ? read_tunings(self, self->ticks.first, last) : 0;
+    size_t tunings = self->applied_count != 0 ? read_tunings(self, self->ticks.first, last) : 0;
     (void)tl_utc_parse(self->run->started, &started);
     self->found = (tl_resume){
         .from = from,
@@ -214,17 +221,15 @@ static const char *find_fault(const tl_history_checkpoint *checkpoint) {
         return "its bytes are damaged";
     }
     if (strcmp(checkpoint->format, format) != 0) {
-        return "another version of twinlock, or another machine, has saved it";
+        return "another version of twinlock, or another machine, saved it";
     }
-    return checkpoint->size == 0                 ? "it is empty"
-           : checkpoint->size > CHECKPOINT_BYTES ? "it is larger than any that is saved"
-                                                 : NULL;
+    return checkpoint->size == 0 ? "it is empty" : checkpoint->size > CHECKPOINT_BYTES ? "it is too large" : NULL;
 }
 
 /* Checks how far the ticks after a checkpoint reach. In mode ahead that may be one tick more. */
 static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkpoint *checkpoint, bool *found,
                                 tl_error *error) {
-    tl_status status = survey(self, checkpoint->tick + 1, error);
+    tl_status status = read_ticks(self, checkpoint->tick + 1, error);
     int64_t last = tl_resume_ticks_last(&self->ticks, self->ticks.first);
     if (status != TL_OK || last < self->last || last - checkpoint->tick > self->most) {
         return status;
@@ -232,11 +237,11 @@ static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkp
     const char *fault = find_fault(checkpoint);
     if (fault != NULL) {
         tl_resume_say(self->settings.tell, self->settings.context, TL_EVENT_WARNING,
-                      "the checkpoint of tick %" PRId64 " of run %" PRId64 " is of no use: %s", checkpoint->tick,
+                      "the checkpoint of tick %" PRId64 " of run %" PRId64 " cannot be loaded: %s", checkpoint->tick,
                       self->run->run, fault);
         return TL_OK;
     }
-    take(self, TL_RESUMED_CHECKPOINT, last, checkpoint);
+    make_point(self, TL_RESUMED_CHECKPOINT, last, checkpoint);
     *found = true;
     return TL_OK;
 }
@@ -248,30 +253,32 @@ static tl_status find_inputs(tl_resume_history *self, bool *found, tl_error *err
     tl_status status = tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
     if (status == TL_OK && any) {
         bool long_ago = self->last - range[0] + 1 > self->most;
-        status = survey(self, long_ago ? self->last - self->most + 1 : range[0], error);
+        status = read_ticks(self, long_ago ? self->last - self->most + 1 : range[0], error);
     }
     *found = status == TL_OK && any && tl_resume_ticks_last(&self->ticks, self->ticks.first) == self->last;
     if (*found) {
-        take(self, self->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, self->last, NULL);
+        make_point(self, self->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, self->last, NULL);
     } else if (status == TL_OK) {
-        (void)tl_resume_refuse(self->why, "what run %" PRId64 " has recorded of its last ticks has a hole",
-                               self->run->run);
+        bool has_checkpoint = self->before != INT64_MAX; /* one was found, but it could not be used */
+        (void)tl_resume_refuse(
+            self->why, "run %" PRId64 " has no %s, and its last recorded ticks have a gap", self->run->run,
+            has_checkpoint ? "usable checkpoint" : "checkpoint (usually because an FMU cannot save its state)");
     }
     return status;
 }
 
 /* ---- iteration ---- */
 
-static tl_status search(tl_resume_history *self, bool *found, tl_error *error) {
+static tl_status search_next(tl_resume_history *self, bool *found, tl_error *error) {
     bool any = false;
     tl_status status = TL_OK;
     if (self->stage == FRESH) {
-        status = find(self, &any, error);
+        status = find_resume(self, &any, error);
         self->stage = any ? AT_CHECKPOINTS : OVER;
     }
     while (status == TL_OK && !*found && self->stage == AT_CHECKPOINTS) {
         const tl_history_checkpoint *checkpoint = NULL;
-        if (self->looked++ < CHECKPOINTS_MOST) {
+        if (self->tried++ < CHECKPOINTS_MOST) {
             status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
         }
         if (status == TL_OK && checkpoint != NULL) {
@@ -295,13 +302,13 @@ const tl_resume *tl_resume_history_next(tl_resume_history *history) {
         return NULL;
     }
     const tl_resume_history_settings *settings = &history->settings;
-    if (search(history, &found, &error) != TL_OK) {
+    if (search_next(history, &found, &error) != TL_OK) {
         history->stage = OVER;
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "begins anew: %.200s", error.text);
+        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         return NULL;
     }
     if (!found && history->why[0] != '\0') {
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_INFO, "begins anew: %s", history->why);
+        tl_resume_say(settings->tell, settings->context, TL_EVENT_INFO, "starts a new run: %s", history->why);
         history->why[0] = '\0';
     }
     return found ? &history->found : NULL;
@@ -319,14 +326,14 @@ tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *sett
     tl_resume_history *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
         tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING,
-                      "begins anew: not enough memory to look for an earlier run");
+                      "starts a new run: not enough memory to search for an earlier one");
         return NULL;
     }
     opened->settings = *settings;
     opened->before = INT64_MAX;
     opened->ticks.shape = tl_recorder_shape_of(settings->config);
     if (tl_history_open(settings->path, &opened->history, &error) != TL_OK) {
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "begins anew: %.200s", error.text);
+        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         tl_resume_history_close(opened);
         return NULL;
     }
@@ -376,7 +383,7 @@ static tl_status range_of(const sample_search *self, int64_t range[2], tl_error 
 }
 
 /* Chooses the first tick and its run. */
-static tl_status choose(sample_search *self, int64_t *from, tl_error *error) {
+static tl_status choose_first(sample_search *self, int64_t *from, tl_error *error) {
     int64_t range[2];
     tl_status status = range_of(self, range, error);
     if (status == TL_OK && *from < 0) {
@@ -412,7 +419,8 @@ static size_t write_image(const sample_search *self, const tl_recorder_signal *s
 }
 
 /* Fills the image from the newest run if it is still being recorded, up to `room` bytes. */
-static tl_status fill(sample_search *self, int64_t from, void *image, size_t room, size_t *size, tl_error *error) {
+static tl_status fill_image(sample_search *self, int64_t from, void *image, size_t room, size_t *size,
+                            tl_error *error) {
     const tl_history_run *runs = NULL;
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
@@ -421,7 +429,7 @@ static tl_status fill(sample_search *self, int64_t from, void *image, size_t roo
         return status;
     }
     self->run = &runs[count - 1];
-    status = choose(self, &from, error);
+    status = choose_first(self, &from, error);
     if (status == TL_OK) {
         status = tl_history_signals(self->history, self->run, TL_HISTORY_PLANT, &signals, &count, error);
     }
@@ -443,7 +451,7 @@ tl_status tl_resume_samples_find(const char *path, const char *boot, int64_t fro
     *size = 0;
     tl_status status = tl_history_open(path, &self.history, error);
     if (status == TL_OK) {
-        status = fill(&self, from, image, room, size, error);
+        status = fill_image(&self, from, image, room, size, error);
     }
     tl_history_close(self.history);
     tl_resume_ticks_free(&self.found);

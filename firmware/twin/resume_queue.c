@@ -20,7 +20,7 @@ enum {
         1 /* the two checkpoint slots reach back no further than two runs that enqueued the same checkpoint again */
 };
 
-static const char *const NO_MEMORY = "there is not enough memory for what the run before has left";
+static const char *const NO_MEMORY = "not enough memory for the records of the previous run";
 
 /* Remaining entries of one run. */
 typedef struct stretch {
@@ -47,8 +47,8 @@ struct tl_resume_queue {
     tl_resume_tell *tell;
     void *context; /* of tell */
     unsigned candidate;
-    bool was_given[CHECKPOINTS]; /* checkpoints that were already returned */
-    bool has_told;
+    bool was_tried[CHECKPOINTS]; /* checkpoints that were already returned */
+    bool has_reported;
     tl_record_queue_left left;
     stretch newest; /* the stretch that is being read */
     stretch chosen; /* the newest one that can be resumed */
@@ -74,7 +74,7 @@ static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning,
 
 /* A run that ended before it had a step of its own contains nothing that the run before it does
  * not. */
-static bool got_anywhere(const stretch *run) {
+static bool has_own_step(const stretch *run) {
     int64_t own = run->beginning.from == TL_RESUMED_NOT ? 0 : run->beginning.tick;
     return run->is_there && !run->holds && run->last >= own;
 }
@@ -83,7 +83,7 @@ static bool is_tick(const tl_resume_queue *self, int64_t tick) {
     return tick >= 0 && tick <= TL_RESUME_FAR / self->config->step;
 }
 
-static void take_sample(tl_resume_queue *self, const tl_sample *sample) {
+static void add_sample(tl_resume_queue *self, const tl_sample *sample) {
     stretch *run = &self->newest;
     bool follows = run->has_begun && sample->tick == run->ticks.first + (int64_t)run->ticks.count;
     if (!run->is_there || !is_tick(self, sample->tick)) {
@@ -98,7 +98,7 @@ static void take_sample(tl_resume_queue *self, const tl_sample *sample) {
     self->is_out_of_memory = !tl_resume_ticks_add(&run->ticks, sample) || self->is_out_of_memory;
 }
 
-static void take_step(tl_resume_queue *self, const tl_record *record) {
+static void add_step(tl_resume_queue *self, const tl_record *record) {
     stretch *run = &self->newest;
     int64_t tick = is_tick(self, record->step) ? record->step + (int64_t)self->facts.lead : -1;
     bool is_sound = run->is_there && is_tick(self, tick);
@@ -118,7 +118,7 @@ static void take_step(tl_resume_queue *self, const tl_record *record) {
 
 /* The same tick can have two tunings, if a process died in it. If there are too many, the second
  * oldest is dropped. */
-static void take_tuning(tl_resume_queue *self, const tl_run_tuning *tuning) {
+static void add_tuning(tl_resume_queue *self, const tl_run_tuning *tuning) {
     stretch *run = &self->newest;
     int64_t before = run->tuning_count != 0 ? run->tunings[run->tuning_count - 1].tick : 0;
     if (!run->is_there || !is_tick(self, tuning->tick) || tuning->tick < before || tuning->hash[0] == '\0') {
@@ -140,8 +140,8 @@ static void choose_newest(tl_resume_queue *self) {
 }
 
 /* Ends the newest stretch. */
-static void choose(tl_resume_queue *self) {
-    if (got_anywhere(&self->newest)) {
+static void close_stretch(tl_resume_queue *self) {
+    if (has_own_step(&self->newest)) {
         self->fruitless = 0;
         choose_newest(self);
     } else {
@@ -149,32 +149,32 @@ static void choose(tl_resume_queue *self) {
     }
 }
 
-static void take_entry(tl_resume_queue *self, const tl_recorder_entry *entry) {
+static void add_entry(tl_resume_queue *self, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
-        choose(self);
+        close_stretch(self);
         begin_stretch(self, &entry->start.resumption, &entry->start.configured);
         self->newest.holds = entry->start.holds;
         break;
     case TL_ENTRY_SAMPLE:
-        take_sample(self, &entry->sample);
+        add_sample(self, &entry->sample);
         break;
     case TL_ENTRY_STEP:
-        take_step(self, &entry->record);
+        add_step(self, &entry->record);
         break;
     case TL_ENTRY_END:
         self->newest.ended = true;
         memcpy(self->newest.reason, entry->reason, sizeof entry->reason);
         break;
     case TL_ENTRY_TUNING:
-        take_tuning(self, &entry->tuning);
+        add_tuning(self, &entry->tuning);
         break;
     }
 }
 
 /* Starts at a checkpoint slot; or, if no checkpoint exists, at the first entry, if that was not
  * overwritten. */
-static bool begin_walk(tl_resume_queue *self, unsigned which, uint64_t *position) {
+static bool begin_reading(tl_resume_queue *self, unsigned which, uint64_t *position) {
     *position = 0;
     if (!tl_record_queue_checkpoint_left(self->queue, which, &self->left)) {
         return which == 0;
@@ -193,18 +193,18 @@ static bool begin_walk(tl_resume_queue *self, unsigned which, uint64_t *position
 
 /* Reads all entries since then. `any_run`: if no run has a step of its own, chooses the newest one.
  * Returns false if there is no such checkpoint, or if memory is out. */
-static bool walk(tl_resume_queue *self, unsigned which, bool any_run) {
+static bool read_entries(tl_resume_queue *self, unsigned which, bool any_run) {
     uint64_t position = 0;
     self->chosen.is_there = false;
     self->newest.is_there = false;
     self->fruitless = 0;
-    if (!begin_walk(self, which, &position)) {
+    if (!begin_reading(self, which, &position)) {
         return false;
     }
     while (!self->is_out_of_memory && tl_record_queue_entry_left(self->queue, &position, &self->entry)) {
-        take_entry(self, &self->entry);
+        add_entry(self, &self->entry);
     }
-    choose(self);
+    close_stretch(self);
     if (any_run && !self->chosen.is_there && self->newest.is_there && !self->newest.holds) {
         choose_newest(self);
     }
@@ -213,7 +213,7 @@ static bool walk(tl_resume_queue *self, unsigned which, bool any_run) {
 
 /* ---- the rule ---- */
 
-static bool may_go_on(tl_resume_queue *self, const stretch *run) {
+static bool can_resume(tl_resume_queue *self, const stretch *run) {
     tl_time start = run->beginning.start;
     bool is_near = start >= -TL_RESUME_FAR && start <= TL_RESUME_FAR;
     tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
@@ -228,7 +228,7 @@ static int64_t most_followed(const tl_resume_queue *self, const stretch *run) {
 
 /* ---- making a resume point ---- */
 
-static void take(tl_resume_queue *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
+static void make_point(tl_resume_queue *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
     run->tuning_count = tl_resume_choose_tunings(run->tunings, run->tuning_count, first, last);
     self->found = (tl_resume){
         .from = from,
@@ -253,7 +253,7 @@ static bool take_checkpoint(tl_resume_queue *self, stretch *run) {
     int64_t last = tl_resume_ticks_last(&run->ticks, run->ticks.first);
     bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
     if (leads) {
-        take(self, run, TL_RESUMED_CHECKPOINT, run->ticks.first, last);
+        make_point(self, run, TL_RESUMED_CHECKPOINT, run->ticks.first, last);
     }
     return leads;
 }
@@ -265,9 +265,9 @@ static bool take_inputs(tl_resume_queue *self, stretch *run) {
     bool long_ago = run->last - run->ticks.first + 1 > most;
     int64_t first = long_ago ? run->last - most + 1 : run->ticks.first;
     if (!is_there || (run->has_hole && !long_ago) || tl_resume_ticks_last(&run->ticks, first) != run->last) {
-        return tl_resume_refuse(self->why, "what the run before has recorded of its last ticks has a hole");
+        return tl_resume_refuse(self->why, "the last recorded ticks of the previous run have a gap");
     }
-    take(self, run, first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, first, run->last);
+    make_point(self, run, first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, first, run->last);
     return true;
 }
 
@@ -287,29 +287,30 @@ enum { ATTEMPTS = sizeof candidates / sizeof candidates[0] };
 
 /* *over: no resume point remains. */
 static bool try_next(tl_resume_queue *self, const candidate *now, bool *over) {
-    if ((now->with_checkpoint && self->was_given[now->which]) || !walk(self, now->which, now->any_run)) {
+    if ((now->with_checkpoint && self->was_tried[now->which]) || !read_entries(self, now->which, now->any_run)) {
         return false;
     }
     if (self->fruitless >= FRUITLESS) {
         *over = true;
-        return tl_resume_refuse(self->why, "%d runs in a row have got nowhere", self->fruitless);
+        return tl_resume_refuse(self->why, "the last %d runs ended before their first own step", self->fruitless);
     }
     if (!self->chosen.is_there) {
-        return tl_resume_refuse(self->why, "what the run before has left does not reach back to its last ticks");
+        return tl_resume_refuse(self->why,
+                                "the record queue does not reach back to the last steps of the previous run");
     }
-    *over = !may_go_on(self, &self->chosen);
+    *over = !can_resume(self, &self->chosen);
     if (*over) {
         return false;
     }
     if (!now->with_checkpoint) {
         return take_inputs(self, &self->chosen);
     }
-    self->was_given[now->which] = take_checkpoint(self, &self->chosen);
-    return self->was_given[now->which];
+    self->was_tried[now->which] = take_checkpoint(self, &self->chosen);
+    return self->was_tried[now->which];
 }
 
-static void tell_why(const tl_resume_queue *self, const char *why) {
-    tl_resume_say(self->tell, self->context, TL_EVENT_INFO, "begins anew: %.200s", why);
+static void report_why(const tl_resume_queue *self, const char *why) {
+    tl_resume_say(self->tell, self->context, TL_EVENT_INFO, "starts a new run: %.200s", why);
 }
 
 /* Writes the image and reads it back with the usual validation. */
@@ -320,13 +321,13 @@ static bool make_image(tl_resume_queue *self, tl_resume *resume) {
     free(self->image);
     self->image = malloc(size);
     if (self->image == NULL) {
-        tell_why(self, NO_MEMORY);
+        report_why(self, NO_MEMORY);
         return false;
     }
     tl_resume_write(found, self->image);
     bool sound = tl_resume_read(self->image, size, self->config, tl_clock_now(NULL), resume, &error) == TL_OK;
     if (!sound) {
-        tell_why(self, error.text);
+        report_why(self, error.text);
     }
     return sound;
 }
@@ -338,12 +339,13 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
         found = try_next(left, &candidates[left->candidate++], &over);
     }
     if (found) {
+        (void)tl_resume_refuse(left->why, "no other resume point of the previous run remains"); /* for the next call */
         found = make_image(left, resume);
-    } else if (left != NULL && !left->has_told) {
-        tell_why(left, left->is_out_of_memory ? NO_MEMORY : left->why);
+    } else if (left != NULL && !left->has_reported) {
+        report_why(left, left->is_out_of_memory ? NO_MEMORY : left->why);
     }
     if (!found && left != NULL) {
-        left->has_told = true;
+        left->has_reported = true;
         left->candidate = ATTEMPTS;
     }
     return found;
@@ -351,7 +353,7 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
 
 /* Returns true if the queue contains data of a run with a twin: a checkpoint, or, if the first
  * entry was not overwritten, any run that is not in safe hold. */
-static bool is_anything_left(tl_resume_queue *self) {
+static bool has_data(tl_resume_queue *self) {
     uint64_t position = 0;
     bool holds = false;
     bool is_left = tl_record_queue_checkpoint_left(self->queue, 0, &self->left);
@@ -373,8 +375,8 @@ tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_ass
     opened->facts = tl_twin_get_facts(assembly->twin);
     opened->tell = tell;
     opened->context = context;
-    (void)tl_resume_refuse(opened->why, "what the run before has left is damaged");
-    if (!is_anything_left(opened)) {
+    (void)tl_resume_refuse(opened->why, "the checkpoints of the previous run are damaged");
+    if (!has_data(opened)) {
         tl_resume_queue_close(opened);
         return NULL;
     }

@@ -15,7 +15,7 @@
 #include "firmware/twin/twin_role.h"
 
 /* Longest sleep before the process is checked. */
-static const tl_time LOOK = TL_SECOND / 10;
+static const tl_time POLL = TL_SECOND / 10;
 
 /* Longest silence in multiples of the call timeout: for a tick with all its calls, and
  * TL_FMU_CALL_TIMEOUT_CALLS for work outside of FMU calls, such as unpacking. The process itself
@@ -44,24 +44,24 @@ struct tl_twin_child {
     union {
         tl_twin_result result;
         tl_confine_facts facts;
-        int32_t word;
+        int32_t status;
     } payload; /* copy of a message */
 };
 
 /* ---- how it ended ---- */
 
 /* Sanitises a text of the FMU process, which may still be writing it. */
-static void copy_text(char text[TL_ERROR_TEXT], const char *told) {
-    memcpy(text, told, TL_ERROR_TEXT);
+static void copy_text(char text[TL_ERROR_TEXT], const char *reported) {
+    memcpy(text, reported, TL_ERROR_TEXT);
     tl_clean_field(text, TL_ERROR_TEXT);
 }
 
-static void describe_place(const tl_twin_child *child, char *text, size_t size) {
+static void describe_call(const tl_twin_child *child, char *text, size_t size) {
     tl_fmu_call call;
     if (tl_fmu_calls_look(&child->extra->calls, &call)) {
         (void)snprintf(text, size, "in %s of FMU %s", call.function, call.fmu);
     } else {
-        (void)snprintf(text, size, "while no FMU was being called");
+        (void)snprintf(text, size, "outside of FMU calls");
     }
 }
 
@@ -74,55 +74,54 @@ bool tl_twin_child_was_killed_by_others(const tl_twin_child *child) {
 static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     const tl_role *role = tl_twin_process_role(child->process);
     char why[TL_TWIN_KILLED_TEXT];
-    char place[160];
+    char where[160];
     tl_twin_process_flush(child->process);
     if (tl_twin_process_was_killed(child->process, why)) {
         return tl_fail(error, TL_FMU_FAILED, "%s", why);
     }
-    describe_place(child, place, sizeof place);
+    describe_call(child, where, sizeof where);
     if (role->signal == SIGSYS) {
         return tl_fail(
             error, TL_FMU_FAILED,
-            "the process of the FMUs was killed by SIGSYS %s: it reached for another process, used calls of another "
-            "machine, or sent that signal to itself",
-            place);
+            "the FMU process was killed by SIGSYS %s: it tried to access another process, used system calls of another "
+            "architecture, or sent that signal to itself",
+            where);
     }
     if (role->signal != 0) {
-        return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was ended by signal %d (%s), %s", role->signal,
-                       strsignal(role->signal), place);
+        return tl_fail(error, TL_FMU_FAILED, "the FMU process was ended by signal %d (%s), %s", role->signal,
+                       strsignal(role->signal), where);
     }
-    return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs ended unannounced, with exit code %d, %s", role->code,
-                   place);
+    return tl_fail(error, TL_FMU_FAILED, "the FMU process ended unexpectedly with exit code %d, %s", role->code, where);
 }
 
 /* Kills the process after a violation of the protocol. */
-static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *error) {
-    char place[160];
-    describe_place(child, place, sizeof place);
+static tl_status end_corrupted(tl_twin_child *child, const char *what, tl_error *error) {
+    char where[160];
+    describe_call(child, where, sizeof where);
     tl_twin_process_kill(child->process);
-    return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was killed, since its memory was destroyed %s: %s",
-                   place, what);
+    return tl_fail(error, TL_FMU_FAILED, "the FMU process was killed, because its memory was corrupted %s: %s", where,
+                   what);
 }
 
 /* ---- messages ---- */
 
 /* TL_INTERRUPTED is valid only if we have interrupted it. */
-static void take_word(tl_twin_child *child, tl_message type) {
-    unsigned told = (unsigned)child->payload.word;
-    bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
-    child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
+static void take_status(tl_twin_child *child, tl_message type) {
+    unsigned reported = (unsigned)child->payload.status;
+    bool is_possible = reported < TL_INTERRUPTED || (reported == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
+    child->last_status = is_possible ? (tl_status)reported : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_text(child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;
 }
 
-static void begin_patience(tl_twin_child *child) {
+static void reset_silence(tl_twin_child *child) {
     child->silence = 0;
     child->idle = 0;
     child->asked = 0;
 }
 
-static bool has_patience(const tl_twin_child *child) {
+static bool is_in_time(const tl_twin_child *child) {
     const tl_time call = child->settings.call_limit;
     const tl_time end = call > TL_FMU_CALL_TIMEOUT_END ? call : TL_FMU_CALL_TIMEOUT_END;
     return call == 0 || (child->idle / TL_FMU_CALL_TIMEOUT_CALLS < call && child->silence / TICK_CALLS < call &&
@@ -132,7 +131,7 @@ static bool has_patience(const tl_twin_child *child) {
 /* Sleeps until `wanted` messages are there, or for `longest`. Returns false if the process has been
  * silent for too long and must be killed. The watch thread checks FMU calls, but a process with
  * corrupted memory, or a hostile one, may report no call. */
-static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
+static bool wait_messages(tl_twin_child *child, unsigned wanted, tl_time longest) {
     tl_fmu_call call;
     tl_time begun = tl_clock_now(NULL);
     (void)tl_channel_wait(&child->channel, wanted, 0, begun + longest);
@@ -142,15 +141,14 @@ static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
     child->silence += passed;
     child->idle += tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : passed;
     child->asked += tl_interrupt_requested() != NULL ? passed : 0;
-    return has_patience(child);
+    return is_in_time(child);
 }
 
 static tl_status end_silent(tl_twin_child *child, tl_error *error) {
     tl_twin_process_kill(child->process);
     return tl_fail(
         error, TL_FMU_FAILED,
-        "the process of the FMUs was killed: for %.0f s nothing came of it; if its FMUs need longer, --call-limit "
-        "S permits it",
+        "the FMU process was killed: it sent nothing for %.0f s; if its FMUs need longer, raise --call-limit",
         tl_seconds(child->silence));
 }
 
@@ -161,16 +159,16 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned al
     for (;;) {
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
-            begin_patience(child);
+            reset_silence(child);
             if ((allowed & 1U << *type) == 0) {
-                return end_liar(child, "a message came before its time", error);
+                return end_corrupted(child, "an unexpected message", error);
             }
             if (*type == TL_MESSAGE_BUILT || *type == TL_MESSAGE_ENDED) {
-                take_word(child, *type);
+                take_status(child, *type);
             }
             return TL_OK;
         case TL_CHANNEL_BROKEN:
-            return end_liar(child, child->channel.fault.text, error);
+            return end_corrupted(child, child->channel.fault.text, error);
         case TL_CHANNEL_NOTHING:
         case TL_CHANNEL_NUDGED:
             break;
@@ -182,24 +180,24 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned al
         if (tl_twin_child_is_gone(child)) {
             return describe_end(child, error);
         }
-        if (!tl_twin_process_reap(child->process) && !rest(child, wanted, LOOK)) {
+        if (!tl_twin_process_reap(child->process) && !wait_messages(child, wanted, POLL)) {
             return end_silent(child, error);
         }
     }
 }
 
-static tl_status expect(tl_twin_child *child, tl_message wanted, tl_error *error) {
+static tl_status expect_message(tl_twin_child *child, tl_message wanted, tl_error *error) {
     tl_message type = wanted;
     return next_message(child, 1, 1U << wanted, &type, error);
 }
 
 /* No FMU is loaded before this message. So the exit code is reliable, and the cause was logged. */
 static tl_status expect_ready(tl_twin_child *child, tl_error *error) {
-    tl_status status = expect(child, TL_MESSAGE_READY, error);
+    tl_status status = expect_message(child, TL_MESSAGE_READY, error);
     const tl_role *role = tl_twin_process_role(child->process);
     bool ended = status != TL_OK && role->has_ended && role->signal == 0;
     if (ended && role->code == tl_exit_code(TL_TRY_AGAIN)) {
-        return tl_fail(error, TL_TRY_AGAIN, "the process of the FMUs could not begin; try again");
+        return tl_fail(error, TL_TRY_AGAIN, "the FMU process could not start; try again");
     }
     return status;
 }
@@ -227,7 +225,7 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
     return status;
 }
 
-static tl_status start(tl_twin_child *child, tl_error *error) {
+static tl_status start_process(tl_twin_child *child, tl_error *error) {
     const tl_twin_job *job = child->settings.job;
     bool is_for_states = child->settings.others != NULL || job->states_only;
     /* Processes with the same FMUs print the same; only one of them is logged. */
@@ -284,11 +282,11 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
 tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
     tl_twin_child *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the FMU process");
     }
     made->settings = *settings;
     made->tasks = (tl_twin_role_tasks){.print_page = settings->print_page};
-    tl_status status = start(made, error);
+    tl_status status = start_process(made, error);
     if (status != TL_OK) {
         tl_twin_child_close(made);
         return status;
@@ -299,16 +297,16 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 
 /* ---- work ---- */
 
-static tl_status take_account(tl_twin_child *child, const tl_account *told, tl_account *account, tl_error *error) {
-    *account = *told;
+static tl_status take_account(tl_twin_child *child, const tl_account *reported, tl_account *account, tl_error *error) {
+    *account = *reported;
     bool fits = account->components == child->settings.config->component_count + 1 &&
                 account->matches == child->settings.config->match_count &&
                 account->adjusts == child->settings.config->adjust_count;
-    return fits && tl_account_is_sound(account) ? TL_OK : end_liar(child, "its account is none", error);
+    return fits && tl_account_is_sound(account) ? TL_OK : end_corrupted(child, "its account is invalid", error);
 }
 
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error) {
-    tl_status status = expect(child, TL_MESSAGE_BUILT, error);
+    tl_status status = expect_message(child, TL_MESSAGE_BUILT, error);
     if (status != TL_OK) {
         return status;
     }
@@ -325,7 +323,7 @@ static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_chil
                             tl_error *error) {
     const unsigned allowed = 1U << TL_MESSAGE_ENDED | (show != NULL ? 1U << TL_MESSAGE_SHOWN : 0);
     tl_message type = TL_MESSAGE_SHOWN;
-    tl_status status = expect(child, TL_MESSAGE_BUILT, error);
+    tl_status status = expect_message(child, TL_MESSAGE_BUILT, error);
     while (status == TL_OK && !child->has_ended) {
         status = next_message(child, 1, allowed, &type, error);
         if (status == TL_OK && type == TL_MESSAGE_SHOWN && show != NULL) {
@@ -361,27 +359,27 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     if (status != TL_OK && error->text[0] == '\0') {
         return tl_fail(
             error, status,
-            "its FMUs cannot be built a second time"); /* the cause was not logged, because the process is silent */
+            "its FMUs could not be loaded a second time"); /* the cause was not logged, because the process is silent */
     }
     return status;
 }
 
 /* Each request completes one component, initialised or not. If there are more, its memory is
  * corrupted or the process is hostile. */
-static tl_status show(tl_twin_child *child, tl_error *error) {
+static tl_status run_requested(tl_twin_child *child, tl_error *error) {
     const size_t most = child->read_back.size == 0 ? 0 : 2 * (child->settings.config->component_count + 1);
     tl_error end = {.text = ""};
     if (child->readers++ >= most) {
-        return end_liar(child, "it asks for other processes without end", error);
+        return end_corrupted(child, "too many requests for other processes", error);
     }
-    const int32_t word = (int32_t)run_reader(child, &end);
-    begin_patience(child);
+    const int32_t result = (int32_t)run_reader(child, &end);
+    reset_silence(child);
     if (child->stopping) {
         return TL_OK; /* it was reported */
     }
     (void)snprintf(child->orders->error, sizeof child->orders->error, "%s", end.text);
-    if (!tl_channel_offer(&child->channel, TL_MESSAGE_SEEN, &word)) {
-        return end_liar(child, child->channel.fault.text, error);
+    if (!tl_channel_offer(&child->channel, TL_MESSAGE_SEEN, &result)) {
+        return end_corrupted(child, child->channel.fault.text, error);
     }
     tl_channel_push(&child->channel);
     return TL_OK;
@@ -389,11 +387,11 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
 
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error) {
     static const uint64_t most = (uint64_t)1 << 50; /* bytes, more than any machine has */
-    tl_status status = expect_end(child, show, error);
+    tl_status status = expect_end(child, run_requested, error);
     *found = child->extra->check;
     tl_clean_field(found->why, sizeof found->why);
     bool is_sound = found->least >= 0 && found->worst >= 0 && found->memory <= most;
-    return status != TL_OK || is_sound ? status : end_liar(child, "what its check has found cannot be", error);
+    return status != TL_OK || is_sound ? status : end_corrupted(child, "the results of its check are invalid", error);
 }
 
 /* ---- comparison and trial ---- */
@@ -440,7 +438,7 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
         return TL_OK; /* the tick would be ignored */
     }
     if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
-        return end_liar(child, child->channel.fault.text, error);
+        return end_corrupted(child, child->channel.fault.text, error);
     }
     return TL_OK;
 }
@@ -455,7 +453,7 @@ void tl_twin_child_stop(tl_twin_child *child) {
         __atomic_store_n(&child->orders->stop, 1, __ATOMIC_RELAXED);
         while (!tl_channel_offer(&child->channel, TL_MESSAGE_END, NULL) && child->channel.fault.status == TL_OK &&
                !tl_twin_process_reap(child->process)) {
-            (void)tl_channel_wait(&child->channel, TL_CHANNEL_DEPTH, 1, tl_clock_now(NULL) + LOOK);
+            (void)tl_channel_wait(&child->channel, TL_CHANNEL_DEPTH, 1, tl_clock_now(NULL) + POLL);
         }
         tl_channel_push(&child->channel);
     }
@@ -463,16 +461,16 @@ void tl_twin_child_stop(tl_twin_child *child) {
 
 /* The final message came. Unasked, it is valid only with an error; otherwise a run would end too
  * early without notice. */
-static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *error) {
+static tl_status take_end(tl_twin_child *child, bool *stopped, tl_error *error) {
     *stopped = true;
     if (child->last_status != TL_OK && child->last_status != TL_INTERRUPTED && child->last_error.text[0] == '\0') {
-        return tl_fail(error, child->last_status, "the process of the FMUs has ended, and does not say why");
+        return tl_fail(error, child->last_status, "the FMU process ended without a reason");
     }
     if (child->last_status != TL_OK) {
         *error = child->last_error;
         return child->last_status;
     }
-    return child->stopping ? TL_OK : end_liar(child, "it ended before it was told to", error);
+    return child->stopping ? TL_OK : end_corrupted(child, "it ended before it was asked to", error);
 }
 
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
@@ -485,19 +483,19 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     }
     *stopped = false;
     if (child->has_ended) {
-        return take_last_word(child, stopped, error);
+        return take_end(child, stopped, error);
     }
     memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->tells));
     if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
         result->tick = TL_TWIN_NO_TICK;
-        return end_liar(child, "a result is none", error);
+        return end_corrupted(child, "a result is invalid", error);
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
         copy_text(error->text, child->extra->error);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
-            return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");
+            return tl_fail(error, error->status, "a step failed, and the FMU process gave no reason");
         }
     }
     return (tl_status)result->status;
@@ -534,9 +532,9 @@ tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error) {
     if (role->has_ended) {
         return TL_OK;
     }
-    begin_patience(child);
+    reset_silence(child);
     while (!tl_twin_process_reap(child->process)) {
-        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
+        if (!wait_messages(child, TL_CHANNEL_DEPTH, POLL / 20)) {
             return end_silent(child, error);
         }
     }

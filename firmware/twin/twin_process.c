@@ -30,7 +30,7 @@ static const uint64_t MIB = UINT64_C(1024) * 1024;
 enum {
     FILES = TL_FMU_ENTRIES,
     PROCESSES = 1 << 22,
-    LOOK_MS = 50,
+    POLL_MS = 50,
     STACK = 256 * 1024, /* small, because the supervisor locks its memory */
     ANSWERS =
         64 /* most denied calls to answer before the process is checked again, because it may send them without end */
@@ -55,8 +55,8 @@ enum { LINES, PAGE_LINES, RELAYS };
 enum { FMUS_LINES, OUR_LINES, KINDS };
 
 typedef struct budget {
-    int64_t left;
-    tl_time looked;
+    int64_t remaining;
+    tl_time updated;
 } budget;
 
 struct tl_twin_process {
@@ -67,26 +67,26 @@ struct tl_twin_process {
     tl_role role;
     tl_bounds bounds;
     int ends[ENDS]; /* -1: none, or closed */
-    pthread_t speaker, watcher;
-    bool has_speaker, has_watcher, speaker_stops;
+    pthread_t output_thread, watch_thread;
+    bool has_output_thread, has_watch_thread, output_stops;
     /* of the watch thread */
     tl_fmu_call_timeout patience;
-    tl_time pass_on_at; /* when a received signal is forwarded; repeated, because an FMU may have swallowed it */
+    tl_time forward_at; /* when a received signal is forwarded; repeated, because an FMU may have swallowed it */
     /* of the output thread, or under the locks of the relays */
-    size_t spoken; /* number of denied calls that were logged */
+    size_t logged; /* number of denied calls that were logged */
     tl_relay relays[RELAYS];
     bool ended[RELAYS];
     budget budgets[KINDS];
-    bool said_too_much;
+    bool has_overflowed;
     bool is_stuck; /* our log is not read */
     bool page_is_too_long;
-    uint64_t left_out;
+    uint64_t dropped;
     uint64_t page_bytes;
     pthread_mutex_t lock;             /* protects all fields below */
     bool may_kill;                    /* its process ID is valid */
     char killed[TL_TWIN_KILLED_TEXT]; /* reason; "": not killed */
     tl_fmu_refusals refusals;
-    size_t told; /* number of denied calls that were reported */
+    size_t reported; /* number of denied calls that were reported */
 };
 
 static void close_end(tl_twin_process *self, int end) {
@@ -101,7 +101,7 @@ static void signal_end(const tl_twin_process *self, int end) {
     (void)!write(self->ends[end], &one, sizeof one);
 }
 
-static void nudge(const tl_twin_process *self) {
+static void notify_parent(const tl_twin_process *self) {
     if (self->settings.channel != NULL) {
         tl_channel_nudge(self->settings.channel);
     }
@@ -109,38 +109,38 @@ static void nudge(const tl_twin_process *self) {
 
 /* ---- output ---- */
 
-static bool may_pass(budget *has, size_t bytes) {
+static bool fits_budget(budget *has, size_t bytes) {
     tl_time now = tl_clock_now(NULL);
-    const double passed = tl_seconds(now - has->looked);
+    const double passed = tl_seconds(now - has->updated);
     if (passed > 0.001) {
-        double left = (double)has->left + passed * OUTPUT_RATE;
-        has->left = left > OUTPUT_MOST ? OUTPUT_MOST : (int64_t)left;
-        has->looked = now;
+        double left = (double)has->remaining + passed * OUTPUT_RATE;
+        has->remaining = left > OUTPUT_MOST ? OUTPUT_MOST : (int64_t)left;
+        has->updated = now;
     }
-    bool may = has->left >= (int64_t)bytes;
-    has->left -= may ? (int64_t)bytes : 0;
+    bool may = has->remaining >= (int64_t)bytes;
+    has->remaining -= may ? (int64_t)bytes : 0;
     return may;
 }
 
 /* A line without a level comes from an FMU. */
-static void pass_output(void *context, const char *line) {
+static void forward_output(void *context, const char *line) {
     tl_twin_process *self = context;
     const char *text = NULL;
     int level = tl_log_level_of(line, &text);
-    bool passed = may_pass(&self->budgets[level == TL_LOG_FOREIGN ? FMUS_LINES : OUR_LINES], strlen(line) + 1);
+    bool passed = fits_budget(&self->budgets[level == TL_LOG_FOREIGN ? FMUS_LINES : OUR_LINES], strlen(line) + 1);
     if (passed) {
         passed = tl_log_foreign(level, text, self->is_stuck ? 0 : OUTPUT_PATIENCE);
         self->is_stuck = !passed;
-    } else if (!self->said_too_much) {
-        self->said_too_much = true;
+    } else if (!self->has_overflowed) {
+        self->has_overflowed = true;
         (void)tl_log_foreign(TL_LOG_WARNING,
-                             "FMUs print more than is passed on: what they print from here on is left out",
+                             "FMUs print too much: what exceeds 32 MiB, and then 16 KiB/s, is not logged",
                              OUTPUT_PATIENCE);
     }
-    self->left_out += passed ? 0 : 1;
+    self->dropped += passed ? 0 : 1;
 }
 
-static void pass_page(void *context, const char *line) {
+static void forward_page(void *context, const char *line) {
     tl_twin_process *self = context;
     self->page_bytes += strlen(line) + 1;
     if (self->page_bytes <= OUTPUT_PAGE_MOST) {
@@ -154,34 +154,34 @@ void tl_twin_process_flush(tl_twin_process *process) {
     for (int i = 0; i < RELAYS; i++) {
         if (!__atomic_load_n(&process->ended[i], __ATOMIC_ACQUIRE) && !tl_relay_drain(&process->relays[i]) &&
             !__atomic_exchange_n(&process->ended[i], true, __ATOMIC_ACQ_REL)) {
-            nudge(process);
+            notify_parent(process);
         }
     }
 }
 
-static const char *next_refusal(tl_twin_process *self, size_t *told) {
+static const char *next_refusal(tl_twin_process *self, size_t *reported) {
     (void)pthread_mutex_lock(&self->lock);
-    const char *said = tl_fmu_refusals_next(&self->refusals, told);
+    const char *text = tl_fmu_refusals_next(&self->refusals, reported);
     (void)pthread_mutex_unlock(&self->lock);
-    return said;
+    return text;
 }
 
 /* Without the lock: the listener may wait for a thread that waits for it. */
-static void say_refusals(tl_twin_process *self) {
-    const char *said = NULL;
-    while ((said = next_refusal(self, &self->spoken)) != NULL) {
+static void log_refusals(tl_twin_process *self) {
+    const char *text = NULL;
+    while ((text = next_refusal(self, &self->logged)) != NULL) {
         if (!self->settings.is_silent) {
-            (void)tl_log_foreign(TL_LOG_WARNING, said, OUTPUT_PATIENCE);
+            (void)tl_log_foreign(TL_LOG_WARNING, text, OUTPUT_PATIENCE);
         }
         if (self->settings.hear != NULL) {
-            self->settings.hear(self->settings.context, said);
+            self->settings.hear(self->settings.context, text);
         }
     }
 }
 
 /* Only this thread may wait for the reader of our log. It does not poll closed pipes, because they
  * are always ready. */
-static void *speak(void *context) {
+static void *run_output(void *context) {
     tl_twin_process *self = context;
     bool stop = false;
     while (!stop) {
@@ -194,24 +194,24 @@ static void *speak(void *context) {
         watched[RELAYS] = (struct pollfd){.fd = self->ends[WAKE], .events = POLLIN};
         (void)poll(watched, RELAYS + 1, -1);
         (void)!read(self->ends[WAKE], &count, sizeof count);
-        stop = __atomic_load_n(&self->speaker_stops, __ATOMIC_ACQUIRE);
+        stop = __atomic_load_n(&self->output_stops, __ATOMIC_ACQUIRE);
         tl_twin_process_flush(self);
-        say_refusals(self);
+        log_refusals(self);
     }
     return NULL;
 }
 
 /* ---- watch thread: never blocks ---- */
 
-static void kill_it(tl_twin_process *self, const char *why) {
+static void kill_process(tl_twin_process *self, const char *why) {
     if (self->killed[0] == '\0' && self->may_kill) {
         (void)snprintf(self->killed, sizeof self->killed, "%s", why);
         (void)kill(self->role.pid, SIGKILL);
-        nudge(self);
+        notify_parent(self);
     }
 }
 
-static void look_at_calls(tl_twin_process *self) {
+static void check_calls(tl_twin_process *self) {
     char text[256];
     tl_fmu_call call;
     bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
@@ -223,31 +223,30 @@ static void look_at_calls(tl_twin_process *self) {
         .whatever = true,
     };
     if (tl_fmu_call_timeout_is_over(&self->patience, &view, text, sizeof text)) {
-        kill_it(self, text);
+        kill_process(self, text);
     }
 }
 
-static void look_at_bounds(tl_twin_process *self) {
+static void check_bounds(tl_twin_process *self) {
     char found[TL_BOUNDS_TEXT];
     char text[TL_TWIN_KILLED_TEXT];
     if (self->may_kill && !tl_bounds_are_kept(&self->bounds, self->role.pid, found)) {
-        (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
-        kill_it(self, text);
+        (void)snprintf(text, sizeof text, "the FMU process was killed: %s", found);
+        kill_process(self, text);
     }
     if (__atomic_load_n(&self->page_is_too_long, __ATOMIC_ACQUIRE)) {
-        (void)snprintf(text, sizeof text,
-                       "the process of the FMUs was killed: the page of the check is longer than %d MB",
+        (void)snprintf(text, sizeof text, "the FMU process was killed: the page of the check is longer than %d MB",
                        OUTPUT_PAGE_MOST / 1000000);
-        kill_it(self, text);
+        kill_process(self, text);
     }
 }
 
 /* Not before the process has its handlers, because a signal would kill it until then. */
-static void pass_signal_on(tl_twin_process *self) {
+static void forward_signal(tl_twin_process *self) {
     int asked = tl_interrupt_signal();
     tl_time now = tl_clock_now(NULL);
-    if (asked != 0 && self->ends[START] < 0 && self->may_kill && now >= self->pass_on_at) {
-        self->pass_on_at = now + TL_SECOND / 2;
+    if (asked != 0 && self->ends[START] < 0 && self->may_kill && now >= self->forward_at) {
+        self->forward_at = now + TL_SECOND / 2;
         (void)kill(self->role.pid, asked);
     }
 }
@@ -268,7 +267,7 @@ static void answer_refusals(tl_twin_process *self) {
     }
 }
 
-static void *watch(void *context) {
+static void *run_watch(void *context) {
     enum { STOPS, STARTS, LISTENS, WATCHED };
     tl_twin_process *self = context;
     tl_time next = 0;
@@ -278,7 +277,7 @@ static void *watch(void *context) {
             [STARTS] = {.fd = self->ends[START], .events = POLLIN},
             [LISTENS] = {.fd = self->ends[LISTENER], .events = POLLIN},
         };
-        (void)poll(watched, WATCHED, LOOK_MS);
+        (void)poll(watched, WATCHED, POLL_MS);
         if (watched[STOPS].revents != 0) {
             return NULL;
         }
@@ -293,13 +292,13 @@ static void *watch(void *context) {
         }
         tl_time now = tl_clock_now(NULL);
         if (now >= next) {
-            next = now + LOOK_MS * (TL_SECOND / 1000);
+            next = now + POLL_MS * (TL_SECOND / 1000);
             (void)pthread_mutex_lock(&self->lock);
             if (self->settings.passes_signals) {
-                pass_signal_on(self);
-                look_at_calls(self);
+                forward_signal(self);
+                check_calls(self);
             }
-            look_at_bounds(self);
+            check_bounds(self);
             (void)pthread_mutex_unlock(&self->lock);
         }
     }
@@ -368,14 +367,14 @@ static tl_status make_folder(tl_twin_process *process, tl_error *error) {
 enum { VARIABLE = PATH_MAX + 32 };
 
 /* Variables added to the environment of the process. */
-typedef struct surroundings {
+typedef struct environment {
     char texts[TL_ROLE_VARIABLES][VARIABLE];
     const char *variables[TL_ROLE_VARIABLES];
     size_t count;
-} surroundings;
+} environment;
 
 /* A text that is too long is omitted. */
-static void add_variable(surroundings *made, const char *name, const char *value, const char *end) {
+static void add_variable(environment *made, const char *name, const char *value, const char *end) {
     char *text = made->texts[made->count];
     if (snprintf(text, VARIABLE, "%s=%s%s", name, value, end) < VARIABLE) {
         made->variables[made->count++] = text;
@@ -385,7 +384,7 @@ static void add_variable(surroundings *made, const char *name, const char *value
 /* In a confined process HOME is its own folder: libraries find no settings there and need no user
  * database. Python writes no compiled files: the folder is deleted at the end, and without Landlock
  * Python may not rename files. */
-static void surround(const tl_twin_process *process, surroundings *made) {
+static void build_environment(const tl_twin_process *process, environment *made) {
     const char *home = getenv("HOME");
     made->count = 0;
     if (process->settings.job->holds) {
@@ -447,7 +446,7 @@ static int run_forked(const char *title, void *context) {
 }
 
 static tl_status open_ends(tl_twin_process *process, tl_error *error) {
-    static tl_relay_line *const passes[RELAYS] = {[LINES] = pass_output, [PAGE_LINES] = pass_page};
+    static tl_relay_line *const passes[RELAYS] = {[LINES] = forward_output, [PAGE_LINES] = forward_page};
     int *ends = process->ends;
     ends[NOTHING] = open("/dev/null", O_RDWR | O_CLOEXEC);
     ends[STOP] = eventfd(0, EFD_CLOEXEC);
@@ -463,13 +462,13 @@ static tl_status open_ends(tl_twin_process *process, tl_error *error) {
             *end = -1; /* now owned by the relay */
         }
     }
-    return all ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no pipes for the process of the FMUs: %s", strerror(errno));
+    return all ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no pipes for the FMU process: %s", strerror(errno));
 }
 
-static tl_status execute(tl_twin_process *process, tl_error *error) {
+static tl_status start_role(tl_twin_process *process, tl_error *error) {
     const int *ends = process->ends;
-    surroundings around;
-    surround(process, &around);
+    environment around;
+    build_environment(process, &around);
     tl_role_settings settings = {
         .title = process->settings.title,
         .variables = around.variables,
@@ -501,12 +500,12 @@ static tl_status execute(tl_twin_process *process, tl_error *error) {
 static bool start_thread(tl_twin_process *process, pthread_t *thread, void *(*run)(void *context), tl_error *error) {
     int result = tl_side_thread_start(thread, STACK, run, process);
     if (result != 0) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
+        (void)tl_fail(error, TL_TRY_AGAIN, "no thread to watch the FMU process: %s", strerror(result));
     }
     return result == 0;
 }
 
-static tl_status start(tl_twin_process *process, tl_error *error) {
+static tl_status start_process(tl_twin_process *process, tl_error *error) {
     const tl_twin_fmus *fmus = &process->settings.fmus;
     tl_status status = make_folder(process, error);
     tl_twin_job job = *process->settings.job;
@@ -520,7 +519,7 @@ static tl_status start(tl_twin_process *process, tl_error *error) {
         status = open_ends(process, error);
     }
     if (status == TL_OK) {
-        status = execute(process, error);
+        status = start_role(process, error);
     }
     if (status != TL_OK) {
         return status;
@@ -530,15 +529,16 @@ static tl_status start(tl_twin_process *process, tl_error *error) {
                                   .files = FILES * (fmus->count + 1),
                                   .threads = TL_TWIN_THREADS,
                                   .memory = process->settings.memory_limit};
-    process->has_speaker = start_thread(process, &process->speaker, speak, error);
-    process->has_watcher = process->has_speaker && start_thread(process, &process->watcher, watch, error);
-    return process->has_watcher ? TL_OK : error->status;
+    process->has_output_thread = start_thread(process, &process->output_thread, run_output, error);
+    process->has_watch_thread =
+        process->has_output_thread && start_thread(process, &process->watch_thread, run_watch, error);
+    return process->has_watch_thread ? TL_OK : error->status;
 }
 
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error) {
     tl_twin_process *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the FMU process");
     }
     made->settings = *settings;
     if (made->settings.memory_limit == 0) {
@@ -551,11 +551,11 @@ tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twi
         made->ended[i] = true;
     }
     for (int i = 0; i < KINDS; i++) {
-        made->budgets[i] = (budget){.left = OUTPUT_MOST, .looked = tl_clock_now(NULL)};
+        made->budgets[i] = (budget){.remaining = OUTPUT_MOST, .updated = tl_clock_now(NULL)};
     }
     (void)pthread_mutex_init(&made->lock, NULL);
     made->patience.limit = settings->call_limit;
-    tl_status status = start(made, error);
+    tl_status status = start_process(made, error);
     if (status != TL_OK) {
         tl_twin_process_close(made);
         return status;
@@ -570,7 +570,7 @@ const tl_role *tl_twin_process_role(const tl_twin_process *process) {
     return &process->role;
 }
 
-static void spare(tl_twin_process *process) {
+static void forbid_kill(tl_twin_process *process) {
     (void)pthread_mutex_lock(&process->lock);
     process->may_kill = false;
     (void)pthread_mutex_unlock(&process->lock);
@@ -585,12 +585,12 @@ bool tl_twin_process_reap(tl_twin_process *process) {
 }
 
 void tl_twin_process_kill(tl_twin_process *process) {
-    spare(process);
+    forbid_kill(process);
     tl_role_kill(&process->role);
 }
 
 void tl_twin_process_let_go(tl_twin_process *process) {
-    spare(process);
+    forbid_kill(process);
     if (!process->role.has_ended) {
         process->role = (tl_role){.is_forked = process->role.is_forked, .has_ended = true, .code = -1};
     }
@@ -612,22 +612,22 @@ bool tl_twin_process_was_refused(tl_twin_process *process) {
 }
 
 void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context) {
-    const char *said = NULL;
-    while ((said = next_refusal(process, &process->told)) != NULL) {
-        hear(context, said);
+    const char *text = NULL;
+    while ((text = next_refusal(process, &process->reported)) != NULL) {
+        hear(context, text);
     }
 }
 
 /* The watch thread first, because the output thread logs its last finding. */
 static void stop_threads(tl_twin_process *process) {
-    if (process->has_watcher) {
+    if (process->has_watch_thread) {
         signal_end(process, STOP);
-        (void)pthread_join(process->watcher, NULL);
+        (void)pthread_join(process->watch_thread, NULL);
     }
-    if (process->has_speaker) {
-        __atomic_store_n(&process->speaker_stops, true, __ATOMIC_RELEASE);
+    if (process->has_output_thread) {
+        __atomic_store_n(&process->output_stops, true, __ATOMIC_RELEASE);
         signal_end(process, WAKE);
-        (void)pthread_join(process->speaker, NULL);
+        (void)pthread_join(process->output_thread, NULL);
     }
 }
 
@@ -643,10 +643,10 @@ void tl_twin_process_close(tl_twin_process *process) {
             tl_relay_close(&process->relays[i]);
         }
     }
-    if (process->left_out != 0) {
+    if (process->dropped != 0) {
         char text[128];
-        (void)snprintf(text, sizeof text, "%llu lines that FMUs have printed were left out",
-                       (unsigned long long)process->left_out);
+        (void)snprintf(text, sizeof text, "%llu lines of FMU output were not logged",
+                       (unsigned long long)process->dropped);
         (void)tl_log_foreign(TL_LOG_WARNING, text, OUTPUT_PATIENCE);
     }
     for (int i = 0; i < ENDS; i++) {

@@ -90,10 +90,14 @@ void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *he
                                               entry->uncached};
         int64_t difference = tl_run_component_difference(&counts);
         if (difference > 0) {
-            (void)snprintf(text, sizeof text,
-                           "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
-                           ", see saving.nodes), or a committed step failed and was repeated",
-                           entry->name, difference, entry->uncached);
+            int length = snprintf(text, sizeof text,
+                                  "%.120s: %" PRId64 " executions more than predicted: ", entry->name, difference);
+            if (entry->uncached != 0) {
+                (void)snprintf(text + length, sizeof text - (size_t)length,
+                               "%" PRIu64 " results were not kept; raise saving.nodes", entry->uncached);
+            } else {
+                (void)snprintf(text + length, sizeof text - (size_t)length, "a committed step failed and was repeated");
+            }
             hear(context, text);
         }
     }

@@ -41,7 +41,7 @@ tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *er
     }
     unsigned char *bytes = calloc(1, size);
     if (bytes == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of the process with the FMUs");
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of the FMU process");
     }
     memcpy(bytes, &head, sizeof head);
     unsigned char *place = bytes + sizeof head;
@@ -83,7 +83,7 @@ tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *er
 /* ---- the role ---- */
 
 /* Longest sleep before signals are checked. */
-static const tl_time LOOK = TL_SECOND / 4;
+static const tl_time POLL = TL_SECOND / 4;
 
 enum { TOGETHER = 64 };
 
@@ -104,7 +104,7 @@ typedef struct role {
     tl_twin_tunings tunings; /* not applied yet */
     union {
         tl_recording_tick tick;
-        int32_t word;
+        int32_t status;
     } received;
     tl_twin_result result; /* of the newest tick */
     unsigned unpushed;     /* results since the parent was last notified */
@@ -118,7 +118,7 @@ typedef struct role {
  * or when this process is idle. */
 static void send_message(role *self, tl_message type, const void *payload) {
     while (!tl_channel_offer(&self->channel, type, payload)) {
-        if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
+        if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + POLL) == TL_CHANNEL_BROKEN) {
             return;
         }
     }
@@ -132,17 +132,17 @@ static void send_message(role *self, tl_message type, const void *payload) {
 }
 
 /* `error` has no text if the error was logged. */
-static void send_word(role *self, tl_message type, tl_status status, const tl_error *error) {
-    const int32_t word = (int32_t)status;
+static void send_status(role *self, tl_message type, tl_status status, const tl_error *error) {
+    const int32_t number = (int32_t)status;
     (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error->text);
-    send_message(self, type, &word);
+    send_message(self, type, &number);
 }
 
 /* Receives the next message of the parent into self->received. */
-static tl_status receive(role *self, tl_message *type, tl_error *error) {
+static tl_status receive_message(role *self, tl_message *type, tl_error *error) {
     tl_channel_news news = tl_channel_take(&self->channel, type, &self->received);
     while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
-        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + POLL);
         news = tl_channel_take(&self->channel, type, &self->received);
     }
     *error = self->channel.fault;
@@ -158,7 +158,7 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
     tl_status status = tl_config_read_text(self->job.path, self->job.text, strlen(self->job.text), &assembly->config,
                                            &problems->report);
     if (status != TL_OK) {
-        return tl_fail(error, status, "%s was read differently by the process with the FMUs", self->job.path);
+        return tl_fail(error, status, "%s: was valid, but the FMU process cannot parse it", self->job.path);
     }
     problems->config = &assembly->config;
     if (self->job.plain) {
@@ -184,9 +184,9 @@ static tl_status read_job(role *self, tl_error *error) {
     status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
     for (size_t i = 0; status == TL_OK && i < self->assembly.config.component_count;
          i++) { /* rollback methods to test */
-        const tl_rollback way = (tl_rollback)self->job.rollback[i];
+        const tl_rollback method = (tl_rollback)self->job.rollback[i];
         tl_config_component *component = &self->assembly.config.components[i];
-        component->rollback = way != TL_ROLLBACK_NONE ? way : component->rollback;
+        component->rollback = method != TL_ROLLBACK_NONE ? method : component->rollback;
     }
     return status == TL_OK && has_second(self) ? read_config(self, &self->second, error) : status;
 }
@@ -211,7 +211,7 @@ static tl_status open_channel(role *self, tl_error *error) {
     return status;
 }
 
-static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
+static tl_status confine_role(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
     if (!self->job.holds) {
@@ -238,7 +238,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     return status;
 }
 
-static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
+static tl_status start_role(role *self, tl_confine_facts *facts, tl_error *error) {
     enum { NICE_0 = 20 }; /* offset in RLIMIT_NICE */
     tl_status status = read_job(self, error);
     if (status == TL_OK && self->job.task == TL_TASK_LIVE) {
@@ -260,7 +260,7 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     if (status == TL_OK && !self->job.unconfined) {
         tl_fmu_prepare();
         tl_private_folder_leave(); /* a confined process deletes no files; the parent deletes the folder */
-        status = confine(self, facts, error);
+        status = confine_role(self, facts, error);
     }
     (void)close(TL_TWIN_START_SOCKET);
     return status;
@@ -272,7 +272,7 @@ static bool is_stopped(const role *self) {
     return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
 }
 
-static tl_status execute(role *self, tl_error *error) {
+static tl_status execute_tick(role *self, tl_error *error) {
     int64_t tick = self->received.tick.sample.tick;
     tl_run_tuning tuning;
     tl_status status = TL_OK;
@@ -290,14 +290,14 @@ static tl_status execute(role *self, tl_error *error) {
                            error);
 }
 
-static void answer(role *self, bool last) {
+static void answer_tick(role *self, bool last) {
     tl_error error;
     if (self->over || is_stopped(self)) {
         return;
     }
     if (last) {
         tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.tells, &self->result);
-    } else if (execute(self, &error) != TL_OK) {
+    } else if (execute_tick(self, &error) != TL_OK) {
         (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error.text);
         self->over = true;
     }
@@ -307,40 +307,40 @@ static void answer(role *self, bool last) {
 /* Computes steps until the parent ends the work. */
 static tl_status step_until_end(role *self, tl_error *error) {
     tl_message type = TL_MESSAGE_END;
-    tl_status status = receive(self, &type, error);
+    tl_status status = receive_message(self, &type, error);
     while (status == TL_OK && type != TL_MESSAGE_END) {
-        answer(self, type == TL_MESSAGE_FINISH);
-        status = receive(self, &type, error);
+        answer_tick(self, type == TL_MESSAGE_FINISH);
+        status = receive_message(self, &type, error);
     }
     return status;
 }
 
 /* Asks the parent for a reader process; returns when that has ended. If the work is to end
  * meanwhile, continues without it. */
-static tl_status ask(void *context, tl_error *error) {
+static tl_status request_reader(void *context, tl_error *error) {
     role *self = context;
     tl_message type = TL_MESSAGE_END;
     send_message(self, TL_MESSAGE_SHOWN, NULL);
-    tl_status status = receive(self, &type, error);
+    tl_status status = receive_message(self, &type, error);
     if (status != TL_OK) {
         return status;
     }
     if (type == TL_MESSAGE_END) {
         return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
     }
-    tl_status seen = (tl_status)self->received.word;
+    tl_status seen = (tl_status)self->received.status;
     return seen == TL_OK ? TL_OK : tl_fail(error, seen, "%s", self->orders->error);
 }
 
-static tl_status check(role *self, tl_status built, tl_error *error) {
-    const tl_read_back_host host = {.ask = ask, .context = self, .block = self->read_back.bytes};
+static tl_status run_check(role *self, tl_status built, tl_error *error) {
+    const tl_read_back_host host = {.ask = request_reader, .context = self, .block = self->read_back.bytes};
     if (built == TL_OK && is_stopped(self)) {
         return TL_INTERRUPTED;
     }
     FILE *page = fdopen(TL_TWIN_PAGE, "w");
     if (page == NULL) {
         return tl_fail(error, TL_FMU_FAILED,
-                       "the page of the check cannot be printed: an FMU has closed what it is printed to");
+                       "the page of the check cannot be printed: an FMU has closed its file descriptor");
     }
     tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL,
                                                page, &self->extra->check);
@@ -348,14 +348,15 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
         tl_twin_ways_note(&self->assembly, &self->extra->ways);
     }
     bool done = fclose(page) == 0;
-    return status != TL_OK || done ? status
-                                   : tl_fail(error, TL_FMU_FAILED,
-                                             "the page of the check was cut: an FMU has closed what it is printed to");
+    return status != TL_OK || done
+               ? status
+               : tl_fail(error, TL_FMU_FAILED,
+                         "the page of the check is incomplete: an FMU has closed its file descriptor");
 }
 
 /* Performs the task with the built assembly. Twins that differ, or an inexact rollback, are no
  * failure; *error describes them. */
-static tl_status perform(role *self, tl_error *error) {
+static tl_status perform_task(role *self, tl_error *error) {
     tl_status status = TL_OK;
     switch (self->job.task) {
     case TL_TASK_READ:
@@ -373,7 +374,7 @@ static tl_status perform(role *self, tl_error *error) {
     }
 }
 
-static void work(void *context) {
+static void run_task(void *context) {
     role *self = context;
     tl_error error = {TL_OK, ""};
     bool checks = self->job.task == TL_TASK_CHECK;
@@ -394,13 +395,13 @@ static void work(void *context) {
         self->tunings =
             (tl_twin_tunings){.bytes = self->job.tunings, .count = self->job.tunings_size / sizeof(tl_run_tuning)};
     }
-    send_word(self, TL_MESSAGE_BUILT, status, &error);
+    send_status(self, TL_MESSAGE_BUILT, status, &error);
     if (checks) {
-        status = check(self, status, &error);
+        status = run_check(self, status, &error);
     } else if (status == TL_OK) {
-        status = perform(self, &error);
+        status = perform_task(self, &error);
     }
-    send_word(self, TL_MESSAGE_ENDED, status, &error);
+    send_status(self, TL_MESSAGE_ENDED, status, &error);
     tl_assembly_free(&self->assembly);
 }
 
@@ -415,7 +416,7 @@ int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     tl_crash_install();
     tl_interrupt_install(); /* before the parent forwards signals, which it does once it has the listener */
     tl_locale_use();
-    tl_status status = start(&self, &facts, &error);
+    tl_status status = start_role(&self, &facts, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
@@ -425,5 +426,5 @@ int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     }
     tl_fmu_calls_use(&self.extra->calls);
     send_message(&self, TL_MESSAGE_READY, &facts);
-    return tl_exit_code(tl_fmu_thread_run(work, &self));
+    return tl_exit_code(tl_fmu_thread_run(run_task, &self));
 }

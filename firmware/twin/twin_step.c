@@ -47,8 +47,8 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
 }
 
 /* Repeats the kind of step in the recording: followed, caught up, or searched. */
-static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
-                      tl_record *record, bool *ready, tl_error *error) {
+static tl_status execute_step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                              tl_record *record, bool *ready, tl_error *error) {
     if (tick->followed) {
         return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
     }
@@ -57,7 +57,7 @@ static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick
                            : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
 }
 
-static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
+static void fill_result(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
     if (tells == TL_TELLS_COUNTS) {
         (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
     } else if (tells == TL_TELLS_OUTPUTS) {
@@ -67,11 +67,11 @@ static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_resul
     }
 }
 
-static void look_after_host(const tl_recording_tick *tick) {
-    static tl_time looked; /* static, because the guard exists once per process */
-    tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : looked;
-    if (now - looked >= GUARD_INTERVAL) {
-        looked = now;
+static void tick_guard(const tl_recording_tick *tick) {
+    static tl_time guarded; /* static, because the guard exists once per process */
+    tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : guarded;
+    if (now - guarded >= GUARD_INTERVAL) {
+        guarded = now;
         tl_fmu_guard_tick();
     }
 }
@@ -87,7 +87,7 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
 }
 
 /* Verifies the rollback of the FMUs. */
-static tl_status look(const tl_assembly *assembly, tl_error *error) {
+static tl_status verify_rollback(const tl_assembly *assembly, tl_error *error) {
     tl_twin_look_news news;
     tl_status status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, error);
     if (news.found) {
@@ -97,25 +97,26 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
 }
 
 /* Reports once per process why the twin runs free from this step on. */
-static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
-    static bool told;
-    if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_ROLLBACK) == 0) {
+static void report_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
+    static bool reported;
+    if (reported || result->ready == 0 || (result->record.flags & TL_FLAG_NO_ROLLBACK) == 0) {
         return;
     }
-    told = true;
+    reported = true;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
     tl_twin_ledger entry = {.name = ""};
     for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
         entry = tl_twin_get_ledger(assembly->twin, i);
     }
-    const char *why = entry.replay.differs   ? "did not do again what it had done"
-                      : entry.replay.is_over ? "was tried on more ways than there is room for"
-                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
-    tl_log(TL_LOG_WARNING,
-           "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again until then",
-           tl_seconds(tl_time_of_step(0, assembly->config.step, result->record.step)), name, why,
-           (unsigned long long)entry.replay.steps);
+    const char *why = entry.replay.differs   ? "gave other results when steps were repeated"
+                      : entry.replay.is_over ? "was rolled back to more states than can be kept"
+                                             : "has passed the limit of its rollback by replay (\"replay_steps\")";
+    tl_log(
+        TL_LOG_WARNING,
+        "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; %llu of its steps were repeated until then",
+        tl_seconds(tl_time_of_step(0, assembly->config.step, result->record.step)), name, why,
+        (unsigned long long)entry.replay.steps);
 }
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
@@ -128,18 +129,18 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     if (!tick->followed) {
         tl_lock_monitor_sample(&recovery->judge, &tick->sample);
     }
-    tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
+    tl_status status = execute_step(assembly, tick, tells, &result->record, &ready, error);
     if (ready && tl_recovery_step(recovery, &result->record, &change) &&
         tells != TL_TELLS_OUTPUTS) { /* an emulated plant is never reset */
         tl_twin_reset(assembly->twin);
     }
-    status = status == TL_OK ? look(assembly, error) : status;
+    status = status == TL_OK ? verify_rollback(assembly, error) : status;
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;
-    tell_free_run(assembly, result);
-    tell(assembly, tells, result);
-    look_after_host(tick);
+    report_free_run(assembly, result);
+    fill_result(assembly, tells, result);
+    tick_guard(tick);
     return status;
 }
 
@@ -150,7 +151,7 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
     result->tick = tick->sample.tick;
     result->status = (int32_t)TL_OK;
     result->ready = ready ? 1 : 0;
-    tell(assembly, tells, result);
+    fill_result(assembly, tells, result);
 }
 
 /* ---- verification ---- */
@@ -159,7 +160,7 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
 static void write_size(const tl_account_finding *finding, char *text, size_t size) {
     const char *unit = finding->unit;
     bool has_unit = unit[0] != '\0' && strcmp(unit, "1") != 0;
-    (void)snprintf(text, size, "%.9g%s%.12s, and then %.9g", finding->committed, has_unit ? " " : "",
+    (void)snprintf(text, size, "%.9g%s%.12s, but %.9g when repeated", finding->committed, has_unit ? " " : "",
                    has_unit ? unit : "", finding->again);
     size_t length = strlen(text);
     if (isfinite(finding->tolerances)) {
@@ -169,16 +170,15 @@ static void write_size(const tl_account_finding *finding, char *text, size_t siz
 
 static void write_sentence(const tl_account_finding *finding, tl_twin_look_news *news) {
     static const char *const outcomes[TL_MENDED] = {
-        [TL_MENDED_NOT] = "what is committed may be wrong from now on",
+        [TL_MENDED_NOT] = "committed results may be wrong from now on",
         [TL_MENDED_BY_MEMORY] = "it is rolled back by its memory from now on",
         [TL_MENDED_BY_STATES] = "it is rolled back by its own states from now on",
     };
     const char *then = outcomes[finding->mended];
     if (finding->variable[0] == '\0') {
-        (void)snprintf(
-            news->text, sizeof news->text,
-            "%.24s does not come back to where it was: led back, it fails in step %lld, which it had done; %s",
-            finding->component, (long long)finding->step, then);
+        (void)snprintf(news->text, sizeof news->text,
+                       "%.24s: its rollback is not exact: it fails in step %lld, which had succeeded before; %s",
+                       finding->component, (long long)finding->step, then);
         return;
     }
     char apart[100];
@@ -186,7 +186,7 @@ static void write_sentence(const tl_account_finding *finding, tl_twin_look_news 
     const char *why = tl_twin_cause_text((tl_restore_cause)finding->cause);
     bool is_known = why[0] != '\0';
     (void)snprintf(news->text, sizeof news->text,
-                   "%.24s does not come back to where it was: %.24s was %s %u step%s after it was led back%s%s%s; %s",
+                   "%.24s: its rollback is not exact: %.24s was %s, %u step%s after the rollback%s%s%s; %s",
                    finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s",
                    is_known ? " (" : "", why, is_known ? ")" : "", then);
 }

@@ -28,7 +28,7 @@ typedef struct walker {
 } walker;
 
 /* Starts without any reading. */
-static void begin(walker *self, const tl_assembly *assembly) {
+static void begin_walk(walker *self, const tl_assembly *assembly) {
     *self = (walker){.assembly = assembly};
     memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
 }
@@ -67,7 +67,7 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
 /* ---- late verification ---- */
 
 /* Returns true if the test can continue. */
-static bool look_once(const tl_assembly *assembly, tl_far_look *look) {
+static bool verify_once(const tl_assembly *assembly, tl_far_look *look) {
     tl_twin_look_news news = {.found = false};
     look->status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, &look->error);
     look->news = news.found ? news : look->news;
@@ -83,7 +83,7 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
         return;
     }
     tl_time begun = tl_clock_now(NULL);
-    begin(&walk, assembly);
+    begin_walk(&walk, assembly);
     walk.sample.tick = tick;
     look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, because there are no readings */
     if (look->status == TL_OK && !ready) {
@@ -93,7 +93,7 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
     while (goes_on && walk.steps < TL_FAR_STEPS && tl_clock_now(NULL) - begun < TL_FAR_LONGEST) {
         look->status = step_once(&walk, false, &ready, &look->error);
         walk.steps += look->status == TL_OK ? 1 : 0;
-        goes_on = look->status == TL_OK && look_once(assembly, look);
+        goes_on = look->status == TL_OK && verify_once(assembly, look);
     }
     look->steps = walk.steps;
     look->times = tl_twin_get_facts(assembly->twin).verified;
@@ -102,7 +102,7 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
 /* ---- comparison ---- */
 
 /* Executes the next step. The first one takes as many ticks as a twin waits for measurements. */
-static tl_status step(walker *self, tl_error *error) {
+static tl_status step_walk(walker *self, tl_error *error) {
     bool is_free = self->steps == 0 || self->assembly->config.event.start.signal != NULL;
     int64_t last = self->sample.tick + (int64_t)tl_twin_get_facts(self->assembly->twin).lead + 1;
     bool ready = false;
@@ -145,7 +145,7 @@ static bool find_difference(const tl_twin *twin, const double *first, const doub
         tl_twin_value value;
         if (tl_twin_get_value(twin, i, &value) && memcmp(&first[i], &second[i], sizeof *first) != 0) {
             name_component(account->component, value.component);
-            (void)tl_fail(error, TL_OK, "in step %lld its %s is %.9g, and %.9g in a second instance", (long long)number,
+            (void)tl_fail(error, TL_OK, "in step %lld its %s is %.9g, but %.9g in a second instance", (long long)number,
                           value.variable, first[i], second[i]);
             return true;
         }
@@ -157,28 +157,28 @@ static bool find_difference(const tl_twin *twin, const double *first, const doub
 
 /* Executes as many steps as there is time for. If an FMU rejects one, for example because it has
  * reached its end, the comparison ends there. */
-static void lead_first(const tl_assembly *first, double *values, size_t width, tl_twin_pair_account *account) {
+static void run_first(const tl_assembly *first, double *values, size_t width, tl_twin_pair_account *account) {
     tl_time begun = tl_clock_now(NULL);
     tl_error error;
     walker walk;
-    begin(&walk, first);
+    begin_walk(&walk, first);
     while (account->steps < TL_PAIR_STEPS &&
            (account->steps < TL_PAIR_LEAST || tl_clock_now(NULL) - begun < TL_PAIR_LONGEST) &&
-           step(&walk, &error) == TL_OK) {
+           step_walk(&walk, &error) == TL_OK) {
         account->marks[account->steps] = read_values(first->twin, values + account->steps * width);
         account->steps++;
     }
 }
 
 /* After the values of all steps there is room for those of one more. */
-static tl_status lead_second(const tl_assembly *second, double *values, size_t width, tl_twin_pair_account *account,
-                             bool *differs, tl_error *error) {
+static tl_status run_second(const tl_assembly *second, double *values, size_t width, tl_twin_pair_account *account,
+                            bool *differs, tl_error *error) {
     double *own = values + TL_PAIR_STEPS * width;
     walker walk;
     tl_status status = TL_OK;
-    begin(&walk, second);
+    begin_walk(&walk, second);
     for (uint32_t i = 0; i < account->steps && status == TL_OK && !*differs; i++) {
-        status = step(&walk, error);
+        status = step_walk(&walk, error);
         if (status == TL_OK && read_values(second->twin, own) != account->marks[i]) {
             *differs = find_difference(second->twin, values + i * width, own, i, account, error);
         }
@@ -194,13 +194,13 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
     if (values == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    lead_first(first, values, width, account);
+    run_first(first, values, width, account);
     tl_status status = TL_OK;
     if (!alone && account->steps > 0) {
         __atomic_store_n(&account->has_second, 1, __ATOMIC_RELEASE);
         status = tl_assembly_build_quietly(second, account->component, error);
         if (status == TL_OK) {
-            status = lead_second(second, values, width, account, &differs, error);
+            status = run_second(second, values, width, account, &differs, error);
             tl_assembly_find_component(second, error->text, account->component);
         }
     }
@@ -247,12 +247,12 @@ void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
 /* ---- test of methods ---- */
 
 /* Without any reading, so that u is nominal. */
-static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error *error) {
+static tl_status begin_methods(const tl_assembly *assembly, int64_t *tick, tl_error *error) {
     int64_t last = (int64_t)tl_twin_get_facts(assembly->twin).lead + FIRST_STEPS;
     walker walk;
     bool ready = false;
     tl_status status = TL_OK;
-    begin(&walk, assembly);
+    begin_walk(&walk, assembly);
     while (status == TL_OK && walk.sample.tick < last) {
         status = step_once(&walk, true, &ready, error);
     }
@@ -261,7 +261,7 @@ static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error
 }
 
 /* Returns true if all rollbacks were exact there too. */
-static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
+static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
     tl_far_look look;
     tl_far_look_take(assembly, tick, &look);
     bool is_exact = !look.news.found || look.news.mended;
@@ -273,17 +273,17 @@ static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *wa
 }
 
 /* Replay is not measured, because its time depends on the number of steps. */
-static void measure(const tl_assembly *assembly, size_t component, tl_twin_way *way) {
+static void measure_method(const tl_assembly *assembly, size_t component, tl_twin_way *method) {
     tl_twin_timing timing;
-    if (way->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
+    if (method->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
         return;
     }
     tl_twin_time_component(assembly->twin, component, tl_clock_now, NULL, LONGEST, &timing);
     if (timing.rounds != 0) {
-        way->is_measured = 1;
-        way->save = timing.save.median;
-        way->restore = timing.restore.median;
-        way->bytes = tl_twin_get_ledger(assembly->twin, component).state_size;
+        method->is_measured = 1;
+        method->save = timing.save.median;
+        method->restore = timing.restore.median;
+        method->bytes = tl_twin_get_ledger(assembly->twin, component).state_size;
     }
 }
 
@@ -293,7 +293,7 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     if (status != TL_OK) {
         return status;
     }
-    status = begin_ways(assembly, &tick, error);
+    status = begin_methods(assembly, &tick, error);
     tl_twin_ways_note(assembly, ways);
     if (status != TL_OK) {
         /* A failed step does not mean that a rollback failed. */
@@ -303,12 +303,12 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
         return status;
     }
     *error = (tl_error){TL_OK, ""};
-    if (!look_far(assembly, tick, ways, error)) {
+    if (!verify_late(assembly, tick, ways, error)) {
         return TL_OK;
     }
     tl_twin_ways_note(assembly, ways); /* again, because a mended component now has another method */
     for (size_t i = 0; i < assembly->config.component_count; i++) {
-        measure(assembly, i, &ways->of[i]);
+        measure_method(assembly, i, &ways->of[i]);
     }
     return TL_OK;
 }

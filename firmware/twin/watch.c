@@ -21,7 +21,7 @@ void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal
 
 /* ---- rejected readings ---- */
 
-static void tell_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
+static void report_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     const tl_config_signal *own = &watch->config->signals[signal];
     const char *name = watch->config->signals[own->of].plan.name;
@@ -49,7 +49,7 @@ static void watch_reading(tl_watch *watch, const tl_sample *sample, size_t signa
     bool is_new = sample->stamps[signal] != rejected->stamp;
     rejected->stamp = sample->stamps[signal];
     if (is_new && sample->quality[signal] == TL_OUTLIER) {
-        tell_rejected(watch, sample->tick, signal, sample->values[signal]);
+        report_rejected(watch, sample->tick, signal, sample->values[signal]);
     } else if (is_new && sample->quality[signal] == TL_GOOD) {
         rejected->accepted = sample->values[signal];
     }
@@ -64,12 +64,13 @@ static void watch_noise(tl_watch *watch, const tl_sample *sample, size_t index) 
     case TL_NOISE_IS_LARGE:
         tl_journal_event(
             watch->journal, sample->tick, TL_EVENT_WARNING, "twin",
-            "%s: its tolerance, %.6g, is below three times the noise of its readings, %.3g: the twin follows the noise",
-            match->variable, match->tolerance, sigma);
+            "%s: tolerance %.6g is below three times the noise of the readings (%.3g): the twin follows the noise; raise it to "
+            "%.3g",
+            match->variable, match->tolerance, sigma, 3.0 * sigma);
         break;
     case TL_NOISE_IS_SMALL:
         tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "twin",
-                         "%s: its tolerance, %.6g, is three times the noise of its readings again, %.3g",
+                         "%s: tolerance %.6g is at least three times the noise of the readings again (%.3g)",
                          match->variable, match->tolerance, sigma);
         break;
     case TL_NOISE_AS_BEFORE:
@@ -114,13 +115,13 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
 }
 
 /* Permanent until the FMUs are reset. */
-static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *record) {
+static void watch_rollback(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool has_none = (record->flags & TL_FLAG_NO_ROLLBACK) != 0;
     if (has_none && !watch->no_way_back) {
         tl_journal_event(
             watch->journal, tick, TL_EVENT_WARNING, "twin",
-            "the twin runs free from step %lld on: an FMU that is rolled back by replay is too far from its "
-            "beginning (replay_steps), or did not do again what it had done",
+            "the twin runs free from step %lld on: an FMU that is rolled back by replay has passed its limit (replay_steps), "
+            "or gave other results when steps were repeated",
             (long long)record->step);
     } else if (!has_none && watch->no_way_back) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
@@ -136,10 +137,11 @@ static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
         return;
     }
     watch->rests = rests;
-    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                     rests ? "u rests at nominal from step %lld on: the twin that is left alone is nearer to the plant"
-                           : "u is searched again from step %lld on: the twin that rested was too far from the plant",
-                     (long long)record->step);
+    tl_journal_event(
+        watch->journal, tick, TL_EVENT_INFO, "twin",
+        rests ? "u stays at nominal from step %lld on: the twin without correction is nearer to the plant"
+              : "u is searched again from step %lld on: the twin without correction was too far from the plant",
+        (long long)record->step);
 }
 
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
@@ -166,14 +168,14 @@ static void write_objective(const tl_record *record, char *text, size_t size) {
 
 /* Only a search that was not cut short can show that a condition is over. Many searches and some
  * time are required, so that an intermittent condition is reported once. */
-static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
+static turn follow_trouble(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
     if (has) {
-        bool told = trouble->told;
+        bool reported = trouble->told;
         trouble->told = true;
         trouble->last = record->step;
         trouble->without = 0;
-        trouble->count = told ? trouble->count + 1 : 1;
-        return told ? NOTHING_NEW : BEGUN;
+        trouble->count = reported ? trouble->count + 1 : 1;
+        return reported ? NOTHING_NEW : BEGUN;
     }
     trouble->without += trouble->told && record->stop != TL_STOP_NONE ? 1 : 0;
     if (trouble->without < TL_WATCH_STEPS || record->step - trouble->last < TL_WATCH_REST / watch->config->step) {
@@ -186,33 +188,33 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
 
 /* Texts around a name, at the beginning of a condition and at its end (with the number of steps).
  */
-typedef struct trouble_words {
+typedef struct trouble_texts {
     const char *begun[2];
     const char *over[2];
-} trouble_words;
+} trouble_texts;
 
-static const trouble_words HELD = {
-    {"", ": the matched outputs do not react to it; held at nominal"},
-    {"", ": the matched outputs react to it again; steps held"},
+static const trouble_texts HELD = {
+    {"", ": the matched outputs do not react to it: kept at nominal"},
+    {"", ": the matched outputs react to it again; steps at nominal"},
 };
-static const trouble_words FALLBACK = {
-    {"the solver finds no more; the second one, ", ", takes over"},
-    {"the solver does without the second one, ", ", again; searches it took over"},
+static const trouble_texts FALLBACK = {
+    {"the solver makes no more progress: the fallback solver, ", ", is used"},
+    {"the fallback solver, ", ", is not needed any more; searches that used it"},
 };
-static const trouble_words STAGNATION = {
+static const trouble_texts STAGNATION = {
     {"a search made no progress and was ended", ""},
-    {"searches make progress again; ended before", ""},
+    {"searches make progress again; searches that were ended", ""},
 };
 
 static void watch_trouble(const tl_watch *watch, int64_t tick, const tl_record *record, tl_watch_trouble *trouble,
-                          bool has, const char *name, const trouble_words *words) {
-    const turn now = follow(watch, trouble, record, has);
+                          bool has, const char *name, const trouble_texts *texts) {
+    const turn now = follow_trouble(watch, trouble, record, has);
     if (now == BEGUN) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "%s%s%s", words->begun[0], name,
-                         words->begun[1]);
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "%s%s%s", texts->begun[0], name,
+                         texts->begun[1]);
     } else if (now == ENDED) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", words->over[0], name,
-                         words->over[1], (unsigned long long)trouble->count);
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", texts->over[0], name,
+                         texts->over[1], (unsigned long long)trouble->count);
     }
 }
 
@@ -221,7 +223,7 @@ static bool has_moved(const tl_watch *watch, const tl_record *record) {
 }
 
 /* The search of a stroke is complete. Reports nothing while strokes agree with the present u. */
-static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+static void report_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
     const char *name = watch->config->adjust[0].variable;
     bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
     tl_severity severity = out ? TL_EVENT_WARNING : TL_EVENT_INFO;
@@ -239,13 +241,14 @@ static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) 
 }
 
 /* Reports the first one of a row, and their number after the next complete search. */
-static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
+static void report_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool reset = (record->flags & TL_FLAG_RESET) != 0;
     if (watch->abandoned++ == 0) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "stroke: not searched to its end; %s",
-                         reset ? "the FMUs began anew"
-                               : "it lasted too long, an edge fell into a gap of the measurements, there was no time "
-                                 "before the next one, or what was found failed");
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "stroke: its search was not completed: %s",
+                         reset
+                             ? "the FMUs were reset"
+                             : "it lasted too long, an edge fell into a gap of the measurements, the next stroke came "
+                               "too soon, or its result failed");
     }
     if (has_moved(watch, record) && !reset) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
@@ -262,15 +265,16 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
         watch->stroke_u = record->nominal[0];
     }
     if (abandoned) {
-        tell_abandoned(watch, tick, record);
+        report_abandoned(watch, tick, record);
     }
     if (ended && watch->abandoned > 1) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
+                         "stroke: its search was completed; strokes before without: %llu",
+                         (unsigned long long)watch->abandoned);
     }
     if (ended) {
         watch->abandoned = 0;
-        tell_stroke(watch, tick, record);
+        report_stroke(watch, tick, record);
     }
     if (ended || abandoned || (record->flags & TL_FLAG_RESET) != 0) {
         watch->stroke_u = record->u[0];
@@ -288,17 +292,17 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
     bool is_known = record->delay_state == TL_DELAY_KNOWN;
     if (record->delay_state == TL_DELAY_LOST && watch->delay_state != TL_DELAY_LOST) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use", now_ms);
+                         "delay: the measurement is uncertain; \316\224o = %.3f ms stays in use", now_ms);
     } else if (is_known && watch->delay_state == TL_DELAY_UNKNOWN) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "delay: \316\224o = %.3f ms measured, and used from now on", now_ms);
+                         "delay: measured \316\224o = %.3f ms is used from now on", now_ms);
     } else if (is_known && moved > watch->config->step) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
                          "delay: \316\224o has drifted from %.3f ms to %.3f ms", tl_seconds(watch->delay) * 1e3,
                          now_ms);
     } else if (is_known && watch->delay_state == TL_DELAY_LOST) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "delay: \316\224o = %.3f ms is measured surely again", now_ms);
+                         "delay: the measurement is certain again; \316\224o = %.3f ms", now_ms);
     } else {
         return;
     }
@@ -312,11 +316,11 @@ static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
-                         "begun anew: the FMUs have their start values before step %lld, and u is nominal",
+                         "FMUs were reset to their start values before step %lld; u is nominal",
                          (long long)record->step);
     }
     if (differed && !watch->differed) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "an FMU does not come back to where it was");
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "the rollback of an FMU is not exact");
     }
     watch->differed = differed;
 }
@@ -325,7 +329,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_RESUMED) {
         return; /* reported by the run that was resumed */
     }
-    watch_way_back(watch, tick, record);
+    watch_rollback(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;
@@ -353,24 +357,25 @@ void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *ch
                      change->cause);
 }
 
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *judge) {
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
-        const tl_bound_stay *stay = &judge->stay[v];
+        const tl_bound_stay *stay = &monitor->stay[v];
         const char *name = watch->config->adjust[v].variable;
         if (stay->turn == TL_BOUND_REACHED) {
-            tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                             "%s was at a bound in %.0f %% of the last minute: it may not go as far as the plant asks",
-                             name, 100.0 * stay->share);
+            tl_journal_event(
+                watch->journal, tick, TL_EVENT_WARNING, "twin",
+                "%s was at a bound in %.0f %% of the last minute: it cannot correct more; check the plant, or widen the "
+                "bound",
+                name, 100.0 * stay->share);
         } else if (stay->turn == TL_BOUND_LEFT) {
             tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                             "%s is off its bounds again, but for %.0f %% of the last minute", name,
-                             100.0 * stay->share);
+                             "%s was at a bound in only %.0f %% of the last minute", name, 100.0 * stay->share);
         }
     }
 }
 
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash) {
-    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "retune", "configuration %.12s in force", hash);
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "retune", "configuration %.12s is active", hash);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {

@@ -82,7 +82,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
 /* Call it after each record: reports if u is at its bounds. */
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *judge);
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor);
 
 /* Reports that the twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);

@@ -15,10 +15,10 @@ bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_c
 
 /* State handles created at start-up with TL_KEEP_STATES: more than a search usually needs. The pool
  * is sized for the worst case and may be thousands; an FMU may need a megabyte for each. */
-enum { READY = 256 };
+enum { READY_STATES = 256 };
 
 /* States created to measure their size: other allocations hardly happen in each of them. */
-enum { MEASURED = 3 };
+enum { MEASURED_STATES = 3 };
 
 static tl_status make_state(tl_cached_component *cached, fmi2FMUstate *state, tl_error *error) {
     *state = NULL;
@@ -38,9 +38,9 @@ tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap
                                       tl_error *error) {
     tl_status status = TL_OK;
     size_t least = SIZE_MAX;
-    size_t told = 0;
-    bool tells = tl_component_can_serialize(cached->component);
-    for (int i = 0; i < MEASURED && (heap != NULL || tells) && status == TL_OK; i++) {
+    size_t serialised = 0;
+    bool can_serialise = tl_component_can_serialize(cached->component);
+    for (int i = 0; i < MEASURED_STATES && (heap != NULL || can_serialise) && status == TL_OK; i++) {
         size_t before = heap != NULL ? heap() : 0;
         status = make_spare(cached, error);
         size_t after = heap != NULL ? heap() : 0;
@@ -48,10 +48,10 @@ tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap
         least = grown < least ? grown : least;
     }
     size_t known = tl_component_state_size(cached->component);
-    if (tells && known == 0 && status == TL_OK) {
-        status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &told, error);
+    if (can_serialise && known == 0 && status == TL_OK) {
+        status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &serialised, error);
     }
-    *size = known != 0 ? known : heap != NULL && least > told ? least : told;
+    *size = known != 0 ? known : heap != NULL && least > serialised ? least : serialised;
     return status;
 }
 
@@ -66,7 +66,7 @@ void tl_cached_component_limit(tl_cached_component *cached, uint32_t states) {
 
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
     tl_status status = TL_OK;
-    uint32_t ready = cached->states < READY ? cached->states : READY;
+    uint32_t ready = cached->states < READY_STATES ? cached->states : READY_STATES;
     while (cached->keep == TL_KEEP_STATES && cached->made < ready && status == TL_OK) {
         status = make_spare(cached, error);
     }
@@ -120,7 +120,7 @@ static bool is_to_be_saved(const tl_cached_component *cached, bool onwards) {
 }
 
 /* Saves the state of the node that the FMU is leaving, if it will be needed. */
-static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *error) {
+static tl_status save_left(tl_cached_component *cached, bool onwards, tl_error *error) {
     if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].state != NULL || !is_to_be_saved(cached, onwards)) {
         return TL_OK;
     }
@@ -137,8 +137,8 @@ static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *erro
 }
 
 /* Restores the state of a node. */
-static tl_status load(tl_cached_component *cached, uint32_t node, tl_error *error) {
-    tl_status status = leave(cached, false, error);
+static tl_status load_node(tl_cached_component *cached, uint32_t node, tl_error *error) {
+    tl_status status = save_left(cached, false, error);
     if (status != TL_OK) {
         return status;
     }
@@ -153,7 +153,7 @@ bool tl_cached_component_can_stand(const tl_cached_component *cached) {
 }
 
 /* Moves the FMU to another node, and back. */
-static tl_status copy_from_afar(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
+static tl_status copy_elsewhere(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
                                 tl_error *error) {
     tl_status status = tl_component_save(component, aside, error);
     if (status != TL_OK) {
@@ -168,13 +168,13 @@ static tl_status copy_from_afar(tl_component *component, fmi2FMUstate root, fmi2
 tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
                                         bool *taken, tl_error *error) {
     fmi2FMUstate root = cached->tree.nodes[cached->root].state;
-    bool is_here = cached->at == cached->root;
-    *taken = cached->component->mode == TL_MODE_STEPPING && (is_here || root != NULL);
+    bool is_at_root = cached->at == cached->root;
+    *taken = cached->component->mode == TL_MODE_STEPPING && (is_at_root || root != NULL);
     if (!*taken) {
         return TL_OK;
     }
-    return is_here ? tl_component_save(cached->component, state, error)
-                   : copy_from_afar(cached->component, root, state, aside, error);
+    return is_at_root ? tl_component_save(cached->component, state, error)
+                      : copy_elsewhere(cached->component, root, state, aside, error);
 }
 
 /* Whether no state before that of this node will be needed: it is saved, and every candidate passes
@@ -193,8 +193,8 @@ static bool is_final(const tl_cached_component *cached, uint32_t node) {
 
 /* Executes one step from the FMU's node with the inputs in the ports. Afterwards the FMU is at no
  * node yet. */
-static tl_status execute(tl_cached_component *cached, int64_t step, tl_error *error) {
-    tl_status status = leave(cached, true, error);
+static tl_status execute_step(tl_cached_component *cached, int64_t step, tl_error *error) {
+    tl_status status = save_left(cached, true, error);
     if (status != TL_OK) {
         return status;
     }
@@ -212,7 +212,7 @@ static uint32_t ancestor(const tl_sequence_cache *tree, uint32_t node, uint32_t 
 }
 
 /* Moves the FMU to the candidate's node, which is before macro step `step`. */
-static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *error) {
+static tl_status move_to_candidate(tl_cached_component *cached, int64_t step, tl_error *error) {
     const tl_sequence_cache *tree = &cached->tree;
     uint32_t from = cached->position;
     uint32_t missing = 0;
@@ -220,11 +220,11 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
         from = tree->nodes[from].parent;
         missing++;
     }
-    tl_status status = from == cached->at ? TL_OK : load(cached, from, error);
+    tl_status status = from == cached->at ? TL_OK : load_node(cached, from, error);
     for (; missing > 0 && status == TL_OK; missing--) {
         uint32_t next = ancestor(tree, cached->position, missing - 1);
         tl_ports_write(&cached->component->inputs, tl_sequence_cache_key(tree, next));
-        status = execute(cached, step - (int64_t)missing, error);
+        status = execute_step(cached, step - (int64_t)missing, error);
         cached->at = status == TL_OK ? next : TL_NO_NODE;
         cached->repeated++;
     }
@@ -235,7 +235,7 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
 tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error) {
     cached->position = cached->root;
     tl_ports_read(&cached->component->inputs, cached->key);
-    return bring(cached, step, error);
+    return move_to_candidate(cached, step, error);
 }
 
 tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error) {
@@ -256,7 +256,7 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
 
 /* Stores the result of a step. Without room the candidate continues outside of the tree, and the
  * FMU with it. */
-static void store(tl_cached_component *cached) {
+static void store_result(tl_cached_component *cached) {
     uint32_t added = TL_NO_NODE;
     if (cached->position != TL_NO_NODE) {
         tl_ports_read(&cached->component->outputs, cached->value);
@@ -277,11 +277,11 @@ tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl
             cached->position = known;
             return TL_OK;
         }
-        status = bring(cached, step, error);
+        status = move_to_candidate(cached, step, error);
     }
-    status = status == TL_OK ? execute(cached, step, error) : status;
+    status = status == TL_OK ? execute_step(cached, step, error) : status;
     if (status == TL_OK) {
-        store(cached);
+        store_result(cached);
     }
     return status;
 }

@@ -39,7 +39,7 @@ const unsigned char *tl_sequence_cache_value(const tl_sequence_cache *cache, uin
     return bytes_of(cache, node) + cache->key_size;
 }
 
-static uint32_t take(tl_sequence_cache *cache, uint32_t parent) {
+static uint32_t take_node(tl_sequence_cache *cache, uint32_t parent) {
     uint32_t taken = cache->free;
     if (taken == TL_NO_NODE) {
         return TL_NO_NODE;
@@ -56,7 +56,7 @@ static uint32_t take(tl_sequence_cache *cache, uint32_t parent) {
 }
 
 uint32_t tl_sequence_cache_plant(tl_sequence_cache *cache) {
-    return take(cache, TL_NO_NODE);
+    return take_node(cache, TL_NO_NODE);
 }
 
 uint32_t tl_sequence_cache_find(const tl_sequence_cache *cache, uint32_t node, const void *key) {
@@ -68,7 +68,7 @@ uint32_t tl_sequence_cache_find(const tl_sequence_cache *cache, uint32_t node, c
 }
 
 uint32_t tl_sequence_cache_add(tl_sequence_cache *cache, uint32_t parent, const void *key, const void *value) {
-    uint32_t added = take(cache, parent);
+    uint32_t added = take_node(cache, parent);
     if (added != TL_NO_NODE) {
         memcpy(bytes_of(cache, added), key, cache->key_size);
         memcpy(bytes_of(cache, added) + cache->key_size, value, cache->value_size);
@@ -88,7 +88,7 @@ void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state) {
     }
 }
 
-static void give_up(tl_sequence_cache *cache, uint32_t node) {
+static void free_node(tl_sequence_cache *cache, uint32_t node) {
     cache->nodes[node].used = false;
     tl_sequence_cache_put_spare(cache, cache->nodes[node].state);
     cache->nodes[node].state = NULL;
@@ -107,7 +107,7 @@ void tl_sequence_cache_prune(tl_sequence_cache *cache, uint32_t node) {
         } else {
             uint32_t parent = cache->nodes[at].parent;
             cache->nodes[parent].child = cache->nodes[at].sibling;
-            give_up(cache, at);
+            free_node(cache, at);
             at = parent;
         }
     }
@@ -116,7 +116,7 @@ void tl_sequence_cache_prune(tl_sequence_cache *cache, uint32_t node) {
 void tl_sequence_cache_clear(tl_sequence_cache *cache) {
     for (uint32_t node = 0; node < cache->capacity; node++) {
         if (cache->nodes[node].used) {
-            give_up(cache, node);
+            free_node(cache, node);
         }
     }
 }
@@ -135,12 +135,12 @@ static void keep_only(tl_sequence_cache *cache, uint32_t child) {
 }
 
 /* Each node above `first` has one child by now. */
-static void give_up_above(tl_sequence_cache *cache, uint32_t first) {
+static void free_above(tl_sequence_cache *cache, uint32_t first) {
     uint32_t above = cache->nodes[first].parent;
     cache->nodes[first].parent = TL_NO_NODE;
     while (above != TL_NO_NODE) {
         uint32_t next = cache->nodes[above].parent;
-        give_up(cache, above);
+        free_node(cache, above);
         above = next;
     }
 }
@@ -149,5 +149,5 @@ void tl_sequence_cache_keep(tl_sequence_cache *cache, uint32_t first, uint32_t r
     for (uint32_t node = root; cache->nodes[node].parent != TL_NO_NODE; node = cache->nodes[node].parent) {
         keep_only(cache, node);
     }
-    give_up_above(cache, first);
+    free_above(cache, first);
 }

@@ -38,7 +38,7 @@ typedef struct tl_stroke {
     tl_stroke_event event;
     int64_t now;         /* newest tick of the live twin */
     int64_t begin;       /* tick of the stroke's start */
-    int64_t met;         /* of the plant's event */
+    int64_t event_tick;  /* of the plant's event */
     int64_t first;       /* of the window's first sample */
     int64_t last;        /* of its last sample */
     double *live_course; /* y of the matched outputs as committed, by tick in a ring */
@@ -47,24 +47,24 @@ typedef struct tl_stroke {
     tl_snapshot states[5];
     tl_snapshot *start;
     tl_snapshot *live;
-    tl_snapshot *walker; /* the candidate between two cycles */
-    tl_snapshot *mark;   /* the candidate at the present, or at the window's end */
+    tl_snapshot *candidate; /* the candidate between two cycles */
+    tl_snapshot *mark;      /* the candidate at the present, or at the window's end */
     tl_snapshot *best;
     int64_t mark_at;
     int64_t best_at;
-    double best_u;    /* NaN: none is kept of this stroke */
-    bool away;        /* the FMUs are those of a candidate; `live` holds the live twin */
-    bool walking;     /* there is a candidate */
-    bool loaded;      /* the FMUs are in its state */
-    bool unkept;      /* it need not be kept: it continues the live twin, or is the winner */
-    bool supposed;    /* it has used a sample that was only stood in for */
-    double u;         /* of the candidate */
-    int64_t at;       /* tick it has reached */
-    double sum;       /* J so far */
-    uint32_t here;    /* samples of the window with the simulated event */
-    uint32_t missing; /* without it */
-    int64_t arrival;  /* tick of the first sample of the window with it; INT64_MAX: none */
-    int32_t late;     /* samples with the plant's event only, minus those with the simulated one only */
+    double best_u;          /* NaN: none is kept of this stroke */
+    bool live_saved;        /* the FMUs are those of a candidate; `live` holds the live twin */
+    bool has_candidate;     /* there is a candidate */
+    bool loaded;            /* the FMUs are in its state */
+    bool needs_no_mark;     /* it need not be kept: it continues the live twin, or is the winner */
+    bool used_estimate;     /* it has used a sample that was only stood in for */
+    double u;               /* of the candidate */
+    int64_t at;             /* tick it has reached */
+    double sum;             /* J so far */
+    uint32_t with_event;    /* samples of the window with the simulated event */
+    uint32_t without_event; /* without it */
+    int64_t arrival;        /* tick of the first sample of the window with it; INT64_MAX: none */
+    int32_t late;           /* samples with the plant's event only, minus those with the simulated one only */
 } tl_stroke;
 
 typedef struct tl_stroke_settings {
@@ -120,7 +120,8 @@ static void check_matches(const tl_plan *plan, tl_report *report) {
     }
     if (!matched) {
         tl_report_add(report, TL_BAD_DATA, plan->event.where,
-                      "no match with a weight is compared with %s, the end of the stroke", plan->event.end.signal);
+                      "no match with a weight above 0 has \"to\": \"%s\", the end of the stroke: add one",
+                      plan->event.end.signal);
     }
 }
 
@@ -148,7 +149,7 @@ void tl_event_plan_check(const tl_plan *plan, tl_report *report) {
     check_times(plan, report);
     if (plan->adjust_count != 1) {
         tl_report_add(report, TL_BAD_DATA, "synchronise.adjust",
-                      "found %u variables, expected one: an event horizon searches one u",
+                      "found %u variables, expected one: an event horizon adjusts one variable",
                       (unsigned)plan->adjust_count);
     }
     if (plan->measurements == TL_AHEAD) {
@@ -157,11 +158,11 @@ void tl_event_plan_check(const tl_plan *plan, tl_report *report) {
     }
     if (plan->measure.lags != 0) {
         tl_report_add(report, TL_BAD_DATA, "delays",
-                      "measured delays do not go with horizon.event: give them in chains");
+                      "measured delays cannot be used with horizon.event: configure chains");
     }
     if (plan->shape == TL_DYNAMIC || plan->prediction != 0) {
         tl_report_add(report, TL_BAD_DATA, plan->event.where,
-                      "\"prediction\" and \"shape\" do not go with \"event\": the stroke is the horizon, with one u");
+                      "\"prediction\" and \"shape\" cannot be used with \"event\": remove them");
     }
 }
 
@@ -171,13 +172,14 @@ size_t tl_event_plan_window(const tl_plan *plan) {
 
 /* ---- stroke ---- */
 
-enum { STATES = 5 };
+enum { STROKE_STATES = 5 };
 
 /* Returns false if memory is out. */
 static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings) {
     tl_exchange *exchange = settings->synchroniser->exchange;
     size_t matched = settings->synchroniser->objective.matched;
-    tl_snapshot **const names[STATES] = {&stroke->start, &stroke->live, &stroke->walker, &stroke->mark, &stroke->best};
+    tl_snapshot **const names[STROKE_STATES] = {&stroke->start, &stroke->live, &stroke->candidate, &stroke->mark,
+                                                &stroke->best};
     *stroke = (tl_stroke){
         .synchroniser = settings->synchroniser,
         .event = settings->event,
@@ -186,7 +188,7 @@ static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_s
         .y = tl_arena_take(arena, matched, sizeof *stroke->y),
     };
     bool placed = stroke->live_course != NULL && stroke->y != NULL;
-    for (size_t i = 0; i < STATES && placed; i++) {
+    for (size_t i = 0; i < STROKE_STATES && placed; i++) {
         *names[i] = &stroke->states[i];
         placed = tl_snapshot_init(&stroke->states[i], arena, exchange->components, exchange->component_count,
                                   exchange->values, exchange->values_size);
@@ -195,7 +197,7 @@ static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_s
 }
 
 static void tl_stroke_forget(tl_stroke *stroke, size_t component) {
-    for (size_t i = 0; i < STATES; i++) {
+    for (size_t i = 0; i < STROKE_STATES; i++) {
         tl_snapshot_forget(&stroke->states[i], component);
     }
 }
@@ -219,36 +221,36 @@ static tl_status tl_stroke_begin(tl_stroke *stroke, int64_t tick, tl_error *erro
 }
 
 /* Saves the live twin before the FMUs simulate a candidate. */
-static tl_status go_away(tl_stroke *stroke, tl_error *error) {
-    tl_status status = stroke->away ? TL_OK : tl_snapshot_take(stroke->live, error);
-    stroke->away = stroke->away || status == TL_OK;
+static tl_status save_live(tl_stroke *stroke, tl_error *error) {
+    tl_status status = stroke->live_saved ? TL_OK : tl_snapshot_take(stroke->live, error);
+    stroke->live_saved = stroke->live_saved || status == TL_OK;
     return status;
 }
 
 static tl_status tl_stroke_leave(tl_stroke *stroke, tl_error *error) {
     tl_status status = TL_OK;
-    if (!stroke->away) {
+    if (!stroke->live_saved) {
         return TL_OK;
     }
     if (stroke->loaded) {
-        status = tl_snapshot_take(stroke->walker, error);
+        status = tl_snapshot_take(stroke->candidate, error);
     }
     stroke->loaded = false;
-    stroke->away = false;
+    stroke->live_saved = false;
     return status == TL_OK ? tl_snapshot_restore(stroke->live, error) : status;
 }
 
 /* ---- evaluation ---- */
 
-static bool is_there(const tl_stroke *stroke, double value) {
+static bool is_event(const tl_stroke *stroke, double value) {
     bool on = value < 0.0 || value > 0.0;
     return on != stroke->event.falls;
 }
 
-static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured) {
+static bool plant_has_event(const tl_stroke *stroke, int64_t tick, bool *measured) {
     const tl_sample *sample = tl_plant_sample(&stroke->synchroniser->exchange->plant, tick + stroke->event.shift);
     *measured = sample->quality[stroke->event.signal] == TL_GOOD;
-    return is_there(stroke, sample->values[stroke->event.signal]);
+    return is_event(stroke, sample->values[stroke->event.signal]);
 }
 
 /* Starts a search without any candidate. Returns false if the window has no good sample of the end
@@ -257,19 +259,19 @@ static bool tl_stroke_begin_search(tl_stroke *stroke) {
     bool measured = false;
     stroke->best_u = (double)NAN;
     for (int64_t tick = stroke->first; tick <= stroke->last && !measured; tick++) {
-        (void)plant_is_there(stroke, tick, &measured);
+        (void)plant_has_event(stroke, tick, &measured);
     }
     return measured;
 }
 
 /* Evaluates the outputs y at one sample of the window. */
-static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
+static void add_sample(tl_stroke *stroke, int64_t tick, const double *y) {
     bool measured = false;
-    bool simulated = is_there(stroke, y[stroke->event.match]);
-    bool real = plant_is_there(stroke, tick, &measured);
+    bool simulated = is_event(stroke, y[stroke->event.match]);
+    bool real = plant_has_event(stroke, tick, &measured);
     stroke->sum += tl_objective_sample(&stroke->synchroniser->objective, tick, y);
-    stroke->here += simulated ? 1 : 0;
-    stroke->missing += simulated ? 0 : 1;
+    stroke->with_event += simulated ? 1 : 0;
+    stroke->without_event += simulated ? 0 : 1;
     stroke->arrival = simulated && tick < stroke->arrival ? tick : stroke->arrival;
     if (measured) {
         stroke->late += (int32_t)real - (int32_t)simulated;
@@ -284,13 +286,13 @@ static double tl_stroke_value(const tl_stroke *stroke) {
 /* Orders two instants; equal ones by the rest of the window: a signal that returns soon is there
  * longer if it comes earlier. */
 static tl_event_side tl_stroke_side(const tl_stroke *stroke) {
-    if (stroke->missing == 0) {
+    if (stroke->without_event == 0) {
         return TL_EVENT_BEFORE;
     }
-    if (stroke->here == 0) {
+    if (stroke->with_event == 0) {
         return TL_EVENT_AFTER;
     }
-    int64_t late = stroke->arrival != stroke->met ? stroke->arrival - stroke->met : stroke->late;
+    int64_t late = stroke->arrival != stroke->event_tick ? stroke->arrival - stroke->event_tick : stroke->late;
     return late > 0 ? TL_EVENT_LATE : late < 0 ? TL_EVENT_EARLY : TL_EVENT_EXACT;
 }
 
@@ -300,18 +302,18 @@ static void begin_candidate(tl_stroke *stroke, double u, int64_t at) {
     stroke->u = u;
     stroke->at = at;
     stroke->sum = 0.0;
-    stroke->here = 0;
-    stroke->missing = 0;
+    stroke->with_event = 0;
+    stroke->without_event = 0;
     stroke->arrival = INT64_MAX;
     stroke->late = 0;
-    stroke->walking = true;
+    stroke->has_candidate = true;
     stroke->loaded = true;
-    stroke->unkept = false;
-    stroke->supposed = false;
+    stroke->needs_no_mark = false;
+    stroke->used_estimate = false;
 }
 
 static tl_status load(tl_stroke *stroke, const tl_snapshot *from, tl_error *error) {
-    tl_status status = go_away(stroke, error);
+    tl_status status = save_live(stroke, error);
     return status == TL_OK ? tl_snapshot_restore(from, error) : status;
 }
 
@@ -325,12 +327,12 @@ static tl_status tl_stroke_try(tl_stroke *stroke, double u, tl_error *error) {
 
 static tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error) {
     int64_t known = stroke->now < stroke->last ? stroke->now : stroke->last;
-    tl_status status = known < stroke->last ? go_away(stroke, error) : TL_OK;
+    tl_status status = known < stroke->last ? save_live(stroke, error) : TL_OK;
     begin_candidate(stroke, u, known);
-    stroke->unkept = true;
-    stroke->loaded = stroke->away;
+    stroke->needs_no_mark = true;
+    stroke->loaded = stroke->live_saved;
     for (int64_t tick = stroke->first; tick <= known; tick++) {
-        judge(stroke, tick, course_at(stroke, tick));
+        add_sample(stroke, tick, course_at(stroke, tick));
     }
     return status;
 }
@@ -340,14 +342,14 @@ static tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) 
     bool kept = stroke->best_u <= u && stroke->best_u >= u;
     tl_status status = load(stroke, kept ? stroke->best : stroke->start, error);
     begin_candidate(stroke, u, kept ? stroke->best_at : stroke->begin);
-    stroke->unkept = true;
+    stroke->needs_no_mark = true;
     return status;
 }
 
 /* Marks the candidate as late as possible before a sample that is stood in for. */
-static tl_status mark(tl_stroke *stroke, tl_error *error) {
+static tl_status mark_candidate(tl_stroke *stroke, tl_error *error) {
     bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
-    if (!due || stroke->at > stroke->last || stroke->unkept || stroke->supposed) {
+    if (!due || stroke->at > stroke->last || stroke->needs_no_mark || stroke->used_estimate) {
         return TL_OK;
     }
     stroke->mark_at = stroke->at;
@@ -357,7 +359,7 @@ static tl_status mark(tl_stroke *stroke, tl_error *error) {
 /* Restores the candidate; executes one macro step of it; and restores the live twin for this cycle.
  */
 static tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
-    tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->walker, error);
+    tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->candidate, error);
     stroke->loaded = stroke->loaded || status == TL_OK;
     return status;
 }
@@ -372,12 +374,12 @@ static tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
         return status;
     }
     stroke->at++;
-    stroke->supposed = stroke->supposed || stroke->at > stroke->now;
+    stroke->used_estimate = stroke->used_estimate || stroke->at > stroke->now;
     if (stroke->at >= stroke->first && stroke->at <= stroke->last) {
         tl_objective_matched(&synchroniser->objective, stroke->y);
-        judge(stroke, stroke->at, stroke->y);
+        add_sample(stroke, stroke->at, stroke->y);
     }
-    return mark(stroke, error);
+    return mark_candidate(stroke, error);
 }
 
 /* Keeps the mark of the best candidate so far. */
@@ -391,13 +393,13 @@ static void tl_stroke_keep(tl_stroke *stroke) {
 
 /* Drops the candidate; or makes it the twin. */
 static void tl_stroke_drop(tl_stroke *stroke) {
-    stroke->walking = false;
+    stroke->has_candidate = false;
     stroke->loaded = false;
 }
 
 static void tl_stroke_adopt(tl_stroke *stroke) {
     tl_stroke_drop(stroke);
-    stroke->away = false;
+    stroke->live_saved = false;
 }
 
 /* ---- event horizon ---- */
@@ -424,20 +426,20 @@ struct tl_event_horizon {
     tl_stroke stroke;
     event_edge start;
     event_edge end;
-    int64_t half;    /* T_F/2, macro steps */
-    int64_t longest; /* macro steps */
-    int64_t kept;    /* samples that are still kept */
-    bool stands_in;  /* hold */
+    int64_t half;      /* T_F/2, macro steps */
+    int64_t longest;   /* macro steps */
+    int64_t kept;      /* samples that are still kept */
+    bool holds_values; /* hold */
     event_phase phase;
     bool own_course; /* the live twin has run the whole stroke with u */
     double u;        /* in use */
     double winner;
-    tl_outcome outcome; /* of the winner */
-    tl_stop stop;       /* why its search stopped */
-    double value;       /* J of the winner */
-    double before;      /* u at the start of the stroke */
-    tl_time going;      /* most ns to restore a candidate, decaying */
-    tl_time leaving;    /* most ns to save it and restore the live twin, decaying */
+    tl_outcome outcome;   /* of the winner */
+    tl_stop stop;         /* why its search stopped */
+    double value;         /* J of the winner */
+    double before;        /* u at the start of the stroke */
+    tl_time restore_cost; /* most ns to restore a candidate, decaying */
+    tl_time leave_cost;   /* most ns to save it and restore the live twin, decaying */
 };
 
 static double nominal_of(const tl_event_horizon *self) {
@@ -474,7 +476,7 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_synchroniser *sync
     self->half = (int64_t)tl_event_plan_half(plan);
     self->longest = (int64_t)tl_event_plan_longest(plan);
     self->kept = (int64_t)tl_event_plan_window(plan) - 2;
-    self->stands_in = plan->measurements == TL_HOLD;
+    self->holds_values = plan->measurements == TL_HOLD;
     self->u = nominal_of(self);
     const tl_stroke_settings stroke = {.synchroniser = synchroniser,
                                        .event = find_event(&synchroniser->objective, self->end),
@@ -526,7 +528,7 @@ static bool is_good(const tl_event_horizon *self, event_edge edge, int64_t tick)
 
 /* Whether the edge comes at this tick. Bad values are held, so that the edge comes with the first
  * good one; `sure`: exactly then. */
-static bool comes(const tl_event_horizon *self, event_edge edge, int64_t tick, bool *sure) {
+static bool has_edge(const tl_event_horizon *self, event_edge edge, int64_t tick, bool *sure) {
     *sure = tick > 0 && is_good(self, edge, tick - 1);
     return tick > 0 && is_on(self, edge, tick) && !is_on(self, edge, tick - 1);
 }
@@ -580,16 +582,16 @@ static void meet_event(tl_event_horizon *self, int64_t tick, bool sure, tl_recor
     }
     stroke->first = first > stroke->begin ? first : stroke->begin + 1;
     stroke->last = tick + self->half;
-    stroke->met = tick;
+    stroke->event_tick = tick;
     self->phase = WINDOW;
-    if (self->stands_in) {
+    if (self->holds_values) {
         begin_search(self, record);
     }
 }
 
 /* Whether the end signal has returned where the newest sample had stood in. Then the search waits
  * for the window's end. */
-static void confirm(tl_event_horizon *self, int64_t tick) {
+static void confirm_event(tl_event_horizon *self, int64_t tick) {
     bool open = self->phase == SEARCHING || self->phase == FOLLOWING || self->phase == CONFIRMING;
     if (!open || tick > self->stroke.last) {
         self->phase = self->phase == CONFIRMING ? WAITING : self->phase;
@@ -604,11 +606,11 @@ static void confirm(tl_event_horizon *self, int64_t tick) {
 /* Updates the phase from the newest sample. */
 static tl_status follow_plant(tl_event_horizon *self, int64_t tick, tl_record *record, tl_error *error) {
     bool sure = false;
-    confirm(self, tick);
-    if (comes(self, self->start, tick, &sure)) {
+    confirm_event(self, tick);
+    if (has_edge(self, self->start, tick, &sure)) {
         return begin_stroke(self, tick, sure, record, error);
     }
-    if (self->phase == STROKE && comes(self, self->end, tick, &sure)) {
+    if (self->phase == STROKE && has_edge(self, self->end, tick, &sure)) {
         meet_event(self, tick, sure, record);
     } else if (self->phase == STROKE && tick - self->stroke.begin > self->longest) {
         abandon(self, record);
@@ -634,13 +636,13 @@ static bool is_live(const tl_event_horizon *self, double u) {
     return self->own_course && is_u(self, u);
 }
 
-static tl_status try(tl_event_horizon *self, double u, tl_error *error) {
+static tl_status try_candidate(tl_event_horizon *self, double u, tl_error *error) {
     return is_live(self, u) ? tl_stroke_try_live(&self->stroke, u, error) : tl_stroke_try(&self->stroke, u, error);
 }
 
 /* Makes the winner the twin. The result of the search is recorded now, because the step in which it
  * was known depends on the available time. */
-static void settle(tl_event_horizon *self, tl_record *record) {
+static void adopt_winner(tl_event_horizon *self, tl_record *record) {
     bool stood_for = self->stroke.now < self->stroke.last;
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     self->own_course = self->own_course && is_u(self, self->winner);
@@ -655,17 +657,17 @@ static void settle(tl_event_horizon *self, tl_record *record) {
 
 /* The best trial if it may be used. Otherwise the u at the start of the stroke, if it is as good as
  * nominal; otherwise nominal, which was tried. */
-static const tl_event_trial *choose(const tl_event_horizon *self, const tl_event_trial *best) {
+static const tl_event_trial *choose_winner(const tl_event_horizon *self, const tl_event_trial *best) {
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
-    const tl_event_trial *in_force = tl_event_search_find(&self->search, self->before);
+    const tl_event_trial *present_u = tl_event_search_find(&self->search, self->before);
     if (is_worth(self, best) || nominal == NULL) {
         return best;
     }
-    bool stays = in_force != NULL && isfinite(in_force->value) && in_force->value <= nominal->value;
-    return stays ? in_force : nominal;
+    bool stays = present_u != NULL && isfinite(present_u->value) && present_u->value <= nominal->value;
+    return stays ? present_u : nominal;
 }
 
-static tl_stop why_ended(const tl_event_horizon *self, const tl_event_trial *best) {
+static tl_stop stop_reason(const tl_event_horizon *self, const tl_event_trial *best) {
     if (best->value < TL_OBJECTIVE_TOLERANCE) {
         return TL_STOP_TOLERANCE;
     }
@@ -680,15 +682,15 @@ static tl_outcome outcome_of(const tl_event_horizon *self, const tl_event_trial 
 }
 
 /* Chooses the winner and how it becomes the twin. */
-static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *error) {
+static tl_status conclude_search(tl_event_horizon *self, tl_record *record, tl_error *error) {
     const tl_event_trial *best = tl_event_search_best(&self->search);
-    const tl_event_trial *winner = choose(self, best);
-    self->stop = why_ended(self, best);
+    const tl_event_trial *winner = choose_winner(self, best);
+    self->stop = stop_reason(self, best);
     self->outcome = outcome_of(self, best, winner);
     self->winner = winner->u;
     self->value = winner->value;
     if (is_live(self, self->winner)) {
-        settle(self, record);
+        adopt_winner(self, record);
         return TL_OK;
     }
     self->phase = FOLLOWING;
@@ -697,7 +699,7 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
 
 /* Starts the next candidate or ends the search. The last evaluation is reserved for nominal. In a
  * repeated search the u before the first search comes second. */
-static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *error) {
+static tl_status start_next(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_event_search *search = &self->search;
     double u = search->count == 0 ? self->u : self->before;
     bool again = search->count == 1 && tl_event_search_find(search, u) == NULL;
@@ -705,17 +707,17 @@ static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *er
     bool nominal_known = tl_event_search_find(search, nominal_of(self)) != NULL;
     bool room = search->count + (nominal_known ? 0 : 1) < search->most;
     if (search->count == 0 || (room && tl_event_search_next(search, again ? &ignored : &u))) {
-        return try(self, u, error);
+        return try_candidate(self, u, error);
     }
     bool within = tl_event_search_best(search)->value < TL_OBJECTIVE_TOLERANCE;
     if (!within && !nominal_known && !tl_event_search_is_full(search)) {
-        return try(self, nominal_of(self), error);
+        return try_candidate(self, nominal_of(self), error);
     }
-    return conclude(self, record, error);
+    return conclude_search(self, record, error);
 }
 
 /* Ends a candidate that has passed the window or has failed. */
-static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
+static void end_candidate(tl_event_horizon *self, bool failed, tl_record *record) {
     tl_synchroniser *synchroniser = self->synchroniser;
     tl_stroke *stroke = &self->stroke;
     double nominal = nominal_of(self);
@@ -727,7 +729,7 @@ static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
     }
     tl_event_search_tell(&self->search, stroke->u, value, failed ? TL_EVENT_UNKNOWN : tl_stroke_side(stroke));
     const tl_event_trial *last = &self->search.trials[self->search.count - 1];
-    if (!failed && !stroke->unkept && tl_event_search_best(&self->search) == last) {
+    if (!failed && !stroke->needs_no_mark && tl_event_search_best(&self->search) == last) {
         tl_stroke_keep(stroke);
     }
     tl_stroke_drop(stroke);
@@ -735,27 +737,27 @@ static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
 }
 
 /* Whether the candidate or the winner has reached its end. */
-static bool has_arrived(const tl_event_horizon *self) {
+static bool is_complete(const tl_event_horizon *self) {
     const tl_stroke *stroke = &self->stroke;
     return self->phase == FOLLOWING ? stroke->at >= stroke->now : stroke->at >= stroke->last;
 }
 
-static void arrive(tl_event_horizon *self, tl_record *record) {
+static void complete_candidate(tl_event_horizon *self, tl_record *record) {
     if (self->phase == SEARCHING) {
-        tell(self, false, record);
+        end_candidate(self, false, record);
         return;
     }
     tl_stroke_adopt(&self->stroke);
-    settle(self, record);
+    adopt_winner(self, record);
 }
 
 /* Drops a winner that fails on its way to the present. */
-static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *record) {
+static tl_status handle_failure(tl_event_horizon *self, tl_status status, tl_record *record) {
     if (status != TL_FMU_FAILED) {
         return status;
     }
     if (self->phase == SEARCHING) {
-        tell(self, true, record);
+        end_candidate(self, true, record);
         return TL_OK;
     }
     self->winner = self->u;
@@ -765,7 +767,7 @@ static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *recor
 
 /* Whether this cycle has time for one more macro step and for saving the candidate. A repetition
  * takes as many executions. */
-static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
+static bool has_time(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
     tl_exchange *exchange = self->synchroniser->exchange;
     if (budget->repeated) {
         return exchange->executions + exchange->plant.executions - begun < budget->executions;
@@ -774,7 +776,7 @@ static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint
         return true;
     }
     (void)tl_costs_lap(&exchange->costs);
-    tl_time cost = self->leaving + (self->stroke.loaded ? 0 : self->going) + tl_exchange_cost(exchange, 1);
+    tl_time cost = self->leave_cost + (self->stroke.loaded ? 0 : self->restore_cost) + tl_exchange_cost(exchange, 1);
     return tl_duration(budget->started, exchange->costs.read) + cost <= budget->time;
 }
 
@@ -785,57 +787,57 @@ static tl_time lap(const tl_event_horizon *self) {
 }
 
 /* Executes one macro step of the candidate from where it was saved. */
-static tl_status walk(tl_event_horizon *self, tl_record *record, tl_error *error) {
+static tl_status step_candidate(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_status status = TL_OK;
     if (!self->stroke.loaded) {
         status = tl_stroke_return(&self->stroke, error);
-        self->going = tl_duration_expect(self->going, lap(self));
+        self->restore_cost = tl_duration_expect(self->restore_cost, lap(self));
     }
-    return status == TL_OK ? fail(self, tl_stroke_walk(&self->stroke, error), record) : status;
+    return status == TL_OK ? handle_failure(self, tl_stroke_walk(&self->stroke, error), record) : status;
 }
 
 /* Continues the search as far as time allows. The first candidate is the live twin as it is now,
  * and cannot start later. */
-static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
-                       tl_error *error) {
+static tl_status continue_search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
+                                 tl_error *error) {
     tl_status status = TL_OK;
     while (status == TL_OK && (self->phase == SEARCHING || self->phase == FOLLOWING)) {
-        if (self->stroke.walking && has_arrived(self)) {
-            arrive(self, record);
-        } else if ((self->stroke.walking || self->search.count > 0) && !has_room(self, budget, begun)) {
+        if (self->stroke.has_candidate && is_complete(self)) {
+            complete_candidate(self, record);
+        } else if ((self->stroke.has_candidate || self->search.count > 0) && !has_time(self, budget, begun)) {
             record->stop = TL_STOP_TIME;
             break;
-        } else if (!self->stroke.walking) {
-            status = proceed(self, record, error);
+        } else if (!self->stroke.has_candidate) {
+            status = start_next(self, record, error);
         } else {
-            status = walk(self, record, error);
+            status = step_candidate(self, record, error);
         }
     }
     return status;
 }
 
 /* Runs the search of this cycle and restores the live twin. */
-static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
-                        tl_error *error) {
-    tl_status status = spend(self, budget, begun, record, error);
+static tl_status run_search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
+                            tl_error *error) {
+    tl_status status = continue_search(self, budget, begun, record, error);
     if (status != TL_OK) {
         return status;
     }
-    if (!self->stroke.away) {
-        self->going = tl_duration_fade(self->going); /* otherwise one stall would end all searches */
-        self->leaving = tl_duration_fade(self->leaving);
+    if (!self->stroke.live_saved) {
+        self->restore_cost = tl_duration_fade(self->restore_cost); /* otherwise one stall would end all searches */
+        self->leave_cost = tl_duration_fade(self->leave_cost);
         return TL_OK;
     }
     (void)lap(self);
     status = tl_stroke_leave(&self->stroke, error);
-    self->leaving = tl_duration_expect(self->leaving, lap(self));
+    self->leave_cost = tl_duration_expect(self->leave_cost, lap(self));
     return status;
 }
 
 /* ---- the step ---- */
 
 /* Executes one macro step of the live twin. It is not final, because it will be rolled back. */
-static tl_status take_step(tl_event_horizon *self, int64_t step, tl_error *error) {
+static tl_status step_once(tl_event_horizon *self, int64_t step, tl_error *error) {
     tl_exchange_set_adjusted(self->synchroniser->exchange, 0, self->u);
     return tl_exchange_try(self->synchroniser->exchange, step, 0, error);
 }
@@ -848,14 +850,14 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
     if (status != TL_OK) {
         return status; /* `live` is older: it cannot be restored */
     }
-    status = take_step(self, step, error);
+    status = step_once(self, step, error);
     if (status == TL_FMU_FAILED && corrected) {
         tl_ledger_walked(&synchroniser->ledger, 0, synchroniser->exchange->failed);
         status = tl_snapshot_restore(self->stroke.live, error);
         self->u = nominal_of(self);
         self->own_course = false;
         record->outcome = TL_NOMINAL;
-        status = status == TL_OK ? take_step(self, step, error) : status;
+        status = status == TL_OK ? step_once(self, step, error) : status;
     }
     if (status == TL_OK) {
         tl_ledger_commit(&synchroniser->ledger, NULL);
@@ -891,7 +893,7 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
     (void)lap(self);
     status = status == TL_OK ? follow_plant(self, step + 1, record, error) : status;
     if (status == TL_OK && budget != NULL) {
-        status = search(self, budget, begun, record, error);
+        status = run_search(self, budget, begun, record, error);
     }
     fill_record(self, record);
     record->outcome = budget == NULL ? TL_CAUGHT_UP : record->outcome;
@@ -913,10 +915,10 @@ void tl_event_horizon_abandon(tl_event_horizon *self) {
 }
 
 bool tl_event_horizon_reset(tl_event_horizon *self) {
-    bool under_way = self->phase != WAITING && self->phase != CONFIRMING;
+    bool was_running = self->phase != WAITING && self->phase != CONFIRMING;
     tl_event_horizon_abandon(self);
     self->u = nominal_of(self);
-    return under_way;
+    return was_running;
 }
 
 void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun) {

@@ -190,7 +190,7 @@ typedef struct replayed {
 } replayed;
 
 /* Answers the solver from the stored trials, or notes the u to be tried next. */
-static bool answer(void *context, const double *z, double *value, const double **residuals) {
+static bool replay_answer(void *context, const double *z, double *value, const double **residuals) {
     replayed *replay = context;
     tl_event_search *search = replay->search;
     double u = fmin(fmax(search->origin + search->scale * z[0], search->lower), search->upper);
@@ -231,13 +231,13 @@ static bool ask_solver(tl_event_search *search, size_t start, double *u) {
     search->z_lower = (search->lower - search->origin) / search->scale;
     search->z_upper = (search->upper - search->origin) / search->scale;
     search->asks = false;
-    const tl_search led = {
+    const tl_search request = {
         .start = &zero,
         .start_value = search->trials[start].value,
-        .evaluate = answer,
+        .evaluate = replay_answer,
         .context = &replay,
     };
-    (void)search->solver->minimise(search->optimiser, &led);
+    (void)search->solver->minimise(search->optimiser, &request);
     *u = search->asked;
     return search->asks;
 }

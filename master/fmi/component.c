@@ -26,38 +26,40 @@ void tl_ports_write(const tl_ports *ports, const unsigned char *bytes) {
 }
 
 /* Converts the status of an FMI call; `call` is its name. */
-static tl_status judge(tl_component *component, fmi2Status status, const char *call, tl_error *error) {
+static tl_status check_status(tl_component *component, fmi2Status status, const char *call, tl_error *error) {
     switch (status) {
     case fmi2OK:
     case fmi2Warning:
         return TL_OK;
     case fmi2Discard:
-        return tl_fail(error, TL_FMU_FAILED,
-                       "%s: %s was discarded (fmi2Discard): the FMU could not do it with these "
-                       "values; see its messages in the log",
-                       component->name, call);
+        return tl_fail(
+            error, TL_FMU_FAILED,
+            "%s: %s was discarded (fmi2Discard): the FMU cannot compute it with these values; see its messages in the "
+            "log",
+            component->name, call);
     case fmi2Error:
         component->mode = TL_MODE_FAILED;
         return tl_fail(error, TL_FMU_FAILED, "%s: %s failed (fmi2Error); see the FMU's messages in the log",
                        component->name, call);
     case fmi2Pending:
         component->mode = TL_MODE_FAILED;
-        return tl_fail(error, TL_FMU_FAILED, "%s: %s answered fmi2Pending although no asynchronous step was offered",
+        return tl_fail(error, TL_FMU_FAILED,
+                       "%s: %s returned fmi2Pending, but twinlock requested no asynchronous step; export the FMU again",
                        component->name, call);
     case fmi2Fatal:
         break;
     }
     component->mode = TL_MODE_DEAD;
     if (status != fmi2Fatal) {
-        return tl_fail(error, TL_FMU_FATAL,
-                       "%s: %s answered %d, which is no fmi2Status; this FMU cannot be used any more: export it again",
-                       component->name, call, (int)status);
+        return tl_fail(
+            error, TL_FMU_FATAL,
+            "%s: %s returned %d, which is not an fmi2Status: the FMU cannot be used any more; export it again",
+            component->name, call, (int)status);
     }
-    return tl_fail(error, TL_FMU_FATAL, "%s: %s failed for good (fmi2Fatal); this FMU cannot be used any more; %s",
-                   component->name, call,
-                   component->logging
-                       ? "see its messages in the log"
-                       : "see its messages in the log; with \"logging\": true in its component it may tell more");
+    return tl_fail(
+        error, TL_FMU_FATAL, "%s: %s failed (fmi2Fatal): the FMU cannot be used any more; %s", component->name, call,
+        component->logging ? "see its messages in the log"
+                           : "see its messages in the log, or set \"logging\": true in its component for more");
 }
 
 static fmi2Component instantiate(const tl_component *component, const fmi2CallbackFunctions *callbacks,
@@ -75,11 +77,10 @@ tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFu
         component->instance = instantiate(component, callbacks, resources, true);
     }
     if (component->instance == NULL) {
-        return tl_fail(
-            error, TL_FMU_FAILED,
-            "%s: fmi2Instantiate refused; see the FMU's messages in the log; where there are none, the usual "
-            "cause is a GUID of modelDescription.xml (%s) that is not the binary's: export the FMU again",
-            component->name, component->model->guid);
+        return tl_fail(error, TL_FMU_FAILED,
+                       "%s: fmi2Instantiate failed; see the FMU's messages in the log; if there are none, the GUID in "
+                       "modelDescription.xml (%s) probably differs from the binary's: export the FMU again",
+                       component->name, component->model->guid);
     }
     component->mode = TL_MODE_INSTANTIATED;
     return TL_OK;
@@ -94,16 +95,18 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
     fmi2String text = value->text;
     switch (variable->type) {
     case TL_REAL:
-        return judge(component, fmi->set_real(component->instance, &reference, 1, &value->real), "fmi2SetReal", error);
+        return check_status(component, fmi->set_real(component->instance, &reference, 1, &value->real), "fmi2SetReal",
+                            error);
     case TL_INTEGER:
     case TL_ENUMERATION:
-        return judge(component, fmi->set_integer(component->instance, &reference, 1, &integer), "fmi2SetInteger",
-                     error);
+        return check_status(component, fmi->set_integer(component->instance, &reference, 1, &integer), "fmi2SetInteger",
+                            error);
     case TL_BOOLEAN:
-        return judge(component, fmi->set_boolean(component->instance, &reference, 1, &boolean), "fmi2SetBoolean",
-                     error);
+        return check_status(component, fmi->set_boolean(component->instance, &reference, 1, &boolean), "fmi2SetBoolean",
+                            error);
     case TL_STRING:
-        return judge(component, fmi->set_string(component->instance, &reference, 1, &text), "fmi2SetString", error);
+        return check_status(component, fmi->set_string(component->instance, &reference, 1, &text), "fmi2SetString",
+                            error);
     }
     return tl_fail(error, TL_BAD_DATA, "%s.%s: unknown base type", component->name, variable->name);
 }
@@ -118,7 +121,7 @@ tl_status tl_component_set_starts(tl_component *component, tl_error *error) {
 }
 
 tl_status tl_component_reset(tl_component *component, tl_error *error) {
-    tl_status status = judge(component, component->fmi->reset(component->instance), "fmi2Reset", error);
+    tl_status status = check_status(component, component->fmi->reset(component->instance), "fmi2Reset", error);
     if (status != TL_OK) {
         component->mode =
             status == TL_FMU_FAILED ? TL_MODE_FAILED : component->mode; /* whatever mode a rejected call has left */
@@ -131,7 +134,7 @@ tl_status tl_component_reset(tl_component *component, tl_error *error) {
 tl_status tl_component_renew(tl_component *component, tl_error *error) {
     tl_component_free(component);
     if (component->mode == TL_MODE_DEAD) {
-        return tl_fail(error, TL_FMU_FATAL, "%s: cannot be instantiated anew after fmi2Fatal", component->name);
+        return tl_fail(error, TL_FMU_FATAL, "%s: cannot be instantiated again after fmi2Fatal", component->name);
     }
     tl_status status = tl_component_instantiate(component, component->callbacks, component->resources, error);
     return status == TL_OK ? tl_component_set_starts(component, error) : status;
@@ -140,21 +143,22 @@ tl_status tl_component_renew(tl_component *component, tl_error *error) {
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error) {
     const tl_fmi2 *fmi = component->fmi;
     tl_status status =
-        judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, start, fmi2False, 0.0),
-              "fmi2SetupExperiment", error);
+        check_status(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, start, fmi2False, 0.0),
+                     "fmi2SetupExperiment", error);
     if (status != TL_OK) {
         return status;
     }
     component->mode = TL_MODE_INITIALIZING;
-    return judge(component, fmi->enter_initialization_mode(component->instance), "fmi2EnterInitializationMode", error);
+    return check_status(component, fmi->enter_initialization_mode(component->instance), "fmi2EnterInitializationMode",
+                        error);
 }
 
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error) {
     if (component->fmi->know_ports != NULL) {
         component->fmi->know_ports(component->instance, &component->inputs, &component->outputs);
     }
-    tl_status status = judge(component, component->fmi->exit_initialization_mode(component->instance),
-                             "fmi2ExitInitializationMode", error);
+    tl_status status = check_status(component, component->fmi->exit_initialization_mode(component->instance),
+                                    "fmi2ExitInitializationMode", error);
     if (status == TL_OK) {
         component->mode = TL_MODE_STEPPING;
     }
@@ -168,19 +172,19 @@ tl_status tl_component_set_inputs(tl_component *component, tl_error *error) {
     if (in->real_count != 0) {
         status = fmi->set_real(component->instance, in->real_references, in->real_count, in->reals);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2SetReal", error);
+            return check_status(component, status, "fmi2SetReal", error);
         }
     }
     if (in->integer_count != 0) {
         status = fmi->set_integer(component->instance, in->integer_references, in->integer_count, in->integers);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2SetInteger", error);
+            return check_status(component, status, "fmi2SetInteger", error);
         }
     }
     if (in->boolean_count != 0) {
         status = fmi->set_boolean(component->instance, in->boolean_references, in->boolean_count, in->booleans);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2SetBoolean", error);
+            return check_status(component, status, "fmi2SetBoolean", error);
         }
     }
     return TL_OK;
@@ -198,7 +202,7 @@ tl_status tl_component_check_outputs(const tl_component *component, tl_error *er
 }
 
 /* Booleans as 0 and 1, so that equal values have equal bits. */
-static void tidy_booleans(tl_component *component) {
+static void normalise_booleans(tl_component *component) {
     const tl_ports *out = &component->outputs;
     for (size_t i = 0; i < out->boolean_count; i++) {
         out->booleans[i] = out->booleans[i] != fmi2False ? fmi2True : fmi2False;
@@ -212,22 +216,22 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
     if (out->real_count != 0) {
         status = fmi->get_real(component->instance, out->real_references, out->real_count, out->reals);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2GetReal", error);
+            return check_status(component, status, "fmi2GetReal", error);
         }
     }
     if (out->integer_count != 0) {
         status = fmi->get_integer(component->instance, out->integer_references, out->integer_count, out->integers);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2GetInteger", error);
+            return check_status(component, status, "fmi2GetInteger", error);
         }
     }
     if (out->boolean_count != 0) {
         status = fmi->get_boolean(component->instance, out->boolean_references, out->boolean_count, out->booleans);
         if (status > fmi2Warning) {
-            return judge(component, status, "fmi2GetBoolean", error);
+            return check_status(component, status, "fmi2GetBoolean", error);
         }
     }
-    tidy_booleans(component);
+    normalise_booleans(component);
     return tl_component_check_outputs(component, error);
 }
 
@@ -240,7 +244,7 @@ static tl_status step_all_types(tl_component *component, const tl_fmi2_step *ste
     component->executions++;
     fmi2Status result = component->fmi->do_step(component->instance, step->now, step->size, step->final);
     if (result > fmi2Warning) {
-        return judge(component, result, "fmi2DoStep", error);
+        return check_status(component, result, "fmi2DoStep", error);
     }
     return tl_component_get_outputs(component, error);
 }
@@ -252,7 +256,7 @@ static inline tl_status step_reals(tl_component *component, const tl_fmi2_step *
     fmi2Status result =
         component->fmi->step_reals(component->instance, &component->inputs, &component->outputs, step, &done);
     component->executions += done > 0 ? 1 : 0;
-    return result <= fmi2Warning ? TL_OK : judge(component, result, calls[done], error);
+    return result <= fmi2Warning ? TL_OK : check_status(component, result, calls[done], error);
 }
 
 static tl_status refuse_to_step(const tl_component *component, tl_error *error) {
@@ -298,7 +302,7 @@ tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_err
     fmi2FMUstate reused = *state;
     fmi2Status result = component->fmi->get_fmu_state(component->instance, state);
     component->replaces_states = component->replaces_states || (reused != NULL && *state != reused);
-    return result <= fmi2Warning ? TL_OK : judge(component, result, "fmi2GetFMUstate", error);
+    return result <= fmi2Warning ? TL_OK : check_status(component, result, "fmi2GetFMUstate", error);
 }
 
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error) {
@@ -307,29 +311,29 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
     }
     fmi2Status result = component->fmi->set_fmu_state(component->instance, state);
     if (result > fmi2Warning) {
-        return judge(component, result, "fmi2SetFMUstate", error);
+        return check_status(component, result, "fmi2SetFMUstate", error);
     }
     component->mode = TL_MODE_STEPPING;
     return TL_OK;
 }
 
 bool tl_component_keep_copy(tl_component *component) {
-    const tl_fmi2_aside *aside = component->fmi->aside;
-    return aside != NULL && component->mode != TL_MODE_DEAD && aside->keep(component->instance) <= fmi2Warning;
+    const tl_fmi2_aside *fallback = component->fmi->aside;
+    return fallback != NULL && component->mode != TL_MODE_DEAD && fallback->keep(component->instance) <= fmi2Warning;
 }
 
 size_t tl_component_copy_size(const tl_component *component) {
-    const tl_fmi2_aside *aside = component->fmi->aside;
-    return aside != NULL && component->mode != TL_MODE_DEAD ? aside->size(component->instance) : 0;
+    const tl_fmi2_aside *fallback = component->fmi->aside;
+    return fallback != NULL && component->mode != TL_MODE_DEAD ? fallback->size(component->instance) : 0;
 }
 
 bool tl_component_restore_copy(tl_component *component, const char *why) {
-    const tl_fmi2_aside *aside = component->fmi->aside;
-    if (aside == NULL || component->mode == TL_MODE_DEAD) {
+    const tl_fmi2_aside *fallback = component->fmi->aside;
+    if (fallback == NULL || component->mode == TL_MODE_DEAD) {
         return false;
     }
     fmi2Status status =
-        why != NULL ? aside->give_up_states(component->instance, why) : aside->come_back(component->instance);
+        why != NULL ? fallback->give_up_states(component->instance, why) : fallback->come_back(component->instance);
     if (status > fmi2Warning) {
         return false;
     }
@@ -341,8 +345,8 @@ bool tl_component_restore_copy(tl_component *component, const char *why) {
 }
 
 bool tl_component_has_choice(const tl_component *component) {
-    const tl_fmi2_aside *aside = component->fmi->aside;
-    return aside != NULL && component->mode == TL_MODE_STEPPING && aside->has_choice(component->instance);
+    const tl_fmi2_aside *fallback = component->fmi->aside;
+    return fallback != NULL && component->mode == TL_MODE_STEPPING && fallback->has_choice(component->instance);
 }
 
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times) {
@@ -363,8 +367,7 @@ tl_status tl_component_reserve_states(const tl_component *component, size_t stat
         fmi->reserve_states(component->instance, states) <= fmi2Warning) {
         return TL_OK;
     }
-    return tl_fail(error, TL_TRY_AGAIN,
-                   "%s: there is not enough memory for %zu states; \"saving.memory_mb\" is a bound for them",
+    return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory for %zu states; lower \"saving.memory_mb\"",
                    component->name, states);
 }
 
@@ -381,14 +384,15 @@ bool tl_component_can_serialize(const tl_component *component) {
 }
 
 tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate state, size_t *size, tl_error *error) {
-    return judge(component, component->fmi->serialized_fmu_state_size(component->instance, state, size),
-                 "fmi2SerializedFMUstateSize", error);
+    return check_status(component, component->fmi->serialized_fmu_state_size(component->instance, state, size),
+                        "fmi2SerializedFMUstateSize", error);
 }
 
 tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
                                  tl_error *error) {
-    return judge(component, component->fmi->serialize_fmu_state(component->instance, state, (fmi2Byte *)bytes, size),
-                 "fmi2SerializeFMUstate", error);
+    return check_status(component,
+                        component->fmi->serialize_fmu_state(component->instance, state, (fmi2Byte *)bytes, size),
+                        "fmi2SerializeFMUstate", error);
 }
 
 tl_status tl_component_deserialize(tl_component *component, const unsigned char *bytes, size_t size,
@@ -396,9 +400,9 @@ tl_status tl_component_deserialize(tl_component *component, const unsigned char 
     if (component->replaces_states) {
         tl_component_forget(component, state);
     }
-    return judge(component,
-                 component->fmi->deserialize_fmu_state(component->instance, (const fmi2Byte *)bytes, size, state),
-                 "fmi2DeSerializeFMUstate", error);
+    return check_status(
+        component, component->fmi->deserialize_fmu_state(component->instance, (const fmi2Byte *)bytes, size, state),
+        "fmi2DeSerializeFMUstate", error);
 }
 
 void tl_component_forget(tl_component *component, fmi2FMUstate *state) {

@@ -14,7 +14,7 @@ tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
     return (times - more) * cost->most + (tl_time)((double)more * cost->mean);
 }
 
-static void learn(tl_costs *costs, tl_cost *cost, tl_time took) {
+static void learn_cost(tl_costs *costs, tl_cost *cost, tl_time took) {
     if (cost->most == 0) {
         cost->mean = (double)took;
     } else if (!costs->apart) {
@@ -36,7 +36,7 @@ static void forget_lap(tl_costs *costs) {
     costs->ran_all = false;
 }
 
-static void end_look(tl_costs *costs) {
+static void end_measurement(tl_costs *costs) {
     costs->looked = 0;
     costs->seen = 0;
 }
@@ -48,7 +48,7 @@ void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock) {
     costs->walked = false;
     costs->apart = false;
     forget_lap(costs);
-    end_look(costs);
+    end_measurement(costs);
     if (now != NULL) {
         costs->read = now(clock);
     }
@@ -74,7 +74,7 @@ static tl_time read_clock(tl_costs *costs) {
 
 /* Shares a duration equally if nothing is known. If it is longer than expected, the component that
  * caused it is not known. */
-static void share_out(tl_costs *costs, tl_time took) {
+static void share_cost(tl_costs *costs, tl_time took) {
     tl_time expected = 0;
     for (size_t i = 0; i < costs->ran_count; i++) {
         expected += costs->each[costs->ran[i]].most;
@@ -82,7 +82,7 @@ static void share_out(tl_costs *costs, tl_time took) {
     double part = expected > 0 ? (double)took / (double)expected : 0.0;
     for (size_t i = 0; i < costs->ran_count; i++) {
         tl_cost *each = &costs->each[costs->ran[i]];
-        learn(costs, each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
+        learn_cost(costs, each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
     }
     costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
 }
@@ -93,7 +93,7 @@ void tl_costs_ran(tl_costs *costs, size_t component) {
     }
     if (costs->closely) {
         tl_time took = read_clock(costs);
-        learn(costs, &costs->each[component], took);
+        learn_cost(costs, &costs->each[component], took);
         costs->seen += took;
         costs->looked++;
     } else if (costs->ran_count < costs->count) {
@@ -109,16 +109,16 @@ tl_time tl_costs_lap(tl_costs *costs) {
     tl_time took = read_clock(costs);
     bool ran = costs->ran_all || costs->ran_count != 0;
     if (costs->ran_all) {
-        learn(costs, &costs->all, took);
+        learn_cost(costs, &costs->all, took);
     } else if (ran) {
-        share_out(costs, took);
+        share_cost(costs, took);
     }
     if (costs->looked == costs->count) {
-        learn(costs, &costs->all, costs->seen);
+        learn_cost(costs, &costs->all, costs->seen);
     }
     if (costs->looked != 0) {
         costs->closely = false;
-        end_look(costs);
+        end_measurement(costs);
     }
     forget_lap(costs);
     costs->apart = false;

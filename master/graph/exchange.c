@@ -314,7 +314,7 @@ void tl_exchange_keep_copies(tl_exchange *exchange) {
 }
 
 /* Restores components that have no copy by their states. */
-static bool come_back(tl_exchange *exchange, size_t component, const char *why) {
+static bool restore_component(tl_exchange *exchange, size_t component, const char *why) {
     tl_error error;
     tl_component *one = &exchange->components[component];
     if (!exchange->is_kept[component]) {
@@ -325,26 +325,26 @@ static bool come_back(tl_exchange *exchange, size_t component, const char *why) 
 }
 
 /* Switches to the next rollback method: the kept copy is not used any more. */
-static bool come_back_otherwise(tl_exchange *exchange, size_t component) {
+static bool use_next_method(tl_exchange *exchange, size_t component) {
     tl_component *one = &exchange->components[component];
-    bool is_back = tl_component_restore_copy(one, "");
-    exchange->is_kept[component] = is_back && tl_component_keep_copy(one);
-    return is_back;
+    bool is_restored = tl_component_restore_copy(one, "");
+    exchange->is_kept[component] = is_restored && tl_component_keep_copy(one);
+    return is_restored;
 }
 
 bool tl_exchange_restore_copy(tl_exchange *exchange, size_t component, const char *why) {
-    bool is_back = exchange->is_kept[component];
-    for (size_t i = 0; i < exchange->component_count && is_back; i++) {
-        is_back = come_back(exchange, i, i == component ? why : NULL) ||
-                  (why != NULL && i != component && come_back_otherwise(exchange, i));
+    bool is_restored = exchange->is_kept[component];
+    for (size_t i = 0; i < exchange->component_count && is_restored; i++) {
+        is_restored = restore_component(exchange, i, i == component ? why : NULL) ||
+                      (why != NULL && i != component && use_next_method(exchange, i));
     }
-    if (is_back) {
+    if (is_restored) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
         if (why != NULL) {
             exchange->is_kept[component] = tl_component_keep_copy(&exchange->components[component]);
         }
     }
-    return is_back;
+    return is_restored;
 }
 
 void tl_exchange_drop_copies(tl_exchange *exchange) {

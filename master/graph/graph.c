@@ -65,8 +65,8 @@ static void report_no_variable(const tl_component *component, const char *name, 
     tl_report_add(
         report, TL_BAD_DATA, where,
         "found \"%s.%s\", but the FMU of %s has no variable \"%s\"%s%s%s; `twinlock check --variables` lists them",
-        component->name, name, component->name, name, nearest != NULL ? ", perhaps \"" : "",
-        nearest != NULL ? nearest : "", nearest != NULL ? "\" is meant" : "");
+        component->name, name, component->name, name, nearest != NULL ? " (did you mean \"" : "",
+        nearest != NULL ? nearest : "", nearest != NULL ? "\"?)" : "");
 }
 
 /* Looks up "component.variable" and reports what is missing. */
@@ -76,9 +76,8 @@ static const tl_variable *resolve(const tl_graph *graph, const char *name, const
     const tl_component *component = find_component(graph, name, &variable_name);
     if (component == NULL) {
         tl_report_add(report, TL_BAD_DATA, where,
-                      "found \"%s\", expected component.variable of a component that is "
-                      "configured, for example \"%s.…\"",
-                      name, graph->component_count == 0 ? "motor" : graph->components[0].name);
+                      "found \"%s\", expected component.variable of a configured component, for example \"%s.…\"", name,
+                      graph->component_count == 0 ? "motor" : graph->components[0].name);
         return NULL;
     }
     const tl_variable *variable = tl_model_variable(component->model, variable_name);
@@ -139,10 +138,26 @@ static tl_unit signal_unit(const tl_plan_signal *signal, const tl_model *peer) {
 
 static void report_units(tl_report *report, const char *where, const char *from, const char *from_unit, const char *to,
                          const char *to_unit) {
-    tl_report_add(report, TL_BAD_DATA, where,
-                  "units do not fit: %s is in \"%s\", %s in \"%s\"; correct the unit, or "
-                  "convert with scale and offset where the signal is read",
-                  from, from_unit, to, to_unit);
+    tl_report_add(
+        report, TL_BAD_DATA, where,
+        "units do not fit: %s is in \"%s\", %s in \"%s\"; correct the unit, or convert with \"scale\" and \"offset\" "
+        "of the signal",
+        from, from_unit, to, to_unit);
+}
+
+/* `signal`: the name of the one that is a signal of the plant, whose type the configuration sets;
+ * NULL: none. */
+static void report_types(tl_report *report, const char *where, const char *from, tl_type from_type, const char *to,
+                         tl_type to_type, const char *signal) {
+    tl_type type = signal == to ? to_type : from_type;
+    tl_type wanted = port_type(signal == to ? from_type : to_type);
+    const char *remedy = wanted == TL_REAL      ? "; leave out \"type\" of "
+                         : wanted == TL_BOOLEAN ? "; set \"type\": \"boolean\" of "
+                                                : "; set \"type\": \"integer\" of ";
+    tl_report_add(report, TL_BAD_DATA, where, "types do not fit: %s is %s, %s is %s%s%s%s", from,
+                  tl_type_name(from_type), to, tl_type_name(to_type),
+                  signal != NULL ? remedy : "; connect variables of the same type", signal != NULL ? signal : "",
+                  signal != NULL && wanted == TL_REAL && type == TL_BOOLEAN ? ": a coil is then 0 or 1" : "");
 }
 
 /* Conversion from a source port to a variable of `model`. */
@@ -214,9 +229,8 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
         return;
     }
     if (port_type(to->type) != from->type) {
-        tl_report_add(report, TL_BAD_DATA, plan->where, "types do not fit: %s is %s, %s is %s", plan->from,
-                      tl_type_name(from->variable == NULL ? from->type : from->variable->type), plan->to,
-                      tl_type_name(to->type));
+        report_types(report, plan->where, plan->from, from->variable == NULL ? from->type : from->variable->type,
+                     plan->to, to->type, from->variable == NULL ? plan->from : NULL);
         return;
     }
     if (is_connected(graph, node, to)) {
@@ -307,8 +321,8 @@ static void add_component(tl_graph *graph, size_t index, tl_report *report) {
     for (size_t i = 0; i < index; i++) {
         if (graph->components[i].fmi == plan->functions && plan->model->capabilities.can_be_instantiated_only_once) {
             tl_report_add(report, TL_BAD_DATA, plan->where,
-                          "%s and %s use the same FMU, which says that it can be "
-                          "instantiated only once per process",
+                          "%s and %s use the same FMU, which can be instantiated only once per process "
+                          "(canBeInstantiatedOnlyOncePerProcess)",
                           graph->components[i].name, plan->name);
         }
     }
@@ -359,8 +373,7 @@ size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const 
     }
     const tl_plan_signal *plan = &graph->plan->signals[signal];
     if (plan->type != port->type) {
-        tl_report_add(report, TL_BAD_DATA, match->where, "types do not fit: %s is %s, %s is %s", match->variable,
-                      tl_type_name(port->type), match->to, tl_type_name(plan->type));
+        report_types(report, match->where, match->variable, port->type, match->to, plan->type, match->to);
         return SIZE_MAX;
     }
     tl_unit unit = signal_unit(plan, graph->components[port->node].model);

@@ -112,7 +112,7 @@ static tl_status load_state(tl_component *component, fmi2FMUstate *state, tl_arc
     tl_archive_part(archive, &size, sizeof size);
     const unsigned char *bytes = tl_archive_bytes(archive, size <= SIZE_MAX ? (size_t)size : SIZE_MAX);
     if (bytes == NULL) {
-        return tl_fail(error, TL_BAD_DATA, "%s: the bytes of its state are not all there", component->name);
+        return tl_fail(error, TL_BAD_DATA, "%s: its serialised state is incomplete", component->name);
     }
     return tl_component_deserialize(component, bytes, (size_t)size, state, error);
 }

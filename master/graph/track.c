@@ -171,7 +171,7 @@ static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_err
 }
 
 /* Copies values of one type into the block; returns whether they differ. */
-static bool put(const tl_track *track, unsigned char *block, const void *values, size_t size) {
+static bool write_changed(const tl_track *track, unsigned char *block, const void *values, size_t size) {
     void *old = in_block(track, block, values);
     bool differ = memcmp(old, values, size) != 0;
     memcpy(old, values, size);
@@ -179,10 +179,10 @@ static bool put(const tl_track *track, unsigned char *block, const void *values,
 }
 
 /* The same for a component's outputs. */
-static bool put_outputs(const tl_track *track, unsigned char *block, const tl_ports *out) {
-    bool reals = put(track, block, out->reals, out->real_count * sizeof *out->reals);
-    bool integers = put(track, block, out->integers, out->integer_count * sizeof *out->integers);
-    bool booleans = put(track, block, out->booleans, out->boolean_count * sizeof *out->booleans);
+static bool write_outputs(const tl_track *track, unsigned char *block, const tl_ports *out) {
+    bool reals = write_changed(track, block, out->reals, out->real_count * sizeof *out->reals);
+    bool integers = write_changed(track, block, out->integers, out->integer_count * sizeof *out->integers);
+    bool booleans = write_changed(track, block, out->booleans, out->boolean_count * sizeof *out->booleans);
     return reals || integers || booleans;
 }
 
@@ -210,7 +210,7 @@ static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t de
     }
     track->next[k] = track->next[k] || place != places_at(track, depth + 1)[k];
     places_at(track, depth + 1)[k] = place;
-    if (put_outputs(track, block, &track->exchange->components[k].outputs)) {
+    if (write_outputs(track, block, &track->exchange->components[k].outputs)) {
         for (size_t i = 0; i < track->fans[k].count; i++) {
             pass_on(track, block, &track->copies[track->fans[k].first + i]);
         }

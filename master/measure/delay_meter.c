@@ -42,7 +42,7 @@ struct tl_delay_meter {
     tl_delay_measured measured;
 };
 
-static bool take_ring(ring *made, tl_arena *arena, size_t size, int64_t first) {
+static bool init_ring(ring *made, tl_arena *arena, size_t size, int64_t first) {
     made->values = tl_arena_take(arena, size, sizeof *made->values);
     made->good = tl_arena_take(arena, size, sizeof *made->good);
     made->end = first;
@@ -55,7 +55,7 @@ tl_delay_meter *tl_delay_meter_create(tl_arena *arena, uint32_t lags, tl_time st
         size *= 2;
     }
     tl_delay_meter *meter = tl_arena_take(arena, 1, sizeof *meter);
-    if (meter == NULL || !take_ring(&meter->seen, arena, size, 0) || !take_ring(&meter->simulated, arena, size, 1)) {
+    if (meter == NULL || !init_ring(&meter->seen, arena, size, 0) || !init_ring(&meter->simulated, arena, size, 1)) {
         return NULL;
     }
     meter->step = step;
@@ -65,7 +65,7 @@ tl_delay_meter *tl_delay_meter_create(tl_arena *arena, uint32_t lags, tl_time st
     return meter;
 }
 
-static void put(const tl_delay_meter *meter, ring *into, double value, bool good) {
+static void add_value(const tl_delay_meter *meter, ring *into, double value, bool good) {
     size_t slot = (size_t)into->end & meter->mask;
     into->values[slot] = value;
     into->good[slot] = good;
@@ -92,7 +92,8 @@ void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool
         bool between = joined && at > meter->last_stamp;
         double share = between ? (double)(at - meter->last_stamp) / (double)(stamp - meter->last_stamp) : 0.0;
         bool exact = at == stamp;
-        put(meter, seen, exact ? value : meter->last_value + share * (value - meter->last_value), between || exact);
+        add_value(meter, seen, exact ? value : meter->last_value + share * (value - meter->last_value),
+                  between || exact);
     }
     meter->has_last = true;
     meter->last_stamp = stamp;
@@ -174,7 +175,7 @@ static double confidence(const tl_delay_meter *meter, int64_t peak) {
     return steps * c[0] * distinctness(meter, peak) / (1.0 + variance / (SPREAD * SPREAD));
 }
 
-static void look_for_peak(tl_delay_meter *meter) {
+static void check_peak(tl_delay_meter *meter) {
     int64_t peak = find_peak(meter);
     double part = 0.0;
     meter->measured.confidence = 0.0;
@@ -193,7 +194,7 @@ static tl_time distance(tl_time a, tl_time b) {
     return a > b ? a - b : b - a;
 }
 
-static void judge(tl_delay_meter *meter) {
+static void decide_delay(tl_delay_meter *meter) {
     tl_delay_measured *measured = &meter->measured;
     bool sure = measured->confidence >= SURE;
     bool same = meter->steady > 0 && distance(measured->newest, meter->about) <= meter->step / 2;
@@ -211,7 +212,7 @@ static void judge(tl_delay_meter *meter) {
 void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free) {
     meter->free = free ? meter->free + 1 : 0;
     meter->simulated.end = j; /* j is the next one */
-    put(meter, &meter->simulated, y, free && meter->free > meter->lags && isfinite(y));
+    add_value(meter, &meter->simulated, y, free && meter->free > meter->lags && isfinite(y));
     /* Two at once, to catch up after ŷ was late; what would leave the rings is left out. */
     int64_t oldest = meter->simulated.end - (int64_t)meter->mask + meter->lags;
     meter->next = meter->next > oldest ? meter->next : oldest;
@@ -224,8 +225,8 @@ void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free) 
         }
         if (counts(meter, meter->next)) {
             count(meter, meter->next);
-            look_for_peak(meter);
-            judge(meter);
+            check_peak(meter);
+            decide_delay(meter);
         }
         meter->next++;
     }

@@ -13,8 +13,8 @@ bool tl_delay_of_chain(const tl_delay_participant *participants, const size_t *c
     for (size_t i = 0; i < length; i++) {
         const tl_delay_participant *part = &participants[chain[i]];
         bool joins = i > 0 && participants[chain[i - 1]].base == part->base;
-        bool goes_on = i + 1 < length && participants[chain[i + 1]].base == part->base;
-        if (joins || goes_on) {
+        bool continues = i + 1 < length && participants[chain[i + 1]].base == part->base;
+        if (joins || continues) {
             density->dead += part->dead;
         }
         if (i > 0 && !joins) {

@@ -39,13 +39,12 @@ static bool is_from_zero(double value) {
 
 static tl_status check_match(const tl_tuning_match *match, unsigned index, tl_error *error) {
     if (!is_from_zero(match->weight) || !is_from_zero(match->huber)) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "match %u has a weight of %g and a bend at %g tolerances, expected numbers from 0", index,
+        return tl_fail(error, TL_BAD_DATA, "match %u: weight %g and huber %g, expected numbers from 0", index,
                        match->weight, match->huber);
     }
     bool is_matched = match->weight > 0.0;
     if (!isfinite(match->tolerance) || (is_matched && !(match->tolerance > 0.0))) {
-        return tl_fail(error, TL_BAD_DATA, "match %u has a tolerance of %g, expected a number above 0", index,
+        return tl_fail(error, TL_BAD_DATA, "match %u: tolerance %g, expected a number above 0", index,
                        match->tolerance);
     }
     return TL_OK;
@@ -53,24 +52,23 @@ static tl_status check_match(const tl_tuning_match *match, unsigned index, tl_er
 
 static tl_status check_adjust(const tl_tuning_adjust *adjust, unsigned index, tl_error *error) {
     if (adjust->has_nominal > 1 || !isfinite(adjust->nominal)) {
-        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u has a nominal of %g, expected a finite number", index,
+        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: nominal %g, expected a finite number", index,
                        adjust->nominal);
     }
     if (!(adjust->lower < adjust->upper)) {
-        return tl_fail(error, TL_BAD_DATA, "nothing is left to adjust of variable %u between the bounds %g and %g",
-                       index, adjust->lower, adjust->upper);
+        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: no range is left between the bounds %g and %g", index,
+                       adjust->lower, adjust->upper);
     }
     if (!is_from_zero(adjust->deviation_penalty) || !is_from_zero(adjust->rate_penalty)) {
-        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u has penalties of %g and %g, expected numbers from 0",
-                       index, adjust->deviation_penalty, adjust->rate_penalty);
+        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: penalties %g and %g, expected numbers from 0", index,
+                       adjust->deviation_penalty, adjust->rate_penalty);
     }
     return TL_OK;
 }
 
 static tl_status check_search(const tl_tuning *tuning, tl_error *error) {
     if (!(tuning->margin >= 0.0 && tuning->margin < 1.0) || !is_from_zero(tuning->noise_floor)) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "found a margin of %g and a noise floor of %g, expected one from 0 to below 1, and one from 0",
+        return tl_fail(error, TL_BAD_DATA, "margin %g and noise_floor %g, expected 0 to below 1, and a number from 0",
                        tuning->margin, tuning->noise_floor);
     }
     if (tuning->evaluations < 1 || tuning->evaluations > TL_TUNING_EVALUATIONS) {
@@ -104,28 +102,29 @@ tl_status tl_tuning_check(const tl_tuning *tuning, tl_error *error) {
 tl_status tl_tuning_fits(const tl_tuning *tuning, const tl_tuning *built, tl_error *error) {
     if (tuning->matches != built->matches || tuning->adjusts != built->adjusts) {
         return tl_fail(
-            error, TL_BAD_DATA, "found %u matches and %u adjusted variables, and the running twin has %u and %u",
+            error, TL_BAD_DATA, "found %u matches and %u adjusted variables, but the running twin has %u and %u",
             (unsigned)tuning->matches, (unsigned)tuning->adjusts, (unsigned)built->matches, (unsigned)built->adjusts);
     }
     if (tuning->evaluations > tl_tuning_room(built->evaluations)) {
         return tl_fail(error, TL_BAD_DATA,
-                       "found %llu evaluations, and the running twin has room for %llu: more need a new one",
+                       "found %llu evaluations, but the running twin has room for %llu: more need a new twin",
                        (unsigned long long)tuning->evaluations, (unsigned long long)tl_tuning_room(built->evaluations));
     }
     for (unsigned i = 0; i < tuning->matches; i++) {
         if ((tuning->match[i].weight > 0.0) != (built->match[i].weight > 0.0)) {
-            return tl_fail(error, TL_BAD_DATA,
-                           "match %u has a weight of %g, and of the running twin it was built with %g: whether it is "
-                           "above 0 cannot change",
-                           i, tuning->match[i].weight, built->match[i].weight);
+            return tl_fail(
+                error, TL_BAD_DATA,
+                "match %u: weight %g, but the running twin was built with %g: a change from or to 0 needs a new twin",
+                i, tuning->match[i].weight, built->match[i].weight);
         }
     }
     for (unsigned v = 0; v < tuning->adjusts; v++) {
         if (tuning->adjust[v].has_nominal != built->adjust[v].has_nominal) {
-            return tl_fail(error, TL_BAD_DATA,
-                           "adjusted variable %u %s a nominal, and the running twin was built %s: that cannot change",
-                           v, tuning->adjust[v].has_nominal != 0 ? "has" : "has not",
-                           built->adjust[v].has_nominal != 0 ? "with one" : "without");
+            return tl_fail(
+                error, TL_BAD_DATA,
+                "adjusted variable %u %s a nominal, but the running twin was built %s: a change needs a new twin", v,
+                tuning->adjust[v].has_nominal != 0 ? "has" : "has not",
+                built->adjust[v].has_nominal != 0 ? "with one" : "without");
         }
     }
     return TL_OK;

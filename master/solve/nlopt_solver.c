@@ -71,7 +71,7 @@ static bool ask(tl_optimiser *self, double *value) {
 }
 
 /* Converts v to u; exactly on a bound if v is. */
-static void place(tl_optimiser *self, const double *v) {
+static void set_point(tl_optimiser *self, const double *v) {
     const tl_optimiser_space *space = self->space;
     for (size_t i = 0; i < space->count; i++) {
         double u = self->search->start[i] + v[i] * self->unit[i];
@@ -165,7 +165,7 @@ static double objective(unsigned count, const double *v, double *gradient, void 
     (void)count;
     tl_optimiser *self = context;
     double value = HUGE_VAL;
-    place(self, v);
+    set_point(self, v);
     if (!ask(self, &value) || !isfinite(value) || (gradient != NULL && !differentiate(self, value, gradient))) {
         clear(self, gradient);
         return self->method->failure;

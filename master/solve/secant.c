@@ -296,7 +296,7 @@ static double derivative(const tl_optimiser *self, size_t k) {
 
 /* Frees an unknown that was fixed at a bound together with others but should move inside; returns
  * whether there was one. */
-static bool let_go(tl_optimiser *self, const bool *free) {
+static bool release_unknowns(tl_optimiser *self, const bool *free) {
     const tl_optimiser_space *space = self->space;
     for (size_t k = 0; k < self->unknowns && self->unknowns > 1; k++) {
         if (!self->fixed[k] || (free != NULL && !free[k])) {
@@ -325,7 +325,7 @@ static bool propose(tl_optimiser *self, const bool *free) {
         if (!solve(self, self->expected)) {
             return false;
         }
-        again = fix_at_bounds(self) || let_go(self, free);
+        again = fix_at_bounds(self) || release_unknowns(self, free);
     }
     return true;
 }
@@ -376,8 +376,8 @@ static void expect_return(tl_optimiser *self, const tl_forecast *forecast) {
     for (size_t i = 0; i < self->residuals; i++) {
         self->further[i] = 0.0;
         for (size_t k = 0; k < n && counts(self, i); k++) {
-            double way = forecast->free[k] ? within(self, k, forecast->nominal[k]) - self->trial[k] : 0.0;
-            self->further[i] += self->slope[i * n + k] * way / self->space->step[k];
+            double distance = forecast->free[k] ? within(self, k, forecast->nominal[k]) - self->trial[k] : 0.0;
+            self->further[i] += self->slope[i * n + k] * distance / self->space->step[k];
         }
     }
 }
@@ -468,7 +468,7 @@ static void learn(tl_optimiser *self, const double *u, const double *r) {
     }
 }
 
-static void go_to(tl_optimiser *self, const double *u, const double *r, double value) {
+static void move_to(tl_optimiser *self, const double *u, const double *r, double value) {
     memmove(self->point, u, self->unknowns * sizeof *u);
     memmove(self->r, r, self->residuals * sizeof *r);
     self->value = value;
@@ -492,15 +492,15 @@ static bool measure(tl_optimiser *self) {
         const double *r = NULL;
         memcpy(self->trial, self->point, n * sizeof *self->trial);
         self->trial[k] = probe_point(self, k);
-        bool go_on = search->evaluate(search->context, self->trial, &value, &r);
+        bool may_continue = search->evaluate(search->context, self->trial, &value, &r);
         double made = (self->trial[k] - self->point[k]) / self->space->step[k];
         for (size_t i = 0; i < self->residuals && isfinite(value); i++) {
             self->slope[i * n + k] = (r[i] - self->r[i]) / made;
         }
         if (isfinite(value) && value < self->value) {
-            go_to(self, self->trial, r, value);
+            move_to(self, self->trial, r, value);
         }
-        if (!go_on) {
+        if (!may_continue) {
             self->has_slope = self->has_slope || (k + 1 == n && isfinite(value));
             return false;
         }
@@ -533,7 +533,7 @@ static bool is_confirmed(const tl_optimiser *self, double promised, double value
 }
 
 /* Processes a candidate: accepts a better one, else increases the damping. */
-static void judge(tl_optimiser *self, tl_course *course, double promised, double value, const double *r) {
+static void use_result(tl_optimiser *self, tl_course *course, double promised, double value, const double *r) {
     course->confirmed = is_confirmed(self, promised, value);
     if (isfinite(value)) {
         learn(self, self->trial, r);
@@ -543,7 +543,7 @@ static void judge(tl_optimiser *self, tl_course *course, double promised, double
         course->failures = 0;
         course->fresh = false;
         self->damping = self->damping > FIRST_DAMPING ? self->damping / 8.0 : 0.0;
-        go_to(self, self->trial, r, value);
+        move_to(self, self->trial, r, value);
     } else {
         self->longest = isfinite(value) ? self->longest : 0.5 * largest_move(self);
         course->failures++;
@@ -563,7 +563,7 @@ static void begin(tl_optimiser *self, tl_course *course, const tl_search *search
     bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
     course->confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
     self->promised = (double)NAN;
-    go_to(self, search->start, search->start_residuals, search->start_value);
+    move_to(self, search->start, search->start_residuals, search->start_value);
 }
 
 /* Measures the slope if there is none or if it leads nowhere. False: stopped. */
@@ -579,9 +579,9 @@ static bool renew_slope(tl_optimiser *self, tl_course *course) {
 static bool ask(tl_optimiser *self, tl_course *course, double promised) {
     double value = HUGE_VAL;
     const double *r = NULL;
-    bool go_on = self->search->evaluate(self->search->context, self->trial, &value, &r);
-    judge(self, course, promised, value, r);
-    return go_on;
+    bool may_continue = self->search->evaluate(self->search->context, self->trial, &value, &r);
+    use_result(self, course, promised, value, r);
+    return may_continue;
 }
 
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
@@ -630,7 +630,7 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     }
     self->damping = 0.0;
     self->longest = LONGEST_MOVE;
-    go_to(self, forecast->u, forecast->residuals, 0.0);
+    move_to(self, forecast->u, forecast->residuals, 0.0);
     self->value = squares(self);
     watch_lean(self, forecast);
     bool stays = self->space->held && self->value < TL_OBJECTIVE_TOLERANCE;

@@ -23,7 +23,7 @@ static const double COUNTED = 4.0;
 static const double TOO_MUCH = 4.0;
 
 /* A square this many times the usual one is an outlier. */
-static const double UPSET = 12.0;
+static const double DISTURBED = 12.0;
 
 /* Difference of the recent from the long average, in standard errors, that shows a change of
  * conditions. */
@@ -72,7 +72,7 @@ void tl_free_run_check_reset(tl_free_run_check *contest) {
     contest->follows = false;
 }
 
-static void remember(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
+static void add_trial(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
     contest->trial[contest->at] = *trial;
     contest->at = (contest->at + 1) % TL_FREE_RUN_CHECK_TRIALS;
     contest->count += contest->count < TL_FREE_RUN_CHECK_TRIALS ? 1 : 0;
@@ -84,7 +84,7 @@ static void add_to(tl_free_run_check_average *average, double value, uint32_t co
     average->square += (value * value - average->square) / count;
 }
 
-static void add(tl_free_run_check_noise *noise, const tl_free_run_check_noise *seen, uint32_t memory) {
+static void add_noise(tl_free_run_check_noise *noise, const tl_free_run_check_noise *seen, uint32_t memory) {
     noise->count += noise->count < memory ? 1 : 0;
     add_to(&noise->locked, seen->locked.mean, noise->count);
     add_to(&noise->surprise, seen->surprise.mean, noise->count);
@@ -99,8 +99,8 @@ static void subtract(const double *from, const double *what, double *rest) {
 }
 
 /* The plant has changed or was disturbed: the error of such a prediction is not noise. */
-static bool is_upset(const tl_free_run_check *contest, double square) {
-    return contest->known.count >= TL_FREE_RUN_CHECK_LEAST && square > UPSET * contest->known.surprise.mean;
+static bool is_disturbed(const tl_free_run_check *contest, double square) {
+    return contest->known.count >= TL_FREE_RUN_CHECK_LEAST && square > DISTURBED * contest->known.surprise.mean;
 }
 
 static estimate find_average(const tl_free_run_check_average *average, uint32_t count) {
@@ -138,11 +138,11 @@ static void learn_noise(tl_free_run_check *contest, const tl_free_run_check_tria
         .kept = {.mean = kept},
         .noise = {.mean = kept - product(now, before)},
     };
-    add(&contest->recent, &seen, TL_FREE_RUN_CHECK_RECENT);
+    add_noise(&contest->recent, &seen, TL_FREE_RUN_CHECK_RECENT);
     if (has_changed(contest)) {
         contest->known = contest->recent;
-    } else if (!is_upset(contest, square) && !is_upset(contest, product(before, before))) {
-        add(&contest->known, &seen, TL_FREE_RUN_CHECK_MEMORY);
+    } else if (!is_disturbed(contest, square) && !is_disturbed(contest, product(before, before))) {
+        add_noise(&contest->known, &seen, TL_FREE_RUN_CHECK_MEMORY);
     }
 }
 
@@ -173,8 +173,8 @@ static estimate find_gain(const tl_free_run_check *contest) {
     return (estimate){twice * value, twice * error};
 }
 
-/* The trial `back` places before the next one. */
-static const tl_free_run_check_trial *back(const tl_free_run_check *contest, uint32_t by) {
+/* The trial `by` places before the next one. */
+static const tl_free_run_check_trial *trial_before(const tl_free_run_check *contest, uint32_t by) {
     return &contest->trial[(contest->at + TL_FREE_RUN_CHECK_TRIALS - by) % TL_FREE_RUN_CHECK_TRIALS];
 }
 
@@ -184,7 +184,7 @@ static estimate find_mean(const tl_free_run_check *contest, uint32_t count, doub
     double sum = 0.0;
     double squares = 0.0;
     for (uint32_t i = 1; i <= count; i++) {
-        const tl_free_run_check_trial *trial = back(contest, i);
+        const tl_free_run_check_trial *trial = trial_before(contest, i);
         double difference = trial->locked - (than < 0.0 ? trial->free : than);
         sum += difference;
         squares += difference * difference;
@@ -222,7 +222,7 @@ static bool is_useless(tl_free_run_check *contest, estimate harm) {
     return contest->lost >= TL_FREE_RUN_CHECK_LOST;
 }
 
-static void judge_locked(tl_free_run_check *contest, tl_free_run_check_verdict *verdict) {
+static void check_locked(tl_free_run_check *contest, tl_free_run_check_verdict *verdict) {
     estimate harm = find_harm(contest, contest->count);
     if (is_more(harm)) {
         verdict->turned = true;
@@ -249,7 +249,7 @@ static bool is_too_far(tl_free_run_check *contest, const tl_free_run_check_trial
            is_more(sum(find_mean(contest, contest->count, usual), (estimate){0.0, gain.error}));
 }
 
-static void judge_resting(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+static void check_resting(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
                           tl_free_run_check_verdict *verdict) {
     if (is_too_far(contest, trial)) {
         verdict->turned = true;
@@ -271,25 +271,25 @@ static void judge_resting(tl_free_run_check *contest, const tl_free_run_check_tr
 /* A trial of which less than half was measured does not count. */
 static void end_trial(tl_free_run_check *contest, const tl_free_run_check_errors *errors, bool measured,
                       tl_free_run_check_verdict *verdict) {
-    bool says = 2 * contest->counted >= contest->guard;
+    bool is_counted = 2 * contest->counted >= contest->guard;
     tl_free_run_check_trial trial = contest->sum;
     trial.locked /= fmax(contest->counted, 1.0);
     trial.free /= fmax(contest->counted, 1.0);
-    if (says) {
-        remember(contest, &trial);
+    if (is_counted) {
+        add_trial(contest, &trial);
     }
     if (contest->rests) {
-        if (says) {
-            judge_resting(contest, &trial, verdict);
+        if (is_counted) {
+            check_resting(contest, &trial, verdict);
         }
     } else {
-        if (says && measured) {
+        if (is_counted && measured) {
             learn(contest, &trial, errors);
         } else {
             contest->follows = false;
         }
         if (contest->count >= TL_FREE_RUN_CHECK_LEAST && contest->known.count >= TL_FREE_RUN_CHECK_LEAST) {
-            judge_locked(contest, verdict);
+            check_locked(contest, verdict);
         }
     }
     begin_trial(contest);
@@ -353,7 +353,7 @@ void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive) 
 /* Of each component: the free-running twin's, the prediction's, and the twin's own. */
 enum { STATES = 3 };
 
-static bool place(tl_snapshot *snapshot, tl_arena *arena, const tl_exchange *exchange) {
+static bool init_snapshot(tl_snapshot *snapshot, tl_arena *arena, const tl_exchange *exchange) {
     return tl_snapshot_init(snapshot, arena, exchange->components, exchange->component_count, exchange->values,
                             exchange->values_size);
 }
@@ -367,7 +367,8 @@ bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchang
     twin->contest.guard = guard;
     exchange->beside += STATES;
     twin->executions = tl_arena_take(arena, exchange->component_count, sizeof *twin->executions);
-    return twin->executions != NULL && place(&twin->free, arena, exchange) && place(&twin->predicted, arena, exchange);
+    return twin->executions != NULL && init_snapshot(&twin->free, arena, exchange) &&
+           init_snapshot(&twin->predicted, arena, exchange);
 }
 
 static bool has_replay(const tl_exchange *exchange) {
@@ -449,8 +450,8 @@ static bool are_finite(const double *errors, size_t count) {
 }
 
 /* Executes the record's step of one of the two. *failed: an FMU failed or a value is not finite. */
-static tl_status lead(tl_free_twin *twin, tl_snapshot *one, const tl_record *record, double *errors, bool *failed,
-                      tl_error *error) {
+static tl_status execute_saved(tl_free_twin *twin, tl_snapshot *one, const tl_record *record, double *errors,
+                               bool *failed, tl_error *error) {
     tl_status status = tl_snapshot_restore(one, error);
     status = status == TL_OK ? execute(twin, record->step, error) : status;
     measure_now(twin, record, errors);
@@ -460,7 +461,7 @@ static tl_status lead(tl_free_twin *twin, tl_snapshot *one, const tl_record *rec
 }
 
 /* Starts what is to start; the FMUs are in the twin's state. */
-static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error *error) {
+static tl_status start_due(tl_free_twin *twin, bool predicts, bool renews, tl_error *error) {
     tl_status status = predicts ? tl_snapshot_take(&twin->predicted, error) : TL_OK;
     twin->predicts = predicts || (twin->predicts && !twin->contest.rests);
     twin->counts.renewed += renews ? 1 : 0;
@@ -468,12 +469,12 @@ static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error
 }
 
 /* Executes both from the twin's state and restores it. */
-static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_free_run_check_errors *errors,
-                           bool failed[2], tl_error *error) {
+static tl_status execute_both(tl_free_twin *twin, const tl_record *record, tl_free_run_check_errors *errors,
+                              bool failed[2], tl_error *error) {
     tl_status status = tl_exchange_take(twin->exchange, record->step + 1, error);
-    status = status == TL_OK ? lead(twin, &twin->free, record, errors->free, &failed[0], error) : status;
+    status = status == TL_OK ? execute_saved(twin, &twin->free, record, errors->free, &failed[0], error) : status;
     if (status == TL_OK && twin->predicts) {
-        status = lead(twin, &twin->predicted, record, errors->predicted, &failed[1], error);
+        status = execute_saved(twin, &twin->predicted, record, errors->predicted, &failed[1], error);
     }
     return status == TL_OK ? tl_exchange_return(twin->exchange, error) : status;
 }
@@ -502,13 +503,13 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_fr
     }
     bool rested = twin->contest.rests;
     bool measured = measure(twin, record, record->y, errors.locked);
-    tl_status status = lead_both(twin, record, &errors, failed, error);
+    tl_status status = execute_both(twin, record, &errors, failed, error);
     if (status != TL_OK) {
         return status;
     }
     if (!rested && (!twin->predicts || failed[1])) { /* nothing can be compared yet, or any more */
         tl_free_run_check_reset(&twin->contest);
-        return settle(twin, true, failed[0], error);
+        return start_due(twin, true, failed[0], error);
     }
     *verdict = tl_free_run_check_step(&twin->contest, &errors, measured);
     count(twin, rested, verdict);
@@ -516,7 +517,7 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_fr
         twin->predicts = false;
         return tl_snapshot_restore(&twin->free, error);
     }
-    return settle(twin, verdict->predict, verdict->renew || failed[0], error);
+    return start_due(twin, verdict->predict, verdict->renew || failed[0], error);
 }
 
 tl_status tl_free_twin_archive(tl_free_twin *twin, tl_archive *archive, tl_error *error) {

@@ -42,10 +42,10 @@ static void pair(tl_horizon *horizon, const tl_plan *plan, const tl_port *const 
     for (size_t v = 0; v < plan->adjust_count; v++) {
         horizon->variable_distance[v] = TL_NEVER;
         for (size_t m = 0; m < plan->match_count; m++) {
-            uint32_t way = horizon->from_adjust[v * horizon->nodes + matched[m]->node];
-            if (plan->match[m].weight > 0.0 && way != TL_NEVER) {
-                horizon->variable_distance[v] = smaller(horizon->variable_distance[v], way + 1);
-                horizon->match_distance[m] = smaller(horizon->match_distance[m], way + 1);
+            uint32_t path_length = horizon->from_adjust[v * horizon->nodes + matched[m]->node];
+            if (plan->match[m].weight > 0.0 && path_length != TL_NEVER) {
+                horizon->variable_distance[v] = smaller(horizon->variable_distance[v], path_length + 1);
+                horizon->match_distance[m] = smaller(horizon->match_distance[m], path_length + 1);
             }
         }
     }
@@ -58,16 +58,17 @@ static void report_unreached(const tl_horizon *horizon, const tl_plan *plan, tl_
         reaching = reaching || horizon->variable_distance[v] != TL_NEVER;
         if (horizon->variable_distance[v] == TL_NEVER) {
             tl_report_add(report, TL_BAD_DATA, plan->adjust[v].where,
-                          "no path leads from %s to any matched output: it can correct nothing",
+                          "%s has no path to any matched output, so it can correct nothing: adjust another variable",
                           plan->adjust[v].variable);
         }
     }
     for (size_t m = 0; m < plan->match_count && reaching; m++) {
         if (plan->match[m].weight > 0.0 && horizon->match_distance[m] == TL_NEVER) {
-            tl_report_add(report, TL_BAD_DATA, plan->match[m].where,
-                          "no path leads from any adjusted variable to %s: give it \"weight\": 0, or adjust something "
-                          "that reaches it",
-                          plan->match[m].variable);
+            tl_report_add(
+                report, TL_BAD_DATA, plan->match[m].where,
+                "%s has no path from any adjusted variable: set its \"weight\" to 0, or adjust a variable that "
+                "affects it",
+                plan->match[m].variable);
         }
     }
 }
@@ -94,10 +95,10 @@ static void choose_prediction(tl_horizon *horizon, const tl_plan *plan, tl_repor
     }
     horizon->prediction = plan->prediction != 0 ? plan->prediction : largest;
     if (horizon->prediction < largest) {
-        tl_report_add(report, TL_BAD_DATA, "synchronise.horizon.prediction",
-                      "found %u, expected at least %u: that many steps pass until every adjusted variable can reach a "
-                      "matched output, and every matched output is reached",
-                      (unsigned)horizon->prediction, (unsigned)largest);
+        tl_report_add(
+            report, TL_BAD_DATA, "synchronise.horizon.prediction",
+            "found %u, expected at least %u: the adjusted variables need that many steps to affect all matched outputs",
+            (unsigned)horizon->prediction, (unsigned)largest);
     }
 }
 
@@ -123,9 +124,9 @@ static uint32_t find_reach(const tl_horizon *horizon, const tl_graph *graph, con
                            size_t *scratch) {
     uint32_t nearest = TL_NEVER;
     for (size_t m = 0; m < graph->plan->match_count; m++) {
-        size_t way = tl_graph_distance(graph, node, matched[m]->node, scratch);
-        if (graph->plan->match[m].weight > 0.0 && way < nearest) {
-            nearest = (uint32_t)way;
+        size_t path_length = tl_graph_distance(graph, node, matched[m]->node, scratch);
+        if (graph->plan->match[m].weight > 0.0 && path_length < nearest) {
+            nearest = (uint32_t)path_length;
         }
     }
     return nearest < horizon->prediction ? horizon->prediction - nearest : 0;

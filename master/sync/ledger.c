@@ -145,10 +145,10 @@ static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *ent
 }
 
 /* A difference of a source reaches node k `way` steps later. */
-static void agree_until(int64_t *until, int64_t differs, const uint32_t *ways, size_t nodes) {
+static void limit_agreement(int64_t *until, int64_t differs, const uint32_t *distances, size_t nodes) {
     for (size_t k = 0; k + 1 < nodes && differs != FOREVER; k++) {
-        if (ways[k] != TL_NEVER) {
-            until[k] = lesser(until[k], differs + ways[k]);
+        if (distances[k] != TL_NEVER) {
+            until[k] = lesser(until[k], differs + distances[k]);
         }
     }
 }
@@ -174,11 +174,11 @@ static void find_until(tl_ledger *ledger, size_t slot, uint32_t length) {
         }
     }
     for (size_t v = 0; v < horizon->variables; v++) {
-        agree_until(until, entry->differs[v], &horizon->from_adjust[v * horizon->nodes], horizon->nodes);
+        limit_agreement(until, entry->differs[v], &horizon->from_adjust[v * horizon->nodes], horizon->nodes);
     }
     for (size_t s = 0; s < ledger->signal_count; s++) {
-        agree_until(until, signal_differs(ledger, entry, s, length), &horizon->from_signal[s * horizon->nodes],
-                    horizon->nodes);
+        limit_agreement(until, signal_differs(ledger, entry, s, length), &horizon->from_signal[s * horizon->nodes],
+                        horizon->nodes);
     }
     size_t plant = horizon->nodes - 1;
     until[plant] = lesser(until[plant], plant_differs(ledger, entry, length));
@@ -247,13 +247,13 @@ static void save(tl_ledger *ledger, size_t node, uint64_t executions) {
 }
 
 /* Executions of a node that the candidate needs in its first `depth` steps. */
-static uint32_t need(const tl_ledger *ledger, size_t node, uint32_t depth) {
+static uint32_t needed_steps(const tl_ledger *ledger, size_t node, uint32_t depth) {
     uint32_t reach = reach_of(ledger, node);
     uint32_t until = reach < depth ? reach : depth;
     return until > ledger->known[node] ? until - ledger->known[node] : 0;
 }
 
-static void remember(tl_ledger *ledger, uint32_t depth, size_t partial) {
+static void add_entry(tl_ledger *ledger, uint32_t depth, size_t partial) {
     const tl_horizon *horizon = ledger->horizon;
     if (ledger->count == ledger->capacity) {
         ledger->incomplete = true;
@@ -283,10 +283,10 @@ void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
         return;
     }
     for (size_t k = 0; k < ledger->horizon->nodes; k++) {
-        save(ledger, k, begun - need(ledger, k, whole || k <= failed ? begun : depth));
+        save(ledger, k, begun - needed_steps(ledger, k, whole || k <= failed ? begun : depth));
     }
     if (saving->sequences) {
-        remember(ledger, depth, whole ? 0 : failed);
+        add_entry(ledger, depth, whole ? 0 : failed);
     }
 }
 
@@ -331,7 +331,7 @@ static void move_entry(tl_ledger *ledger, size_t to, size_t from) {
 }
 
 /* After a commit. Mostly the oldest entries are removed, so that the others need not move. */
-static void tidy(tl_ledger *ledger) {
+static void drop_settled(tl_ledger *ledger) {
     while (ledger->count != 0 && is_done(ledger, ledger->oldest)) {
         ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
         ledger->count--;
@@ -365,7 +365,7 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values) {
         }
     }
     ledger->step++;
-    tidy(ledger);
+    drop_settled(ledger);
 }
 
 void tl_ledger_reset(tl_ledger *ledger) {

@@ -138,8 +138,8 @@ static bool is_seen(const tl_objective *objective, size_t variable, uint32_t m) 
         if (!has_weight(&objective->terms[term])) {
             continue;
         }
-        uint32_t way = horizon->from_adjust[variable * horizon->nodes + objective->terms[term].port->node];
-        uint64_t depth = (uint64_t)way + 1 + m; /* TL_NEVER is beyond all */
+        uint32_t path_length = horizon->from_adjust[variable * horizon->nodes + objective->terms[term].port->node];
+        uint64_t depth = (uint64_t)path_length + 1 + m; /* TL_NEVER is beyond all */
         if (depth <= horizon->prediction &&
             objective->targets[(depth - horizon->distance) * objective->matched + i].scale > 0.0) {
             return true;

@@ -17,7 +17,7 @@ static const tl_time LONGEST = 20000000;
 enum { FEWEST = 3 };
 
 /* Of one component. */
-typedef struct race {
+typedef struct speed_test {
     tl_exchange *exchange;
     size_t index;
     tl_component *component;
@@ -27,9 +27,9 @@ typedef struct race {
     bool by_copy;
     fmi2FMUstate state; /* its own */
     tl_error *error;
-} race;
+} speed_test;
 
-static tl_status save(race *self) {
+static tl_status save_state(speed_test *self) {
     if (!self->by_copy) {
         return tl_component_save(self->component, &self->state, self->error);
     }
@@ -38,7 +38,7 @@ static tl_status save(race *self) {
                : tl_fail(self->error, TL_FMU_FAILED, "%s: its memory cannot be copied any more", self->component->name);
 }
 
-static tl_status go_back(race *self) {
+static tl_status restore_state(speed_test *self) {
     if (!self->by_copy) {
         return tl_component_restore(self->component, self->state, self->error);
     }
@@ -46,25 +46,25 @@ static tl_status go_back(race *self) {
         return TL_OK;
     }
     return tl_fail(self->error, self->component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
-                   "%s: does not come back to where its proof began", self->component->name);
+                   "%s: its state at the start of the rollback check cannot be restored", self->component->name);
 }
 
-static tl_status step(const race *self) {
+static tl_status run_step(const speed_test *self) {
     const tl_exchange *exchange = self->exchange;
     return tl_component_step(self->component, tl_seconds(tl_time_of_step(0, exchange->step, self->first)),
                              tl_seconds(exchange->step), false, self->error);
 }
 
-static tl_status take_round(race *self, tl_time *took) {
-    tl_time begun = self->now(self->clock);
-    tl_status status = save(self);
-    status = status == TL_OK ? step(self) : status;
-    status = status == TL_OK ? go_back(self) : status;
-    *took = self->now(self->clock) - begun;
+static tl_status time_round(speed_test *self, tl_time *took) {
+    tl_time started_at = self->now(self->clock);
+    tl_status status = save_state(self);
+    status = status == TL_OK ? run_step(self) : status;
+    status = status == TL_OK ? restore_state(self) : status;
+    *took = self->now(self->clock) - started_at;
     return status;
 }
 
-static void put(tl_time *times, int count, tl_time time) {
+static void insert_time(tl_time *times, int count, tl_time time) {
     int i = count;
     for (; i > 0 && times[i - 1] > time; i--) {
         times[i] = times[i - 1];
@@ -74,37 +74,37 @@ static void put(tl_time *times, int count, tl_time time) {
 
 /* Median of some rounds without the first, which may allocate. 0: a step failed, which the proof
  * reports or need not report. */
-static tl_time take_time(race *self) {
+static tl_time median_time(speed_test *self) {
     tl_time times[TL_ROLLBACK_TIMING_ROUNDS];
     tl_time took;
     int count = 0;
-    tl_status status = take_round(self, &took);
-    tl_time begun = self->now(self->clock);
+    tl_status status = time_round(self, &took);
+    tl_time started_at = self->now(self->clock);
     while (status == TL_OK && count < TL_ROLLBACK_TIMING_ROUNDS &&
-           (count < FEWEST || self->now(self->clock) - begun < LONGEST)) {
-        status = take_round(self, &took);
-        put(times, count++, took);
+           (count < FEWEST || self->now(self->clock) - started_at < LONGEST)) {
+        status = time_round(self, &took);
+        insert_time(times, count++, took);
     }
     return status == TL_OK ? times[count / 2] : 0;
 }
 
 /* Switches to the copy, which has no state of its own: all states are freed. */
-static tl_status begin_anew(race *self) {
+static tl_status use_copy(speed_test *self) {
     tl_component_forget(self->component, &self->state);
     self->by_copy = true;
-    return go_back(self);
+    return restore_state(self);
 }
 
-static tl_status run(race *self, tl_fmi2_times *times) {
-    tl_status status = begin_anew(self);
+static tl_status measure_both(speed_test *self, tl_fmi2_times *times) {
+    tl_status status = use_copy(self);
     if (status == TL_OK) {
         self->by_copy = false;
-        times->by_states = take_time(self);
-        status = begin_anew(self);
+        times->by_states = median_time(self);
+        status = use_copy(self);
     }
     if (status == TL_OK) {
-        times->by_copy = take_time(self);
-        status = begin_anew(self);
+        times->by_copy = median_time(self);
+        status = use_copy(self);
     }
     return status;
 }
@@ -114,10 +114,10 @@ static bool is_faster(const tl_fmi2_times *times) {
            (double)times->by_states >= TL_ROLLBACK_TIMING_MARGIN * (double)times->by_copy;
 }
 
-static tl_status choose(race *self, bool *taken) {
+static tl_status choose_faster(speed_test *self, bool *taken) {
     tl_fmi2_times times = {0};
     tl_snapshot_forget(&self->exchange->home, self->index);
-    tl_status status = run(self, &times);
+    tl_status status = measure_both(self, &times);
     if (status == TL_OK && is_faster(&times)) {
         *taken = tl_component_prefer_copy(self->component, &times) || *taken;
     }
@@ -136,17 +136,17 @@ static tl_status tl_rollback_choose_faster(tl_exchange *exchange, int64_t first,
     tl_status status = TL_OK;
     *taken = false;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        race one = {.exchange = exchange,
-                    .index = i,
-                    .component = &exchange->components[i],
-                    .first = first,
-                    .now = now,
-                    .clock = clock,
-                    .error = error};
+        speed_test one = {.exchange = exchange,
+                          .index = i,
+                          .component = &exchange->components[i],
+                          .first = first,
+                          .now = now,
+                          .clock = clock,
+                          .error = error};
         if (exchange->is_kept[i] && tl_component_has_choice(one.component)) {
             any = true;
             exchange->failed = i;
-            status = choose(&one, taken);
+            status = choose_faster(&one, taken);
         }
     }
     if (status != TL_OK || !any) {
@@ -170,7 +170,7 @@ static void note_outputs(const tl_exchange *exchange, const tl_graph *graph, dou
     }
 }
 
-#define NOBODY SIZE_MAX
+#define NO_COMPONENT SIZE_MAX
 
 /* After `step` + 1 steps from a state: compares the outputs of all FMUs with the noted ones, to the
  * bit. A wrong output affects others one step later, so the first one that differs is the culprit.
@@ -187,9 +187,8 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
             *culprit = port->node;
             return tl_fail(
                 error, TL_FMU_FAILED,
-                "%s.%s is not the same after restoring a saved state and repeating %d step%s: the FMU does not "
-                "come back to where it was, and cannot be synchronised this way; \"rollback\" of the component "
-                "names another",
+                "%s.%s is not the same after a rollback and %d repeated step%s: the FMU is not restored exactly; set "
+                "another \"rollback\" in the component",
                 graph->components[port->node].name, port->variable->name, step + 1, step == 0 ? "" : "s");
         }
     }
@@ -206,7 +205,7 @@ static double within(const tl_adjusted *adjusted, double value) {
 }
 
 /* Moves all states away: a horizon with other inputs. It may fail, as any candidate may. */
-static tl_status lead_astray(const tl_synchroniser *synchroniser, int64_t first, tl_error *error) {
+static tl_status step_elsewhere(const tl_synchroniser *synchroniser, int64_t first, tl_error *error) {
     double *u = synchroniser->memory.trial;
     tl_status status = TL_OK;
     for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
@@ -225,7 +224,7 @@ static tl_status lead_astray(const tl_synchroniser *synchroniser, int64_t first,
 }
 
 /* Far up, far down, and back; Booleans false and true. */
-static double swept(const tl_adjusted *adjusted, double now, int step) {
+static double swept_value(const tl_adjusted *adjusted, double now, int step) {
     if (adjusted->is_boolean) {
         return step % 2 == 0 ? 1.0 - now : now;
     }
@@ -234,14 +233,14 @@ static double swept(const tl_adjusted *adjusted, double now, int step) {
 
 static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size_t component, unsigned char *to,
                         int step) {
-    if (component != NOBODY) {
+    if (component != NO_COMPONENT) {
         tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
     }
 }
 
 /* As fast and as far as inputs may change. It may fail, too. */
-static tl_status sweep(const tl_proof *proof, const tl_synchroniser *synchroniser, int64_t first, size_t noted,
-                       tl_error *error) {
+static tl_status step_swept(const tl_proof *proof, const tl_synchroniser *synchroniser, int64_t first, size_t noted,
+                            tl_error *error) {
     double now[TL_MAX_ADJUST];
     tl_status status = TL_OK;
     for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
@@ -249,7 +248,7 @@ static tl_status sweep(const tl_proof *proof, const tl_synchroniser *synchronise
     }
     for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
         for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
-            tl_exchange_set_adjusted(synchroniser->exchange, v, swept(&synchroniser->adjusted[v], now[v], i));
+            tl_exchange_set_adjusted(synchroniser->exchange, v, swept_value(&synchroniser->adjusted[v], now[v], i));
         }
         note_inputs(proof, synchroniser->exchange, noted, proof->elsewhere, i);
         status = tl_exchange_step(synchroniser->exchange, first + i, error);
@@ -266,7 +265,7 @@ static size_t find_failed(const tl_exchange *exchange) {
             return i;
         }
     }
-    return NOBODY;
+    return NO_COMPONENT;
 }
 
 /* State of a proof. */
@@ -281,19 +280,19 @@ typedef struct proof_attempt {
 } proof_attempt;
 
 /* The culprit of a failure that is not a step's. */
-static tl_status blame(proof_attempt *self, tl_status status) {
+static tl_status note_culprit(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
         const tl_exchange *exchange = self->synchroniser->exchange;
         self->culprit = find_failed(exchange);
-        bool by_own = self->culprit != NOBODY && !exchange->components[self->culprit].fmi->is_unaware;
+        bool by_own = self->culprit != NO_COMPONENT && !exchange->components[self->culprit].fmi->is_unaware;
         self->cause = self->proof->was_saved && by_own ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
     }
     return status;
 }
 
-static tl_status save_midst(proof_attempt *self, tl_error *error) {
+static tl_status save_middle(proof_attempt *self, tl_error *error) {
     self->proof->has_midst = true;
-    return blame(self, tl_snapshot_take(&self->proof->midst, error));
+    return note_culprit(self, tl_snapshot_take(&self->proof->midst, error));
 }
 
 /* After a step from the start: a component that was restored otherwise than by states, and not
@@ -316,24 +315,22 @@ static tl_status take_steps(proof_attempt *self, tl_error *error) {
     tl_status saved = TL_OK;
     tl_status status = TL_OK;
     while (self->steps < TL_PROOF_STEPS && status == TL_OK && saved == TL_OK) {
-        saved = self->steps == TL_PROOF_MIDST ? save_midst(self, error) : TL_OK;
+        saved = self->steps == TL_PROOF_MIDST ? save_middle(self, error) : TL_OK;
         status = saved == TL_OK ? tl_exchange_step(exchange, self->first + self->steps, error) : TL_OK;
         status = status == TL_OK && saved == TL_OK ? note_or_compare(self, error) : status;
         self->steps += status == TL_OK && saved == TL_OK ? 1 : 0;
     }
-    self->proof->stepped = self->steps > 0 || self->culprit != NOBODY;
-    bool goes_on = self->steps > 0 && status != TL_FMU_FATAL && self->culprit == NOBODY;
-    return saved != TL_OK ? saved : goes_on ? TL_OK : status;
+    self->proof->stepped = self->steps > 0 || self->culprit != NO_COMPONENT;
+    bool continues = self->steps > 0 && status != TL_FMU_FATAL && self->culprit == NO_COMPONENT;
+    return saved != TL_OK ? saved : continues ? TL_OK : status;
 }
 
 /* After a rollback a component fails in a step that it had executed. */
-static tl_status tell_refusal(proof_attempt *self, tl_error *error) {
+static tl_status report_failed_step(proof_attempt *self, tl_error *error) {
     const tl_error failed = *error;
     self->culprit = find_failed(self->synchroniser->exchange);
     self->cause = TL_CAUSE_REFUSES;
-    return tl_fail(error, TL_FMU_FAILED,
-                   "does not come back to where it was: led back, it fails in a step that it had done: %s",
-                   failed.text);
+    return tl_fail(error, TL_FMU_FAILED, "after a rollback, a step fails that worked before: %s", failed.text);
 }
 
 static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
@@ -342,7 +339,7 @@ static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
     for (int i = from; i < self->steps && status == TL_OK; i++) {
         status = tl_exchange_step(exchange, self->first + i, error);
         if (status == TL_FMU_FAILED) {
-            status = tell_refusal(self, error);
+            status = report_failed_step(self, error);
         } else if (status == TL_OK) {
             status = compare_outputs(exchange, self->graph, &self->proof->outputs[(size_t)i * self->graph->port_count],
                                      i - from, &self->culprit, error);
@@ -352,38 +349,38 @@ static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
 }
 
 /* Restores the start. A component that cannot be restored is the culprit. */
-static tl_status attempt_go_back(proof_attempt *self, tl_error *error) {
-    return blame(self, tl_exchange_restore(self->synchroniser->exchange, error));
+static tl_status restore_start(proof_attempt *self, tl_error *error) {
+    return note_culprit(self, tl_exchange_restore(self->synchroniser->exchange, error));
 }
 
-static tl_status attempt_save(proof_attempt *self, tl_error *error) {
-    tl_status status = blame(self, tl_exchange_save(self->synchroniser->exchange, error));
+static tl_status save_start(proof_attempt *self, tl_error *error) {
+    tl_status status = note_culprit(self, tl_exchange_save(self->synchroniser->exchange, error));
     self->proof->was_saved = self->proof->was_saved || status == TL_OK;
     return status;
 }
 
 /* The second state, after the first one was restored. */
-static tl_status prove_midst(proof_attempt *self, tl_error *error) {
+static tl_status prove_middle(proof_attempt *self, tl_error *error) {
     if (!self->proof->has_midst) {
         return TL_OK;
     }
-    tl_status status = blame(self, tl_snapshot_restore(&self->proof->midst, error));
+    tl_status status = note_culprit(self, tl_snapshot_restore(&self->proof->midst, error));
     return status == TL_OK ? repeat_steps(self, TL_PROOF_MIDST, error) : status;
 }
 
-static tl_status prove(proof_attempt *self, tl_error *error) {
+static tl_status prove_once(proof_attempt *self, tl_error *error) {
     const tl_synchroniser *synchroniser = self->synchroniser;
-    tl_status status = attempt_save(self, error);
+    tl_status status = save_start(self, error);
     status = status == TL_OK ? take_steps(self, error) : status;
-    status = status == TL_OK ? attempt_go_back(self, error) : status;
-    status = status == TL_OK ? lead_astray(synchroniser, self->first, error) : status;
-    status = status == TL_OK ? prove_midst(self, error) : status;
-    status = status == TL_OK ? attempt_go_back(self, error) : status;
-    status = status == TL_OK ? sweep(self->proof, synchroniser, self->first, NOBODY, error) : status;
-    status = status == TL_OK ? attempt_go_back(self, error) : status;
+    status = status == TL_OK ? restore_start(self, error) : status;
+    status = status == TL_OK ? step_elsewhere(synchroniser, self->first, error) : status;
+    status = status == TL_OK ? prove_middle(self, error) : status;
+    status = status == TL_OK ? restore_start(self, error) : status;
+    status = status == TL_OK ? step_swept(self->proof, synchroniser, self->first, NO_COMPONENT, error) : status;
+    status = status == TL_OK ? restore_start(self, error) : status;
     status = status == TL_OK ? repeat_steps(self, 0, error) : status;
-    status = status == TL_OK ? attempt_go_back(self, error) : status;
-    return status == TL_OK ? attempt_save(self, error) : status; /* it may have done something that no copy undoes */
+    status = status == TL_OK ? restore_start(self, error) : status;
+    return status == TL_OK ? save_start(self, error) : status; /* it may have done something that no copy undoes */
 }
 
 void tl_proof_end(tl_proof *proof) {
@@ -397,7 +394,7 @@ void tl_proof_end(tl_proof *proof) {
 
 /* Inputs of the culprit in the steps, and in those that lead elsewhere; all are restored without
  * states. */
-static bool note_ways(const proof_attempt *self) {
+static bool note_inputs_elsewhere(const proof_attempt *self) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_error ignored;
     tl_status status = TL_OK;
@@ -411,7 +408,7 @@ static bool note_ways(const proof_attempt *self) {
     if (status == TL_FMU_FATAL || !tl_exchange_restore_copy(exchange, self->culprit, NULL)) {
         return false;
     }
-    return sweep(self->proof, self->synchroniser, self->first, self->culprit, &ignored) == TL_OK &&
+    return step_swept(self->proof, self->synchroniser, self->first, self->culprit, &ignored) == TL_OK &&
            tl_exchange_restore_copy(exchange, self->culprit, NULL);
 }
 
@@ -434,7 +431,7 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
         .output_bytes = self->proof->value_bytes,
     };
     if (cause != TL_CAUSE_LATE && cause != TL_CAUSE_FINAL && self->steps > 1 && exchange->is_kept[self->culprit] &&
-        tl_component_copy_size(culprit) != 0 && note_ways(self)) {
+        tl_component_copy_size(culprit) != 0 && note_inputs_elsewhere(self)) {
         (void)tl_restore_cause_find(&trial, &found, &ignored);
     }
     return found != TL_CAUSE_UNKNOWN ? found : cause;
@@ -442,19 +439,19 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
 
 /* Whether the culprit has another method, by which all are restored to the start. Otherwise the
  * error names the cause. */
-static bool take_other_way(proof_attempt *self, tl_error *error) {
+static bool use_other_method(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_restore_cause cause = find_cause(self);
-    const char *why = tl_restore_cause_text(cause);
-    if (tl_exchange_restore_copy(exchange, self->culprit, why)) {
+    const char *cause_text = tl_restore_cause_text(cause);
+    if (tl_exchange_restore_copy(exchange, self->culprit, cause_text)) {
         /* A component that is restored by a copy is where it was, but may continue differently: it
          * does not see the exception flags of others any more. */
         self->proof->noted = tl_component_copy_size(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
         return true;
     }
     tl_error found = *error;
-    (void)tl_fail(error, TL_FMU_FAILED, "%s%s%s%s", found.text, why[0] != '\0' ? " (" : "", why,
-                  why[0] != '\0' ? ")" : "");
+    (void)tl_fail(error, TL_FMU_FAILED, "%s%s%s%s", found.text, cause_text[0] != '\0' ? " (" : "", cause_text,
+                  cause_text[0] != '\0' ? ")" : "");
     return false;
 }
 
@@ -486,10 +483,10 @@ static size_t find_choice(const tl_exchange *exchange) {
            !(exchange->is_kept[i] && tl_component_has_choice(&exchange->components[i]))) {
         i++;
     }
-    return i < exchange->component_count ? i : NOBODY;
+    return i < exchange->component_count ? i : NO_COMPONENT;
 }
 
-static void let_say_final(const tl_exchange *exchange, bool final) {
+static void set_final(const tl_exchange *exchange, bool final) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_component *component = &exchange->components[i];
         component->says_final = final && exchange->is_kept[i] && tl_component_has_choice(component);
@@ -500,15 +497,15 @@ static void let_say_final(const tl_exchange *exchange, bool final) {
  * restores from there: components with a copy are restored by it. */
 static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
-    let_say_final(exchange, true);
+    set_final(exchange, true);
     tl_status status = repeat_steps(self, 0, error);
-    let_say_final(exchange, false);
+    set_final(exchange, false);
     if (status == TL_FMU_FAILED) {
         self->cause = TL_CAUSE_FINAL;
     }
     if (status == TL_OK && !tl_exchange_restore_copy(exchange, one, NULL)) {
         exchange->failed = one;
-        return tl_fail(error, TL_FMU_FAILED, "%s: does not come back to where its proof began",
+        return tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
                        exchange->components[one].name);
     }
     return status == TL_OK ? tl_exchange_save(exchange, error) : status;
@@ -516,12 +513,12 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
 
 /* States are proved. A component that uses a copy from now on may continue differently, see above.
  * Without one (*taken), there are as many states as before. */
-static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
+static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
     tl_proof *proof = self->proof;
-    bool had_midst = proof->has_midst;
+    bool had_middle = proof->has_midst;
     size_t one = find_choice(self->synchroniser->exchange);
     *taken = false;
-    if (one == NOBODY) {
+    if (one == NO_COMPONENT) {
         return TL_OK;
     }
     tl_proof_end(proof);
@@ -529,11 +526,11 @@ static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *
     if (status == TL_OK && now != NULL) {
         status = tl_rollback_choose_faster(self->synchroniser->exchange, self->first, now, NULL, taken, error);
     }
-    if (status == TL_FMU_FAILED && self->culprit == NOBODY) {
+    if (status == TL_FMU_FAILED && self->culprit == NO_COMPONENT) {
         self->culprit = self->synchroniser->exchange->failed;
     }
     proof->noted = *taken ? 0 : proof->noted;
-    if (!*taken && had_midst && status == TL_OK) {
+    if (!*taken && had_middle && status == TL_OK) {
         proof->has_midst = true;
         status = tl_snapshot_take(&proof->midst, error);
     }
@@ -552,18 +549,18 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, c
     tl_exchange_keep_copies(exchange);
     do {
         proof_attempt search = {
-            .proof = proof, .synchroniser = synchroniser, .graph = graph, .first = first, .culprit = NOBODY};
+            .proof = proof, .synchroniser = synchroniser, .graph = graph, .first = first, .culprit = NO_COMPONENT};
         proof->stepped = true;
         proof->was_saved = false;
-        status = prove(&search, error);
+        status = prove_once(&search, error);
         again = false;
         if (status == TL_OK && !is_settled) {
-            status = settle(&search, now, &again, error);
+            status = choose_copies(&search, now, &again, error);
             is_settled = status == TL_OK;
         }
         if (status != TL_OK) {
             tl_proof_end(proof); /* a component with another method has no states of this kind any more */
-            again = status == TL_FMU_FAILED && search.culprit != NOBODY && take_other_way(&search, error);
+            again = status == TL_FMU_FAILED && search.culprit != NO_COMPONENT && use_other_method(&search, error);
         }
         proof->culprit = search.culprit;
     } while (again);

@@ -96,7 +96,7 @@ static tl_time cost_of_rest(const tl_step_search *search) {
 
 /* What must follow the present candidate: the committed step, and nominal's evaluation if it is to
  * come. */
-static tl_time reserve(const tl_step_search *search) {
+static tl_time reserved_time(const tl_step_search *search) {
     const tl_synchroniser_times *times = &search->synchroniser->times;
     tl_time nominal = search->nominal_follows ? times->asking.most + times->within.most : 0;
     return times->committing.most + nominal + cost_of_rest(search);
@@ -106,7 +106,7 @@ static tl_time reserve(const tl_step_search *search) {
 static bool has_time(tl_step_search *search, tl_time wanted) {
     const tl_budget *budget = search->budget;
     tl_time elapsed = tl_duration(budget->started, search->synchroniser->exchange->costs.read);
-    if (elapsed + wanted + reserve(search) <= budget->time) {
+    if (elapsed + wanted + reserved_time(search) <= budget->time) {
         return true;
     }
     search->stop = TL_STOP_TIME;
@@ -115,7 +115,7 @@ static bool has_time(tl_step_search *search, tl_time wanted) {
 }
 
 /* Whether the rest of the candidate from `depth` on, and what must follow, fit into the time. */
-static bool fits(tl_step_search *search, uint32_t depth) {
+static bool has_time_for_rest(tl_step_search *search, uint32_t depth) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_times *times = &synchroniser->times;
     tl_time within = times->within.most > times->beside ? times->within.most - times->beside : 0;
@@ -132,7 +132,7 @@ static void end_part(tl_step_search *search, tl_estimate *part) {
     synchroniser->times.beside = 0;
 }
 
-static void find_follower(tl_step_search *search, const double *u) {
+static void check_nominal_follows(tl_step_search *search, const double *u) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     search->nominal_follows = isnan(search->nominal_value) &&
                               memcmp(u, synchroniser->memory.nominal, synchroniser->horizon.count * sizeof *u) != 0;
@@ -153,7 +153,7 @@ static bool is_in_time(tl_step_search *search, const double *u) {
     tl_ledger_expect(&synchroniser->ledger, u);
     (void)tl_step_search_go_back(search);
     end_part(search, predicts ? &times->asking : before);
-    return fits(search, 0);
+    return has_time_for_rest(search, 0);
 }
 
 bool tl_step_search_may_guess(tl_step_search *search) {
@@ -173,18 +173,18 @@ void tl_step_search_has_guess(tl_step_search *search) {
 }
 
 /* Beyond the limit there may be room reserved for nominal, which this is. */
-static bool is_awaited(const tl_step_search *search, const double *u) {
+static bool is_nominal_due(const tl_step_search *search, const double *u) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     return search->evaluations < search->budget->evaluations && isnan(search->nominal_value) &&
            memcmp(u, synchroniser->memory.nominal, synchroniser->horizon.count * sizeof *u) == 0;
 }
 
 bool tl_step_search_may_evaluate(tl_step_search *search, const double *u) {
-    if (search->evaluations >= search->limit && !is_awaited(search, u)) {
+    if (search->evaluations >= search->limit && !is_nominal_due(search, u)) {
         search->stop = search->budget->repeated ? TL_STOP_TIME : TL_STOP_EVALUATIONS;
         return false;
     }
-    find_follower(search, u);
+    check_nominal_follows(search, u);
     if (search->budget->now != NULL) {
         return is_in_time(search, u);
     }
@@ -195,24 +195,24 @@ bool tl_step_search_may_evaluate(tl_step_search *search, const double *u) {
 /* ---- one candidate ---- */
 
 /* Whether a candidate should be aborted at `depth`. */
-static bool runs_late(tl_step_search *search, uint32_t depth) {
+static bool is_late(tl_step_search *search, uint32_t depth) {
     if (depth == 0 || search->budget->now == NULL) {
         return false;
     }
     search->synchroniser->times.beside += tl_costs_lap(&search->synchroniser->exchange->costs);
-    search->late = !fits(search, depth);
+    search->late = !has_time_for_rest(search, depth);
     return search->late;
 }
 
 /* Simulates u over the horizon; its sum of squares so far in *sum. Ends early if an FMU fails or
  * time runs out. */
-static tl_status walk(tl_step_search *search, const double *u, double *sum) {
+static tl_status simulate_horizon(tl_step_search *search, const double *u, double *sum) {
     tl_synchroniser *synchroniser = search->synchroniser;
     const tl_horizon *horizon = &synchroniser->horizon;
     tl_exchange *exchange = synchroniser->exchange;
     tl_status status = TL_OK;
     uint32_t depth = 0;
-    while (depth < horizon->prediction && !runs_late(search, depth)) {
+    while (depth < horizon->prediction && !is_late(search, depth)) {
         if (depth < horizon->longest || exchange->cached != NULL) {
             tl_step_search_set_inputs(synchroniser, u, depth);
         }
@@ -237,7 +237,7 @@ static double simulate(tl_step_search *search, const double *u) {
     search->dirty = true;
     double sum = tl_objective_penalise(&synchroniser->objective, u, search->nominal, synchroniser->memory.before,
                                        synchroniser->memory.residuals);
-    status = status == TL_OK ? walk(search, u, &sum) : status;
+    status = status == TL_OK ? simulate_horizon(search, u, &sum) : status;
     if (status == TL_FMU_FATAL) {
         search->fatal = status;
     }
@@ -333,7 +333,7 @@ static void probe_beside(tl_step_search *search, const double *u, const double *
 
 /* The same compared with the search's start and with the best so far: solvers vary one unknown
  * after the other from either. */
-static void probe(tl_step_search *search, const double *u, double value) {
+static void probe_effect(tl_step_search *search, const double *u, double value) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_memory *memory = &synchroniser->memory;
     if (!(synchroniser->noise_floor > 0.0) || !isfinite(value) || synchroniser->solver->booleans) {
@@ -349,9 +349,9 @@ static void probe(tl_step_search *search, const double *u, double value) {
 
 /* A candidate that has just shown that a variable has no effect is not better for having moved it.
  */
-static void judge(tl_step_search *search, const double *u, double value) {
+static void keep_evaluated(tl_step_search *search, const double *u, double value) {
     uint32_t before = search->held;
-    probe(search, u, value);
+    probe_effect(search, u, value);
     keep_best(search, u, search->held == before ? value : HUGE_VAL);
 }
 
@@ -373,7 +373,7 @@ void tl_step_search_hold(const tl_step_search *search, double *u) {
 /* ---- evaluations ---- */
 
 /* Values that a solver may get at all: finite numbers for points within the bounds. */
-static bool is_sane(const tl_synchroniser *synchroniser, const double *u) {
+static bool is_valid_point(const tl_synchroniser *synchroniser, const double *u) {
     for (size_t i = 0; i < synchroniser->horizon.count; i++) {
         if (!(u[i] >= synchroniser->space.lower[i] && u[i] <= synchroniser->space.upper[i] && isfinite(u[i]))) {
             return false;
@@ -385,7 +385,7 @@ static bool is_sane(const tl_synchroniser *synchroniser, const double *u) {
 /* The point that is evaluated for a requested one: variables that are not identifiable are at
  * nominal, and so are insignificant differences from it. (Rounding would hide such a difference in
  * the outputs, but it would cost executions.) */
-static const double *settled(const tl_step_search *search, const double *u) {
+static const double *evaluated_point(const tl_step_search *search, const double *u) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     double *trial = synchroniser->memory.trial;
     const double *nominal = synchroniser->memory.nominal;
@@ -396,14 +396,14 @@ static const double *settled(const tl_step_search *search, const double *u) {
     return trial;
 }
 
-static bool is_over(const tl_step_search *search) {
+static bool is_finished(const tl_step_search *search) {
     bool acquaints = search->acquaints && search->synchroniser->solver->is_new(search->synchroniser->optimiser);
     return search->fatal != TL_OK || search->late || (search->best_value < TL_OBJECTIVE_TOLERANCE && !acquaints) ||
            search->stagnated || tl_step_search_is_blind(search);
 }
 
 /* After an evaluation: whether the solver may continue. */
-static bool may_go_on(tl_step_search *search) {
+static bool may_continue(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     if (search->best_value < TL_OBJECTIVE_TOLERANCE) {
         search->stop = TL_STOP_TOLERANCE;
@@ -412,7 +412,7 @@ static bool may_go_on(tl_step_search *search) {
         search->stagnated = true;
         search->flags |= TL_FLAG_STAGNATED;
     }
-    return !is_over(search);
+    return !is_finished(search);
 }
 
 bool tl_step_search_ask(void *context, const double *u, double *value, const double **residuals) {
@@ -422,20 +422,20 @@ bool tl_step_search_ask(void *context, const double *u, double *value, const dou
         *residuals = synchroniser->memory.residuals;
     }
     *value = HUGE_VAL;
-    if (is_over(search)) {
+    if (is_finished(search)) {
         return false;
     }
-    if (!is_sane(synchroniser, u)) {
+    if (!is_valid_point(synchroniser, u)) {
         search->idle++;
-        return may_go_on(search) && search->idle < MOST_IDLE;
+        return may_continue(search) && search->idle < MOST_IDLE;
     }
-    u = settled(search, u);
+    u = evaluated_point(search, u);
     if (!tl_step_search_may_evaluate(search, u)) {
         return false;
     }
     *value = evaluate(search, u);
     if (!search->late) {
-        judge(search, u, *value);
+        keep_evaluated(search, u, *value);
     }
-    return may_go_on(search);
+    return may_continue(search);
 }

@@ -15,7 +15,7 @@ static size_t size_of_course(const tl_synchroniser *synchroniser) {
     return tl_objective_samples(&synchroniser->objective) * synchroniser->objective.matched;
 }
 
-static bool take_all(tl_arena *arena, double **const *arrays, size_t array_count, size_t count) {
+static bool take_arrays(tl_arena *arena, double **const *arrays, size_t array_count, size_t count) {
     bool taken = true;
     for (size_t i = 0; i < array_count; i++) {
         *arrays[i] = tl_arena_take(arena, count, sizeof(double));
@@ -33,10 +33,10 @@ static bool take_memory(tl_synchroniser *synchroniser, tl_arena *arena) {
     double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
     double **const samples[] = {&memory->earlier};
     memory->free = tl_arena_take(arena, synchroniser->horizon.count, sizeof *memory->free);
-    return memory->free != NULL && take_all(arena, sequences, 8, synchroniser->horizon.count) &&
-           take_all(arena, vectors, 6, synchroniser->objective.residual_most) &&
-           take_all(arena, courses, 3, size_of_course(synchroniser)) &&
-           take_all(arena, samples, 1, synchroniser->objective.matched);
+    return memory->free != NULL && take_arrays(arena, sequences, 8, synchroniser->horizon.count) &&
+           take_arrays(arena, vectors, 6, synchroniser->objective.residual_most) &&
+           take_arrays(arena, courses, 3, size_of_course(synchroniser)) &&
+           take_arrays(arena, samples, 1, synchroniser->objective.matched);
 }
 
 /* A guess may move the newest unknown of each variable: earlier ones keep results that exist
@@ -231,7 +231,7 @@ static bool guess_was_blind(const tl_step_search *search, double value) {
 
 /* If an FMU fails at the guess, the search starts at the last u, or at nominal if that was the
  * guess. */
-static double retreat(tl_step_search *search, double value) {
+static double retry_failed_guess(tl_step_search *search, double value) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     double *guess = synchroniser->memory.guess;
     if (isfinite(value) || !synchroniser->has_last || search->fatal != TL_OK || search->late) {
@@ -292,7 +292,7 @@ static void run_search(tl_step_search *search, double value) {
 /* A variable without effect is committed at nominal, also if the best candidate is older than that
  * finding. Not if time has ended the search: a cheaper candidate may still fit, but a repetition,
  * which only counts, would have used it for the search. */
-static void settle_held(tl_step_search *search) {
+static void hold_unidentifiable(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     double *trial = synchroniser->memory.trial;
     if (search->held == 0 || tl_step_search_is_blind(search) || !isfinite(search->best_value) ||
@@ -321,7 +321,7 @@ static void evaluate_nominal(tl_step_search *search) {
 
 /* Whether the best candidate outside the tolerance is worth committing. It must be better than
  * nominal; without that comparison it is not committed. */
-static tl_outcome defend_nominal(tl_step_search *search) {
+static tl_outcome compare_with_nominal(tl_step_search *search) {
     tl_stop stop = search->stop;
     search->closing = true;
     evaluate_nominal(search);
@@ -335,28 +335,28 @@ static tl_outcome defend_nominal(tl_step_search *search) {
  * search. */
 static tl_outcome improve(tl_step_search *search, double value) {
     tl_synchroniser *synchroniser = search->synchroniser;
-    value = retreat(search, value);
+    value = retry_failed_guess(search, value);
     if (search->stop == TL_STOP_NONE) {
         run_search(search, value);
     }
-    settle_held(search);
+    hold_unidentifiable(search);
     synchroniser->was_blind = tl_step_search_is_blind(search);
     if (search->best_value < TL_OBJECTIVE_TOLERANCE && !synchroniser->was_blind) {
         search->stop = search->stop == TL_STOP_TIME ? TL_STOP_TIME : TL_STOP_TOLERANCE;
         return TL_OPTIMISED;
     }
-    return defend_nominal(search);
+    return compare_with_nominal(search);
 }
 
 /* All is within tolerance, but a solver that can guess has no data of this twin yet. Without them
  * the twin would move freely within the tolerance until the first large error. */
-static bool is_stranger(const tl_synchroniser *synchroniser) {
+static bool needs_teaching(const tl_synchroniser *synchroniser) {
     return !synchroniser->met && synchroniser->solver->is_new != NULL &&
            synchroniser->solver->is_new(synchroniser->optimiser);
 }
 
 /* Once per run. While all is well, a variable without effect is not news. */
-static tl_outcome acquaint(tl_step_search *search, double value) {
+static tl_outcome teach_solver(tl_step_search *search, double value) {
     tl_synchroniser *synchroniser = search->synchroniser;
     synchroniser->met = true;
     search->acquaints = true;
@@ -403,7 +403,7 @@ static bool is_blind_guess(tl_step_search *search, double value) {
 
 /* Guess, then search. The result is in memory.best, unless the outcome is nominal. A guess that
  * time has cut short counts as not started: a repetition sees no difference. */
-static tl_outcome find(tl_step_search *search) {
+static tl_outcome find_correction(tl_step_search *search) {
     tl_synchroniser *synchroniser = search->synchroniser;
     double *guess = synchroniser->memory.guess;
     bool by_solver = first_guess(search);
@@ -423,17 +423,17 @@ static tl_outcome find(tl_step_search *search) {
     synchroniser->was_blind = by_solver && is_blind_guess(search, value);
     if (synchroniser->was_blind) {
         search->held = ((uint32_t)1 << synchroniser->horizon.variables) - 1;
-        return defend_nominal(search);
+        return compare_with_nominal(search);
     }
     value = search->best_value;
     if (value < TL_OBJECTIVE_TOLERANCE) {
-        return is_stranger(synchroniser) ? acquaint(search, value) : TL_FIRST_GUESS;
+        return needs_teaching(synchroniser) ? teach_solver(search, value) : TL_FIRST_GUESS;
     }
     return improve(search, value);
 }
 
 /* The free-running twin is nearer: nothing is searched, but nominal is evaluated. */
-static tl_outcome rest(tl_step_search *search) {
+static tl_outcome rest_at_nominal(tl_step_search *search) {
     search->flags |= TL_FLAG_RESTS;
     evaluate_nominal(search);
     return TL_NOMINAL;
@@ -456,7 +456,7 @@ static void take_time(tl_synchroniser *synchroniser) {
 }
 
 /* Executes step i with u and records it. */
-static tl_status commit(tl_step_search *search, const double *u, tl_record *record) {
+static tl_status commit_step(tl_step_search *search, const double *u, tl_record *record) {
     tl_synchroniser *synchroniser = search->synchroniser;
     const tl_horizon *horizon = &synchroniser->horizon;
     tl_status status = tl_step_search_go_back(search);
@@ -486,11 +486,11 @@ static void remember_course(tl_synchroniser *synchroniser, const double *u) {
     tl_synchroniser_memory *memory = &synchroniser->memory;
     size_t samples = tl_objective_samples(&synchroniser->objective);
     size_t last = (samples - 1) * synchroniser->objective.matched;
-    bool at_hand = synchroniser->horizon.prediction == 1;
+    bool is_readable = synchroniser->horizon.prediction == 1;
     if (samples == 1) {
         memcpy(memory->earlier, memory->course, synchroniser->objective.matched * sizeof *memory->earlier);
     }
-    if (at_hand) {
+    if (is_readable) {
         tl_objective_matched(&synchroniser->objective, memory->course);
     } else {
         memcpy(memory->course, memory->best_course, size_of_course(synchroniser) * sizeof *memory->course);
@@ -499,11 +499,11 @@ static void remember_course(tl_synchroniser *synchroniser, const double *u) {
         memcpy(memory->earlier, &memory->course[last - synchroniser->objective.matched],
                synchroniser->objective.matched * sizeof *memory->earlier);
     }
-    synchroniser->courses = at_hand || u == memory->best ? synchroniser->courses + (synchroniser->courses < 2) : 0;
+    synchroniser->courses = is_readable || u == memory->best ? synchroniser->courses + (synchroniser->courses < 2) : 0;
 }
 
 /* Start of the next step. */
-static void remember(tl_synchroniser *synchroniser, const double *u, const tl_record *record) {
+static void remember_step(tl_synchroniser *synchroniser, const double *u, const tl_record *record) {
     tl_synchroniser_memory *memory = &synchroniser->memory;
     memmove(memory->committed, u, size_of_sequence(synchroniser));
     for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
@@ -525,16 +525,16 @@ static void remember(tl_synchroniser *synchroniser, const double *u, const tl_re
 static tl_status commit_found(tl_step_search *search, const double *u, tl_record *record) {
     tl_synchroniser *synchroniser = search->synchroniser;
     const double *nominal = synchroniser->memory.nominal;
-    tl_status status = commit(search, u, record);
+    tl_status status = commit_step(search, u, record);
     if (status == TL_FMU_FAILED && !is_nominal(synchroniser, u)) {
         bool unsearched = record->outcome == TL_CAUGHT_UP || record->outcome == TL_RESUMED;
         record->outcome = unsearched ? record->outcome : TL_NOMINAL;
         record->objective = record->objective_nominal;
         u = nominal;
-        status = commit(search, u, record);
+        status = commit_step(search, u, record);
     }
     if (status == TL_OK) {
-        remember(synchroniser, u, record);
+        remember_step(synchroniser, u, record);
     }
     return status;
 }
@@ -591,8 +591,8 @@ tl_time tl_synchroniser_end_step(tl_synchroniser *synchroniser, const tl_budget 
 }
 
 /* Starts the step; then û is known. */
-static tl_status begin(tl_step_search *search, tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget,
-                       tl_record *record, tl_error *error) {
+static tl_status begin_step(tl_step_search *search, tl_synchroniser *synchroniser, int64_t step,
+                            const tl_budget *budget, tl_record *record, tl_error *error) {
     tl_synchroniser_refresh(synchroniser, step);
     tl_step_search_begin(search, synchroniser, step, budget, error);
     tl_record_begin(record, step);
@@ -629,7 +629,7 @@ tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, cons
         return step_free(synchroniser, step, TL_FREE, record, error);
     }
     tl_step_search search;
-    tl_status status = begin(&search, synchroniser, step, budget, record, error);
+    tl_status status = begin_step(&search, synchroniser, step, budget, record, error);
     if (status != TL_OK) {
         return status;
     }
@@ -637,7 +637,7 @@ tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, cons
         record->outcome = TL_FREE_RUN;
         return commit_found(&search, synchroniser->memory.nominal, record);
     }
-    record->outcome = synchroniser->rests ? rest(&search) : find(&search);
+    record->outcome = synchroniser->rests ? rest_at_nominal(&search) : find_correction(&search);
     if (search.guessed && search.evaluations == 0) {
         synchroniser->solver->retract(synchroniser->optimiser);
     }
@@ -676,7 +676,7 @@ static tl_status step_unsearched(tl_synchroniser *synchroniser, int64_t step, tl
         return step_free(synchroniser, step, outcome, record, error);
     }
     tl_step_search search;
-    tl_status status = begin(&search, synchroniser, step, NULL, record, error);
+    tl_status status = begin_step(&search, synchroniser, step, NULL, record, error);
     if (status != TL_OK) {
         return status;
     }
@@ -698,7 +698,7 @@ tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, co
     return step_unsearched(synchroniser, step, TL_RESUMED, u, record, error);
 }
 
-static void forget(const tl_optimiser_class *solver, tl_optimiser *optimiser) {
+static void forget_solver(const tl_optimiser_class *solver, tl_optimiser *optimiser) {
     if (optimiser != NULL && solver->forget != NULL) {
         solver->forget(optimiser);
     }
@@ -708,8 +708,8 @@ static void forget_courses(tl_synchroniser *synchroniser) {
     synchroniser->courses = 0;
     synchroniser->was_blind = false;
     synchroniser->met = false;
-    forget(synchroniser->solver, synchroniser->optimiser);
-    forget(synchroniser->fallback, synchroniser->second);
+    forget_solver(synchroniser->solver, synchroniser->optimiser);
+    forget_solver(synchroniser->fallback, synchroniser->second);
 }
 
 void tl_synchroniser_reset(tl_synchroniser *synchroniser) {
@@ -737,7 +737,8 @@ static void move_nominal(tl_synchroniser *synchroniser, size_t variable, const t
     }
 }
 
-static void retune(const tl_synchroniser *synchroniser, const tl_optimiser_class *solver, tl_optimiser *optimiser) {
+static void retune_solver(const tl_synchroniser *synchroniser, const tl_optimiser_class *solver,
+                          tl_optimiser *optimiser) {
     if (solver != NULL && solver->retune != NULL) {
         solver->retune(optimiser, synchroniser->memory.factors);
     }
@@ -759,8 +760,8 @@ void tl_synchroniser_retune(tl_synchroniser *synchroniser, tl_objective_term *te
     place_bounds(synchroniser);
     synchroniser->margin = tuning->margin;
     synchroniser->noise_floor = tuning->noise_floor;
-    retune(synchroniser, synchroniser->solver, synchroniser->optimiser);
-    retune(synchroniser, synchroniser->fallback, synchroniser->second);
+    retune_solver(synchroniser, synchroniser->solver, synchroniser->optimiser);
+    retune_solver(synchroniser, synchroniser->fallback, synchroniser->second);
 }
 
 void tl_synchroniser_archive(tl_synchroniser *synchroniser, tl_archive *archive) {

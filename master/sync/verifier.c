@@ -6,7 +6,7 @@
 /* ---- restore cause ---- */
 
 /* Of an input. */
-static const double ASTRAY = 0.05;
+static const double INPUT_CHANGE = 0.05;
 
 static unsigned char *outputs_of(const tl_restore_trial *trial, unsigned place) {
     return trial->outputs + place * trial->output_bytes;
@@ -15,15 +15,17 @@ static unsigned char *outputs_of(const tl_restore_trial *trial, unsigned place) 
 const char *tl_restore_cause_text(tl_restore_cause cause) {
     static const char *const texts[TL_RESTORE_CAUSES] = {
         [TL_CAUSE_UNKNOWN] = "",
-        [TL_CAUSE_UNSTEADY] = "not steady: it goes two ways from one copy of its memory",
-        [TL_CAUSE_COLD] = "cold solver: so it is if it is led back at once",
-        [TL_CAUSE_PARAMETERS] = "parameters kept: so it is if a value was set since it was saved",
-        [TL_CAUSE_INCOMPLETE] = "incomplete state: led back at once it is exact, after other steps it is not",
-        [TL_CAUSE_ONE_STATE] = "one handle only: so it is if a second state was saved",
-        [TL_CAUSE_EVENTS] = "events lost: after other steps it is exact, after some with inputs that go far it is not",
-        [TL_CAUSE_LATE] = "refuses late: it was saved before, and is not now",
+        [TL_CAUSE_UNSTEADY] = "not steady: two runs from one copy of its memory differ",
+        [TL_CAUSE_COLD] = "cold solver: it differs even if it is restored at once",
+        [TL_CAUSE_PARAMETERS] = "parameters kept: it differs if a value was set after the save",
+        [TL_CAUSE_INCOMPLETE] = "incomplete state: it is exact if restored at once, and differs after other steps",
+        [TL_CAUSE_ONE_STATE] = "one handle only: it differs if a second state was saved",
+        [TL_CAUSE_EVENTS] =
+            "events lost: it is exact after other steps, and differs after steps with large input changes",
+        [TL_CAUSE_LATE] = "refuses late: it could be saved before, and cannot now",
         [TL_CAUSE_REFUSES] = "",
-        [TL_CAUSE_FINAL] = "final steps: so it is if it is told that no earlier state will be restored"};
+        [TL_CAUSE_FINAL] =
+            "final steps: it differs after a step without later rollback (noSetFMUStatePriorToCurrentPoint)"};
     return texts[cause];
 }
 
@@ -32,7 +34,7 @@ const char *tl_restore_cause_text(tl_restore_cause cause) {
 /* Each Real input plus a twentieth. */
 static void move_inputs(tl_ports *inputs) {
     for (size_t i = 0; i < inputs->real_count; i++) {
-        inputs->reals[i] += ASTRAY * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
+        inputs->reals[i] += INPUT_CHANGE * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
     }
 }
 
@@ -71,11 +73,11 @@ static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
 }
 
 /* It may fail, as any candidate may. */
-static tl_status go_elsewhere(const tl_restore_trial *trial, between how, tl_error *error) {
+static tl_status step_elsewhere(const tl_restore_trial *trial, between between_calls, tl_error *error) {
     tl_status status = TL_OK;
     for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
-        write_inputs(trial, how == FAR ? trial->elsewhere : trial->inputs, i);
-        if (how == NEAR) {
+        write_inputs(trial, between_calls == FAR ? trial->elsewhere : trial->inputs, i);
+        if (between_calls == NEAR) {
             move_inputs(&trial->component->inputs);
         }
         status = take_step(trial, trial->step + i, error);
@@ -83,31 +85,32 @@ static tl_status go_elsewhere(const tl_restore_trial *trial, between how, tl_err
     return status == TL_FMU_FAILED ? TL_OK : status;
 }
 
-static tl_status go_between(const tl_restore_trial *trial, between how, fmi2FMUstate *second, tl_error *error) {
+static tl_status run_between(const tl_restore_trial *trial, between between_calls, fmi2FMUstate *second,
+                             tl_error *error) {
     tl_status status = TL_OK;
-    if (how == VALUES) {
+    if (between_calls == VALUES) {
         return set_values(trial, error);
     }
-    if (how == NEAR || how == FAR || how == STATE) {
-        status = go_elsewhere(trial, how, error);
+    if (between_calls == NEAR || between_calls == FAR || between_calls == STATE) {
+        status = step_elsewhere(trial, between_calls, error);
     }
-    return status == TL_OK && how == STATE ? tl_component_save(trial->component, second, error) : status;
+    return status == TL_OK && between_calls == STATE ? tl_component_save(trial->component, second, error) : status;
 }
 
-static tl_status come_back(const tl_restore_trial *trial, tl_error *error) {
+static tl_status restore_copy(const tl_restore_trial *trial, tl_error *error) {
     return tl_component_restore_copy(trial->component, NULL)
                ? TL_OK
-               : tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", trial->component->name);
+               : tl_fail(error, TL_FMU_FAILED, "%s: its state cannot be restored", trial->component->name);
 }
 
 /* Saves, executes that, restores, and compares. The caller's handle is valid again once the FMU is
  * restored; others are freed. */
-static tl_status lead_back(const tl_restore_trial *trial, between how, bool *same, tl_error *error) {
+static tl_status test_restore(const tl_restore_trial *trial, between between_calls, bool *same, tl_error *error) {
     tl_component *component = trial->component;
     fmi2FMUstate state = trial->state;
     fmi2FMUstate second = NULL;
     tl_status status = tl_component_save(component, &state, error);
-    status = status == TL_OK ? go_between(trial, how, &second, error) : status;
+    status = status == TL_OK ? run_between(trial, between_calls, &second, error) : status;
     status = status == TL_OK ? tl_component_restore(component, state, error) : status;
     status = status == TL_OK ? take_steps(trial, same, error) : status;
     tl_component_forget(component, &second);
@@ -118,16 +121,17 @@ static tl_status lead_back(const tl_restore_trial *trial, between how, bool *sam
 }
 
 /* Experiments in this order: the first that differs is the cause. */
-static tl_status try(const tl_restore_trial *trial, tl_restore_cause which, bool *same, tl_error *error) {
-    static const between ways[TL_RESTORE_CAUSES] = {[TL_CAUSE_COLD] = NOTHING,
-                                                    [TL_CAUSE_PARAMETERS] = VALUES,
-                                                    [TL_CAUSE_INCOMPLETE] = NEAR,
-                                                    [TL_CAUSE_ONE_STATE] = STATE,
-                                                    [TL_CAUSE_EVENTS] = FAR};
+static tl_status run_experiment(const tl_restore_trial *trial, tl_restore_cause which, bool *same, tl_error *error) {
+    static const between actions[TL_RESTORE_CAUSES] = {[TL_CAUSE_COLD] = NOTHING,
+                                                       [TL_CAUSE_PARAMETERS] = VALUES,
+                                                       [TL_CAUSE_INCOMPLETE] = NEAR,
+                                                       [TL_CAUSE_ONE_STATE] = STATE,
+                                                       [TL_CAUSE_EVENTS] = FAR};
     if (which == TL_CAUSE_EVENTS && trial->elsewhere == NULL) {
         return TL_OK;
     }
-    return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error) : lead_back(trial, ways[which], same, error);
+    return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error)
+                                      : test_restore(trial, actions[which], same, error);
 }
 
 tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause *cause, tl_error *error) {
@@ -135,13 +139,13 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
     *cause = TL_CAUSE_UNKNOWN;
     tl_status status = take_steps(trial, NULL, error);
     bool failed = status == TL_FMU_FAILED; /* says nothing about a restore */
-    status = status == TL_FMU_FATAL ? status : come_back(trial, error);
+    status = status == TL_FMU_FATAL ? status : restore_copy(trial, error);
     for (tl_restore_cause which = TL_CAUSE_UNSTEADY;
          which <= TL_CAUSE_EVENTS && status == TL_OK && !failed && *cause == TL_CAUSE_UNKNOWN; which++) {
         bool same = true;
-        tl_status tried = try(trial, which, &same, &ignored);
+        tl_status tried = run_experiment(trial, which, &same, &ignored);
         *cause = same && tried == TL_OK ? TL_CAUSE_UNKNOWN : which;
-        status = tried == TL_FMU_FATAL ? tl_fail(error, tried, "%s", ignored.text) : come_back(trial, error);
+        status = tried == TL_FMU_FATAL ? tl_fail(error, tried, "%s", ignored.text) : restore_copy(trial, error);
     }
     return status;
 }
@@ -149,7 +153,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 /* ---- verifier ---- */
 
 /* Entries beside the noted steps: the repeated outputs, and the port values between two ticks. */
-enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, PLACES };
+enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, ENTRIES };
 
 /* States of each component: the earlier one, and the present one. */
 enum { STATES = 2 };
@@ -174,12 +178,12 @@ bool tl_verifier_init(tl_verifier *verifier, tl_arena *arena, tl_exchange *excha
         verifier->output_bytes = greater(verifier->output_bytes, tl_ports_size(&exchange->components[i].outputs));
     }
     verifier->verified = tl_arena_take(arena, exchange->component_count, sizeof *verifier->verified);
-    verifier->inputs = tl_arena_take(arena, PLACES, verifier->input_bytes + 1);
-    verifier->outputs = tl_arena_take(arena, PLACES, verifier->output_bytes + 1);
+    verifier->inputs = tl_arena_take(arena, ENTRIES, verifier->input_bytes + 1);
+    verifier->outputs = tl_arena_take(arena, ENTRIES, verifier->output_bytes + 1);
     return verifier->verified != NULL && verifier->inputs != NULL && verifier->outputs != NULL;
 }
 
-static tl_component *at_hand(const tl_verifier *verifier) {
+static tl_component *present_component(const tl_verifier *verifier) {
     return &verifier->exchange->components[verifier->component];
 }
 
@@ -193,7 +197,7 @@ static unsigned char *verifier_outputs(const tl_verifier *verifier, size_t place
 
 /* ---- turns ---- */
 
-static void enter(tl_verifier *verifier, tl_verifier_phase phase) {
+static void enter_phase(tl_verifier *verifier, tl_verifier_phase phase) {
     verifier->phase = phase;
     verifier->waited = 0;
 }
@@ -209,7 +213,7 @@ static void note_next(tl_verifier *verifier) {
 static void end_turn(tl_verifier *verifier) {
     verifier->exchange->note = NULL;
     tl_exchange_keep_from(verifier->exchange, verifier->component, false);
-    enter(verifier, TL_VERIFIER_RESTS);
+    enter_phase(verifier, TL_VERIFIER_RESTS);
     verifier->component = (verifier->component + 1) % verifier->exchange->component_count;
 }
 
@@ -239,14 +243,14 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
     }
     verifier->waited++;
     if (verifier->phase == TL_VERIFIER_RESTS && verifier->waited >= verifier->every) {
-        enter(verifier, TL_VERIFIER_BEGINS);
+        enter_phase(verifier, TL_VERIFIER_BEGINS);
     } else if (verifier->phase == TL_VERIFIER_NOTES) {
         verifier->first = verifier->noted == 0 ? step : verifier->first;
         if (++verifier->noted < TL_VERIFIED_STEPS) {
             note_next(verifier);
         } else {
             verifier->exchange->note = NULL;
-            enter(verifier, TL_VERIFIER_REPEATS);
+            enter_phase(verifier, TL_VERIFIER_REPEATS);
         }
     } else if (verifier->phase != TL_VERIFIER_RESTS && verifier->waited >= verifier->every) {
         end_turn(
@@ -257,28 +261,32 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
 /* ---- rollback and return ---- */
 
 /* The present state, to be restored. */
-static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
-    *is_kept = tl_component_copy_size(at_hand(verifier)) <= MOST_COPIED && tl_component_keep_copy(at_hand(verifier));
-    return *is_kept ? TL_OK
-                    : tl_component_save(at_hand(verifier), &verifier->verified[verifier->component].aside, error);
+static tl_status keep_present(tl_verifier *verifier, bool *is_kept, tl_error *error) {
+    *is_kept = tl_component_copy_size(present_component(verifier)) <= MOST_COPIED &&
+               tl_component_keep_copy(present_component(verifier));
+    return *is_kept
+               ? TL_OK
+               : tl_component_save(present_component(verifier), &verifier->verified[verifier->component].aside, error);
 }
 
-static tl_status verifier_come_back(tl_verifier *verifier, bool is_kept, tl_error *error) {
-    if (is_kept && tl_component_restore_copy(at_hand(verifier), NULL)) {
+static tl_status restore_present(tl_verifier *verifier, bool is_kept, tl_error *error) {
+    if (is_kept && tl_component_restore_copy(present_component(verifier), NULL)) {
         return TL_OK;
     }
-    return is_kept ? tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", at_hand(verifier)->name)
-                   : tl_component_restore(at_hand(verifier), verifier->verified[verifier->component].aside, error);
+    return is_kept
+               ? tl_fail(error, TL_FMU_FAILED, "%s: its state cannot be restored", present_component(verifier)->name)
+               : tl_component_restore(present_component(verifier), verifier->verified[verifier->component].aside,
+                                      error);
 }
 
 /* Creates the states of one component and measures the duration of a rollback. */
-static tl_status try_way(tl_verifier *verifier, tl_error *error) {
+static tl_status measure_rollback(tl_verifier *verifier, tl_error *error) {
     fmi2FMUstate *earlier = &verifier->verified[verifier->component].earlier;
     bool is_kept = false;
-    tl_status status = tl_component_save(at_hand(verifier), earlier, error);
-    status = status == TL_OK ? leave(verifier, &is_kept, error) : status;
-    status = status == TL_OK ? tl_component_restore(at_hand(verifier), *earlier, error) : status;
-    return status == TL_OK ? verifier_come_back(verifier, is_kept, error) : status;
+    tl_status status = tl_component_save(present_component(verifier), earlier, error);
+    status = status == TL_OK ? keep_present(verifier, &is_kept, error) : status;
+    status = status == TL_OK ? tl_component_restore(present_component(verifier), *earlier, error) : status;
+    return status == TL_OK ? restore_present(verifier, is_kept, error) : status;
 }
 
 tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_error *error) {
@@ -287,10 +295,10 @@ tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_e
     size_t count = verifier->every != 0 ? verifier->exchange->component_count : 0;
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         verifier->component = i;
-        status = try_way(verifier, error); /* the first run takes longest and is not typical */
-        tl_time begun = has_clock ? budget->now(budget->context) : 0;
-        status = status == TL_OK ? try_way(verifier, error) : status;
-        verifier->verified[i].there_and_back = has_clock ? budget->now(budget->context) - begun : 0;
+        status = measure_rollback(verifier, error); /* the first run takes longest and is not typical */
+        tl_time started_at = has_clock ? budget->now(budget->context) : 0;
+        status = status == TL_OK ? measure_rollback(verifier, error) : status;
+        verifier->verified[i].there_and_back = has_clock ? budget->now(budget->context) - started_at : 0;
     }
     verifier->component = 0;
     return status;
@@ -308,7 +316,7 @@ static bool has_time(const tl_verifier *verifier, const tl_budget *budget, tl_ti
 }
 
 /* An excluded component, or one that a candidate has made fail, has no turn. */
-static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error *error) {
+static tl_status begin_turn(tl_verifier *verifier, const tl_budget *budget, tl_error *error) {
     tl_verified *one = &verifier->verified[verifier->component];
     bool taken = false;
     if (one->differs) {
@@ -324,7 +332,7 @@ static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error 
         verifier->noted = 0;
         note_next(verifier);
         tl_exchange_keep_from(verifier->exchange, verifier->component, true);
-        enter(verifier, TL_VERIFIER_NOTES);
+        enter_phase(verifier, TL_VERIFIER_NOTES);
     }
     return status;
 }
@@ -333,7 +341,7 @@ static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error 
  * noted ones. */
 static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_finding *finding) {
     const tl_exchange *exchange = verifier->exchange;
-    const tl_ports *outputs = &at_hand(verifier)->outputs;
+    const tl_ports *outputs = &present_component(verifier)->outputs;
     unsigned char *again = verifier_outputs(verifier, AGAIN);
     tl_ports_read(outputs, again);
     if (memcmp(again, verifier_outputs(verifier, place), tl_ports_size(outputs)) == 0) {
@@ -359,7 +367,7 @@ static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_findi
 /* Executes all noted steps again from the earlier state. A failure is a finding, unless it is
  * fatal. */
 static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
-    tl_component *component = at_hand(verifier);
+    tl_component *component = present_component(verifier);
     tl_exchange *exchange = verifier->exchange;
     tl_status status = tl_component_restore(component, verifier->verified[verifier->component].earlier, error);
     for (unsigned i = 0; i < TL_VERIFIED_STEPS && status == TL_OK && !*found; i++) {
@@ -377,7 +385,7 @@ static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *findi
 /* The noted steps are not needed any more. */
 static tl_status find_cause(tl_verifier *verifier, tl_restore_cause *cause, tl_error *error) {
     const tl_restore_trial trial = {
-        .component = at_hand(verifier),
+        .component = present_component(verifier),
         .macro_step = verifier->exchange->step,
         .step = verifier->first + TL_VERIFIED_STEPS,
         .steps = TL_VERIFIED_STEPS,
@@ -390,8 +398,8 @@ static tl_status find_cause(tl_verifier *verifier, tl_restore_cause *cause, tl_e
     return tl_restore_cause_find(&trial, cause, error);
 }
 
-static void count(tl_verifier *verifier, uint64_t executions, bool found) {
-    tl_component *component = at_hand(verifier);
+static void count_turn(tl_verifier *verifier, uint64_t executions, bool found) {
+    tl_component *component = present_component(verifier);
     verifier->counts.executions += component->executions - executions;
     verifier->counts.turns++;
     verifier->counts.found += found ? 1 : 0;
@@ -399,22 +407,22 @@ static void count(tl_verifier *verifier, uint64_t executions, bool found) {
 }
 
 /* Restores the component's values and count as well. */
-static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
-                        tl_error *error) {
-    tl_component *component = at_hand(verifier);
+static tl_status repeat_steps(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
+                              tl_error *error) {
+    tl_component *component = present_component(verifier);
     uint64_t executions = component->executions;
     bool is_kept = false;
     if (!has_time(verifier, budget, TL_VERIFIED_STEPS)) {
         return TL_OK;
     }
-    tl_status status = leave(verifier, &is_kept, error);
+    tl_status status = keep_present(verifier, &is_kept, error);
     if (status != TL_OK) {
         return status;
     }
     tl_ports_read(&component->inputs, inputs_of(verifier, PRESENT));
     tl_ports_read(&component->outputs, verifier_outputs(verifier, PRESENT));
     status = execute_again(verifier, finding, found, error);
-    status = status == TL_OK ? verifier_come_back(verifier, is_kept, error) : status;
+    status = status == TL_OK ? restore_present(verifier, is_kept, error) : status;
     if (status == TL_OK && *found && finding->port == NULL) {
         finding->cause = TL_CAUSE_REFUSES;
     } else if (status == TL_OK && *found && is_kept && budget->now == NULL) {
@@ -422,7 +430,7 @@ static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verif
     }
     tl_ports_write(&component->inputs, inputs_of(verifier, PRESENT));
     tl_ports_write(&component->outputs, verifier_outputs(verifier, PRESENT));
-    count(verifier, executions, *found);
+    count_turn(verifier, executions, *found);
     end_turn(verifier);
     return status;
 }
@@ -434,7 +442,7 @@ tl_status tl_verifier_continue(tl_verifier *verifier, const tl_budget *budget, t
         return TL_OK;
     }
     if (verifier->phase == TL_VERIFIER_BEGINS) {
-        return begin(verifier, budget, error);
+        return begin_turn(verifier, budget, error);
     }
-    return verifier->phase == TL_VERIFIER_REPEATS ? repeat(verifier, budget, finding, found, error) : TL_OK;
+    return verifier->phase == TL_VERIFIER_REPEATS ? repeat_steps(verifier, budget, finding, found, error) : TL_OK;
 }

@@ -42,7 +42,7 @@ static uint64_t state_memory(const tl_twin *twin) {
     return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
 }
 
-static const char *astray(const tl_twin *twin) {
+static const char *culprit_name(const tl_twin *twin) {
     return twin->cannot_return && twin->proof.culprit < twin->graph.component_count
                ? twin->graph.components[twin->proof.culprit].name
                : NULL;
@@ -68,7 +68,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .executions_per_evaluation = searches ? components * prediction : 0,
         .returns = twin->proof.holds,
         .cannot_return = twin->cannot_return,
-        .astray = astray(twin),
+        .astray = culprit_name(twin),
         .proved_executions = twin->proof.executions,
         .runs_free = twin->runs_free,
         .verified = twin->verifier.counts.turns,
@@ -209,7 +209,7 @@ void tl_twin_reset(tl_twin *twin) {
     twin->resets = next >= twin->first;
 }
 
-static tl_status renew(tl_twin *twin, size_t component, tl_error *error) {
+static tl_status replace_component(tl_twin *twin, size_t component, tl_error *error) {
     tl_exchange_end_component(&twin->exchange, component);
     tl_event_horizon_forget(twin->event, component);
     tl_verifier_end_component(&twin->verifier, component);
@@ -217,35 +217,37 @@ static tl_status renew(tl_twin *twin, size_t component, tl_error *error) {
     return tl_component_renew(&twin->graph.components[component], error);
 }
 
-static tl_status reset(tl_twin *twin, size_t component, tl_error *error) {
+static tl_status reset_component(tl_twin *twin, size_t component, tl_error *error) {
     tl_status status = tl_component_reset(&twin->graph.components[component], error);
-    return status == TL_FMU_FAILED ? renew(twin, component, error) : status;
+    return status == TL_FMU_FAILED ? replace_component(twin, component, error) : status;
 }
 
-/* Resets all of them in that way; then initialises them. */
-static tl_status begin(tl_twin *twin, int64_t step, tl_status (*way)(tl_twin *, size_t, tl_error *), tl_error *error) {
+/* Resets all components by this method; then initialises them. */
+static tl_status reset_all(tl_twin *twin, int64_t step, tl_status (*method)(tl_twin *, size_t, tl_error *),
+                           tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = TL_OK;
     for (size_t i = 0; i < twin->graph.component_count && status == TL_OK; i++) {
-        status = way(twin, i, error);
+        status = method(twin, i, error);
     }
     tl_exchange_clear(exchange, &twin->graph);
     int64_t shown = tl_plant_shown(&exchange->plant, step, exchange->plant.newest);
     return status == TL_OK ? tl_exchange_initialize(exchange, step, shown, error) : status;
 }
 
-static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
+static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
     twin->resets = false;
     tl_verifier_abandon(&twin->verifier);
-    tl_status status = begin(twin, step, reset, error);
+    tl_status status = reset_all(twin, step, reset_component, error);
     if (status == TL_FMU_FAILED) {
-        status = begin(twin, step, renew, error); /* an FMU may report a successful reset and then fail to initialise */
+        status = reset_all(twin, step, replace_component,
+                           error); /* an FMU may report a successful reset and then fail to initialise */
     }
     if (status != TL_OK) {
         return status;
     }
-    bool given_up = twin->event != NULL && tl_event_horizon_reset(twin->event);
-    *flags = TL_FLAG_RESET | (given_up ? TL_FLAG_ABANDONED : 0U);
+    bool was_abandoned = twin->event != NULL && tl_event_horizon_reset(twin->event);
+    *flags = TL_FLAG_RESET | (was_abandoned ? TL_FLAG_ABANDONED : 0U);
     tl_synchroniser_reset(&twin->synchroniser);
     status = tl_exchange_reset(&twin->exchange, step, error);
     twin->synchroniser.rests = false;
@@ -266,20 +268,21 @@ static tl_status place_bounds(const tl_twin *twin, size_t v, tl_tuning_adjust *a
         bool known = adjust->has_nominal == 0 || !(adjust->nominal < 0.0 || adjust->nominal > 0.0) ||
                      !(adjust->nominal < 1.0 || adjust->nominal > 1.0);
         return known ? TL_OK
-                     : tl_fail(error, TL_BAD_DATA, "%s is Boolean, and its nominal is %g, expected 0 or 1",
+                     : tl_fail(error, TL_BAD_DATA, "%s: its nominal is %g, expected 0 or 1 for a Boolean",
                                variable->name, adjust->nominal);
     }
     adjust->lower = fmax(adjust->lower, variable->minimum);
     adjust->upper = fmin(adjust->upper, variable->maximum);
     return adjust->lower < adjust->upper
                ? TL_OK
-               : tl_fail(error, TL_BAD_DATA,
-                         "nothing is left to adjust of %s between the bounds %g and %g (those configured and those the "
-                         "FMU declares)",
-                         variable->name, adjust->lower, adjust->upper);
+               : tl_fail(
+                     error, TL_BAD_DATA,
+                     "%s: no range is left between the bounds %g and %g (configured, and declared by the FMU): widen "
+                     "\"min\" and \"max\"",
+                     variable->name, adjust->lower, adjust->upper);
 }
 
-static tl_status check(const tl_twin *twin, tl_tuning *tuning, tl_error *error) {
+static tl_status check_tuning(const tl_twin *twin, tl_tuning *tuning, tl_error *error) {
     tl_status status = tl_tuning_check(tuning, error);
     if (status == TL_OK) {
         status = tl_tuning_fits(tuning, &twin->built, error);
@@ -291,33 +294,33 @@ static tl_status check(const tl_twin *twin, tl_tuning *tuning, tl_error *error) 
 }
 
 /* Before the start of the FMUs: they start with it. */
-static void place_nominal(tl_twin *twin, size_t v, const tl_tuning_adjust *adjust, bool begun) {
+static void place_nominal(tl_twin *twin, size_t v, const tl_tuning_adjust *adjust, bool has_begun) {
     if (adjust->has_nominal != 0) {
         tl_exchange_set_nominal(&twin->exchange, v, adjust->nominal);
-        if (!begun) {
+        if (!has_begun) {
             tl_exchange_set_adjusted(&twin->exchange, v, adjust->nominal);
         }
     }
 }
 
-static void take(tl_twin *twin, const tl_tuning *tuning) {
-    bool begun = twin->exchange.plant.newest >= twin->begin;
+static void apply_tuning(tl_twin *twin, const tl_tuning *tuning) {
+    bool has_begun = twin->exchange.plant.newest >= twin->begin;
     tl_synchroniser_retune(&twin->synchroniser, twin->terms, tuning);
     for (size_t v = 0; v < tuning->adjusts; v++) {
-        place_nominal(twin, v, &tuning->adjust[v], begun);
+        place_nominal(twin, v, &tuning->adjust[v], has_begun);
     }
     tl_free_twin_retune(&twin->free_twin);
     twin->synchroniser.rests = false;
     if (twin->event != NULL) {
-        tl_event_horizon_retune(twin->event, tuning, begun);
+        tl_event_horizon_retune(twin->event, tuning, has_begun);
     }
 }
 
 tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error) {
     tl_tuning wanted = *tuning;
-    tl_status status = check(twin, &wanted, error);
+    tl_status status = check_tuning(twin, &wanted, error);
     if (status == TL_OK && memcmp(&twin->tuning, tuning, sizeof *tuning) != 0) {
-        take(twin, &wanted);
+        apply_tuning(twin, &wanted);
         twin->tuning = *tuning;
     }
     return status;
@@ -331,10 +334,10 @@ void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning) {
 
 /* Part of a tolerance: a smaller difference shows that the FMU is not exact, but does not harm the
  * matching. */
-static const double HARMLESS = 0.01;
+static const double HARMLESS_PART = 0.01;
 
 /* Of the first match of that output. */
-static double tolerances_apart(const tl_twin *twin, const tl_verifier_finding *found) {
+static double find_tolerances(const tl_twin *twin, const tl_verifier_finding *found) {
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         if (twin->terms[i].port == found->port) {
             return fabs(found->again - found->committed) / twin->terms[i].tolerance;
@@ -343,7 +346,7 @@ static double tolerances_apart(const tl_twin *twin, const tl_verifier_finding *f
     return (double)NAN;
 }
 
-static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_twin_finding *finding) {
+static void describe_finding(const tl_twin *twin, const tl_verifier_finding *found, tl_twin_finding *finding) {
     const tl_variable *variable = found->port != NULL ? found->port->variable : NULL;
     *finding = (tl_twin_finding){
         .component = twin->graph.components[found->component].name,
@@ -354,12 +357,12 @@ static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_t
         .committed = found->committed,
         .again = found->again,
         .cause = found->cause,
-        .tolerances = found->port != NULL ? tolerances_apart(twin, found) : (double)NAN,
+        .tolerances = found->port != NULL ? find_tolerances(twin, found) : (double)NAN,
     };
 }
 
 /* Switches to the other method if there is one that is not in use; else excludes the component. */
-static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
+static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
     bool done = false;
@@ -385,17 +388,17 @@ static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, t
 
 tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
                          tl_error *error) {
-    tl_verifier_finding seen;
+    tl_verifier_finding difference;
     *found = false;
     if (twin->ended != TL_OK || twin->synchroniser.runs_free) {
         return TL_OK;
     }
-    twin->ended = tl_verifier_continue(&twin->verifier, budget, &seen, found, error);
+    twin->ended = tl_verifier_continue(&twin->verifier, budget, &difference, found, error);
     if (twin->ended == TL_OK && *found) {
-        describe(twin, &seen, finding);
-        twin->ended = mend(twin, seen.component, &finding->mended, error);
+        describe_finding(twin, &difference, finding);
+        twin->ended = replace_method(twin, difference.component, &finding->mended, error);
         twin->finding = *finding;
-        bool harmless = finding->tolerances < HARMLESS;
+        bool harmless = finding->tolerances < HARMLESS_PART;
         twin->marks |= TL_FLAG_DIFFERED;
         twin->lasting |= finding->mended != TL_MENDED_NOT || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
     }
@@ -417,7 +420,7 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     return status;
 }
 
-static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) {
+static tl_status start_twin(tl_twin *twin, const tl_budget *budget, tl_error *error) {
     const tl_plant *plant = &twin->exchange.plant;
     tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
@@ -449,7 +452,7 @@ static void use_delay(tl_twin *twin) {
 }
 
 /* The first matched output that knows it; one that has lost it only if none does. */
-static void judge_delay(tl_twin *twin) {
+static void choose_delay(tl_twin *twin) {
     tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_delay_measured found = tl_delay_meter_get(twin->meters[i]);
@@ -476,7 +479,7 @@ static void measure_delay(tl_twin *twin, tl_record *record) {
         for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
             tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
         }
-        judge_delay(twin);
+        choose_delay(twin);
     }
     record->delay_state = twin->delay.state;
     record->delay = twin->delay.delay;
@@ -489,8 +492,8 @@ static void record_readings(tl_twin *twin, size_t match, tl_record *record) {
     tl_metrics *due = &twin->due[match];
     if (twin->readers[match] != NULL) {
         tl_time end = tl_time_of_step(0, twin->step, record->step + 1);
-        bool goes_on = (record->flags & TL_FLAG_RESET) == 0;
-        tl_reading_meter_step(twin->readers[match], end, record->y[match], goes_on, due);
+        bool continues = (record->flags & TL_FLAG_RESET) == 0;
+        tl_reading_meter_step(twin->readers[match], end, record->y[match], continues, due);
     }
     record->readings[match] = (tl_record_readings){
         .count = (uint32_t)due->pairs, .rejected = (uint32_t)due->left_out, .squares = due->sum_of_squares};
@@ -499,7 +502,7 @@ static void record_readings(tl_twin *twin, size_t match, tl_record *record) {
 }
 
 /* Completes a record with the measurement of its instant. */
-static void complete(tl_twin *twin, tl_record *record) {
+static void complete_record(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_quality quality;
         record->measured[i] = tl_objective_measured(&twin->synchroniser.objective, i, record->step + 1, &quality);
@@ -515,43 +518,43 @@ static uint64_t count_executions(const tl_twin *twin) {
 }
 
 /* How a tick's step is computed. */
-typedef struct tick_way {
+typedef struct tick_mode {
     const tl_budget *budget; /* budget of the search; NULL: no search */
     bool follows;            /* an earlier run, */
     const double *u;         /* with this committed u; NULL if nothing is adjusted. Else the tick was missed */
-} tick_way;
+} tick_mode;
 
 /* As a followed step, with nominal u: a saved start of a stroke is dropped. */
 static tl_status step_free_by_event(tl_twin *twin, int64_t step, tl_record *record, tl_error *error) {
-    bool given_up = tl_event_horizon_reset(twin->event);
+    bool was_abandoned = tl_event_horizon_reset(twin->event);
     tl_status status =
         tl_event_horizon_follow(twin->event, step, tl_exchange_nominal(&twin->exchange, 0), record, error);
     record->outcome = TL_FREE_RUN;
-    record->flags |= given_up ? (uint32_t)TL_FLAG_ABANDONED : 0U;
+    record->flags |= was_abandoned ? (uint32_t)TL_FLAG_ABANDONED : 0U;
     return status;
 }
 
-static tl_status step_by_event(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
-    if (twin->synchroniser.runs_free && !way->follows) {
+static tl_status step_by_event(tl_twin *twin, int64_t step, const tick_mode *mode, tl_record *record, tl_error *error) {
+    if (twin->synchroniser.runs_free && !mode->follows) {
         return step_free_by_event(twin, step, record, error);
     }
-    return way->follows ? tl_event_horizon_follow(twin->event, step, way->u[0], record, error)
-                        : tl_event_horizon_step(twin->event, step, way->budget, record, error);
+    return mode->follows ? tl_event_horizon_follow(twin->event, step, mode->u[0], record, error)
+                         : tl_event_horizon_step(twin->event, step, mode->budget, record, error);
 }
 
-static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+static tl_status step_by(tl_twin *twin, int64_t step, const tick_mode *mode, tl_record *record, tl_error *error) {
     if (twin->event != NULL) {
-        return step_by_event(twin, step, way, record, error);
+        return step_by_event(twin, step, mode, record, error);
     }
-    if (way->follows) {
-        return tl_synchroniser_follow(&twin->synchroniser, step, way->u, record, error);
+    if (mode->follows) {
+        return tl_synchroniser_follow(&twin->synchroniser, step, mode->u, record, error);
     }
-    return way->budget == NULL ? tl_synchroniser_catch_up(&twin->synchroniser, step, record, error)
-                               : tl_synchroniser_step(&twin->synchroniser, step, way->budget, record, error);
+    return mode->budget == NULL ? tl_synchroniser_catch_up(&twin->synchroniser, step, record, error)
+                                : tl_synchroniser_step(&twin->synchroniser, step, mode->budget, record, error);
 }
 
 /* Whether a rollback is possible for a whole search. If not, nothing is tried or verified. */
-static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
+static void check_rollback(tl_twin *twin, int64_t step, uint32_t *flags) {
     bool searches = twin->synchroniser.horizon.variables != 0;
     const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, horizon_steps(twin)) : NULL;
     if (free != NULL && !twin->synchroniser.runs_free) {
@@ -563,14 +566,14 @@ static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
 }
 
 /* Computes one step. */
-static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->synchroniser.ledger);
     uint32_t flags = 0;
-    tl_status status = twin->resets ? begin_anew(twin, step, &flags, error) : TL_OK;
+    tl_status status = twin->resets ? reset_twin(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
-        look_for_way_back(twin, step, &flags);
-        status = step_by(twin, step, way, record, error);
+        check_rollback(twin, step, &flags);
+        status = step_by(twin, step, mode, record, error);
         record->flags |= flags | twin->marks | twin->lasting;
         twin->marks = 0;
     }
@@ -611,7 +614,7 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
 }
 
 /* Passes the sample to all meters. */
-static void push(tl_twin *twin, const tl_sample *sample) {
+static void push_sample(tl_twin *twin, const tl_sample *sample) {
     tl_plant *plant = &twin->exchange.plant;
     tl_plant_push(plant, sample);
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
@@ -628,25 +631,25 @@ static void push(tl_twin *twin, const tl_sample *sample) {
 }
 
 /* In mode ahead: completes the step computed a tick ago. */
-static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
+static void complete_pending(tl_twin *twin, tl_record *record, bool *ready) {
     *record = twin->pending;
-    complete(twin, record);
+    complete_record(twin, record);
     *ready = true;
     twin->has_pending = false;
 }
 
-static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way *way, tl_record *record, bool *ready,
-                         tl_error *error) {
-    push(twin, sample);
+static tl_status advance_tick(tl_twin *twin, const tl_sample *sample, const tick_mode *mode, tl_record *record,
+                              bool *ready, tl_error *error) {
+    push_sample(twin, sample);
     if (sample->tick == twin->begin) {
-        tl_status status = start(twin, way->budget, error);
+        tl_status status = start_twin(twin, mode->budget, error);
         if (status != TL_OK) {
             return status;
         }
     }
     bool ahead = twin->measurements == TL_AHEAD;
     if (twin->has_pending) {
-        hand_over_pending(twin, record, ready);
+        complete_pending(twin, record, ready);
         tl_synchroniser_refresh(&twin->synchroniser, record->step + 1);
         tl_status status = follow_free_twin(twin, record, error);
         if (status != TL_OK) {
@@ -657,55 +660,55 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
     if (step < twin->first) {
         return TL_OK;
     }
-    tl_status status = compute(twin, step, way, ahead ? &twin->pending : record, error);
+    tl_status status = compute_step(twin, step, mode, ahead ? &twin->pending : record, error);
     if (status != TL_OK) {
         return status;
     }
     twin->has_pending = ahead;
     if (!ahead) {
-        complete(twin, record);
+        complete_record(twin, record);
         *ready = true;
         status = follow_free_twin(twin, record, error);
     }
-    if (status == TL_OK && way->budget != NULL && way->budget->now != NULL) {
-        (ahead ? &twin->pending : record)->used = tl_synchroniser_end_step(&twin->synchroniser, way->budget);
+    if (status == TL_OK && mode->budget != NULL && mode->budget->now != NULL) {
+        (ahead ? &twin->pending : record)->used = tl_synchroniser_end_step(&twin->synchroniser, mode->budget);
     }
     return status;
 }
 
-static tl_status tick(tl_twin *twin, const tl_sample *sample, const tick_way *way, tl_record *record, bool *ready,
-                      tl_error *error) {
+static tl_status run_tick(tl_twin *twin, const tl_sample *sample, const tick_mode *mode, tl_record *record, bool *ready,
+                          tl_error *error) {
     *ready = false;
     if (twin->ended != TL_OK) {
         return tl_fail(error, twin->ended, "the twin has ended with an earlier failure of an FMU: build a new one");
     }
     assert(sample->tick == twin->exchange.plant.newest + 1);
-    twin->ended = advance(twin, sample, way, record, ready, error);
+    twin->ended = advance_tick(twin, sample, mode, record, ready, error);
     return twin->ended;
 }
 
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
                        tl_error *error) {
-    const tick_way searched = {.budget = budget};
-    return tick(twin, sample, &searched, record, ready, error);
+    const tick_mode searched = {.budget = budget};
+    return run_tick(twin, sample, &searched, record, ready, error);
 }
 
 tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error) {
-    const tick_way caught_up = {0};
-    return tick(twin, sample, &caught_up, record, ready, error);
+    const tick_mode caught_up = {0};
+    return run_tick(twin, sample, &caught_up, record, ready, error);
 }
 
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
                          tl_error *error) {
-    const tick_way followed = {.follows = true, .u = u};
-    return tick(twin, sample, &followed, record, ready, error);
+    const tick_mode followed = {.follows = true, .u = u};
+    return run_tick(twin, sample, &followed, record, ready, error);
 }
 
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready) {
     *ready = false;
     if (twin->has_pending) {
-        push(twin, sample);
-        hand_over_pending(twin, record, ready);
+        push_sample(twin, sample);
+        complete_pending(twin, record, ready);
     }
 }
 

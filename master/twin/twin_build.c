@@ -29,9 +29,8 @@ static void check_state(const tl_plan *plan, tl_report *report) {
         if (fmi->get_fmu_state == NULL || fmi->set_fmu_state == NULL || fmi->free_fmu_state == NULL) {
             tl_report_add(
                 report, TL_BAD_DATA, component->where,
-                "the FMU of %s cannot save and restore its state "
-                "(canGetAndSetFMUstate), which synchronising needs; have it exported with that capability, remove "
-                "\"rollback\": \"state\" of the component, or remove \"synchronise\"",
+                "the FMU of %s cannot save and restore its state (canGetAndSetFMUstate), which \"synchronise\" needs: "
+                "export it with that capability, or remove \"rollback\": \"state\" of the component",
                 component->name);
         }
     }
@@ -49,14 +48,14 @@ static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, cons
     }
     if (adjust->dwell != 0) {
         tl_report_add(report, TL_BAD_DATA, adjust->where,
-                      "\"dwell_s\" is for a Boolean, and %s is Real: remove it, or have a look at penalty.rate",
-                      adjust->variable);
+                      "\"dwell_s\" is for a Boolean, but %s is Real: remove it, or use penalty.rate", adjust->variable);
     }
     if (!(adjusted->lower < adjusted->upper)) {
-        tl_report_add(report, TL_BAD_DATA, adjust->where,
-                      "nothing is left to adjust between the bounds %g and %g "
-                      "(those configured and those the FMU declares)",
-                      adjusted->lower, adjusted->upper);
+        tl_report_add(
+            report, TL_BAD_DATA, adjust->where,
+            "no range is left between the bounds %g and %g (configured, and declared by the FMU): widen \"min\" and "
+            "\"max\"",
+            adjusted->lower, adjusted->upper);
     }
 }
 
@@ -137,7 +136,7 @@ static void check_event_solver(const tl_plan *plan, const tl_optimiser_class *so
     }
     if (plan->fallback != NULL) {
         tl_report_add(report, TL_BAD_DATA, "synchronise.fallback",
-                      "does not go with horizon.event: where the solver ends, the search goes on by halving");
+                      "cannot be used with horizon.event, where the search continues by halving: remove it");
     }
 }
 

@@ -122,7 +122,7 @@ static tl_status require_bytes(const tl_twin *twin, tl_error *error) {
     for (size_t i = 0; i < twin->graph.component_count; i++) {
         if (!tl_component_can_serialize(&twin->graph.components[i])) {
             return tl_fail(error, TL_FMU_FAILED,
-                           "%s is not rolled back by its own states, and only these can be turned into bytes",
+                           "%s: its state cannot be serialised, because it is not rolled back by its own states",
                            twin->graph.components[i].name);
         }
     }
@@ -168,7 +168,8 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
     found.first = own.first;
     if (!tl_archive_is_whole(archive) || memcmp(&found, &own, sizeof own) != 0 || first < 0 || first > tick ||
         tick > FAR / twin->step) {
-        return tl_fail(error, TL_BAD_DATA, "the checkpoint is not of this twin at tick %lld", (long long)tick);
+        return tl_fail(error, TL_BAD_DATA, "the checkpoint belongs to another twin, or not to tick %lld",
+                       (long long)tick);
     }
     twin->first = first;
     return TL_OK;
@@ -192,8 +193,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     if (status == TL_OK && archive->at == SIZE_MAX) {
         status = tl_fail(error, TL_BAD_DATA, "the checkpoint is damaged: a value in it is not finite");
     } else if (status == TL_OK && archive->at != archive->size) {
-        status = tl_fail(error, TL_BAD_DATA, "the checkpoint has %zu bytes where %zu were expected", archive->size,
-                         archive->at);
+        status = tl_fail(error, TL_BAD_DATA, "the checkpoint has %zu bytes, expected %zu", archive->size, archive->at);
     }
     if (status == TL_OK) {
         status = tl_exchange_return(&twin->exchange, error);
@@ -250,9 +250,9 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
     if (status == TL_OK) {
         archive_ours(twin, &archive);
         bool same = tl_archive_is_whole(&archive) && twin->exchange.plant.newest == tick;
-        status = same ? load_components(twin, &archive, error)
-                      : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon, or is damaged",
-                                (long long)tick);
+        status =
+            same ? load_components(twin, &archive, error)
+                 : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld is truncated or damaged", (long long)tick);
     }
     twin->synchroniser.ledger.step = next_step(twin, tick); /* whatever the bytes say */
     disown_pending(twin);

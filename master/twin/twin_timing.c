@@ -20,7 +20,7 @@ typedef struct stopwatch {
     sorted_times steps, saves, restores;
 } stopwatch;
 
-static void put(sorted_times *times, tl_time time) {
+static void insert_time(sorted_times *times, tl_time time) {
     uint32_t i = times->count++;
     for (; i > 0 && times->time[i - 1] > time; i--) {
         times->time[i] = times->time[i - 1];
@@ -43,7 +43,7 @@ static bool step(stopwatch *self) {
 }
 
 static bool take_round(stopwatch *self) {
-    tl_time begun = self->now(self->clock);
+    tl_time started_at = self->now(self->clock);
     if (tl_component_save(self->component, &self->state, &self->error) != TL_OK) {
         return false;
     }
@@ -56,9 +56,9 @@ static bool take_round(stopwatch *self) {
         return false;
     }
     tl_time restored = self->now(self->clock);
-    put(&self->saves, saved - begun);
-    put(&self->steps, stepped - saved);
-    put(&self->restores, restored - stepped);
+    insert_time(&self->saves, saved - started_at);
+    insert_time(&self->steps, stepped - saved);
+    insert_time(&self->restores, restored - stepped);
     bool is_well = step(self);
     self->next++;
     return is_well;
@@ -72,9 +72,9 @@ void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void
                       .now = now,
                       .clock = clock};
     fmi2FMUstate first = NULL;
-    tl_time begun = now(clock);
+    tl_time started_at = now(clock);
     bool is_well = tl_component_save(self.component, &first, &self.error) == TL_OK;
-    for (uint32_t i = 0; is_well && i < TL_TWIN_TIMINGS && (i == 0 || now(clock) - begun < longest); i++) {
+    for (uint32_t i = 0; is_well && i < TL_TWIN_TIMINGS && (i == 0 || now(clock) - started_at < longest); i++) {
         is_well = take_round(&self);
     }
     *timing = (tl_twin_timing){0};

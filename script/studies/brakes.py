@@ -1,4 +1,4 @@
-"""Brakes for the motor bench that are not the recorded one: shapes, each as different as its seed makes it."""
+"""Other brakes for the motor bench than the recorded one: shapes that depend on a seed."""
 import json
 import math
 import random
@@ -33,12 +33,12 @@ def _trapezoids(choice, pulses, shortest, longest):
 
 
 def rest(_choice):
-    """None at all."""
+    """No brake."""
     return lambda time: 0.0
 
 
 def steps(choice):
-    """Taken and let go within some tenths of a second, as by hand."""
+    """Pulled and released within some tenths of a second, as by hand."""
     return _trapezoids(choice, _pulses(choice, 0.5, 2.0, choice.uniform(0.4, 0.9)), 0.15, 0.4)
 
 
@@ -48,20 +48,20 @@ def ramps(choice):
 
 
 def sine(choice):
-    """A sine that begins at nothing."""
+    """A sine that begins at 0."""
     torque, hertz = choice.uniform(0.3, 0.7), choice.uniform(0.2, 0.6)
     return lambda time: 0.5 * torque * (1.0 - math.cos(2.0 * math.pi * hertz * max(0.0, time - 0.5)))
 
 
 def hand(choice):
-    """Some sines of different lengths, never below nothing."""
+    """Some sines of different periods, never below 0."""
     parts = [(choice.uniform(0.05, 0.2), choice.uniform(0.1, 0.8), choice.uniform(0.0, 6.0)) for _ in range(4)]
     return lambda time: min(1.0, time) * max(0.0, 0.3 + sum(a * math.sin(2.0 * math.pi * f * time + p)
                                                           for a, f, p in parts))
 
 
 def walk(choice):
-    """A random walk that stays between nothing and its largest torque, and forgets in about a second."""
+    """A random walk between 0 and its largest torque, with a time constant of about a second."""
     torque, at, values = choice.uniform(0.3, 0.8), 0.0, []
     for _ in range(round(SECONDS / SAMPLE_S) + 1):
         at += 0.3 * SAMPLE_S * (0.5 * torque - at) + choice.gauss(0.0, 0.05) * torque
@@ -71,7 +71,7 @@ def walk(choice):
 
 
 def saw(choice):
-    """Up in a straight line, then let go, within a tenth of a second; again and again."""
+    """Rises in a straight line, then falls within a tenth of a second; periodic."""
     torque, period, fall = choice.uniform(0.3, 0.8), choice.uniform(1.0, 3.0), 0.1
 
     def at(time):
@@ -81,7 +81,7 @@ def saw(choice):
 
 
 def pulses(choice):
-    """Short ones, of two to five tenths of a second."""
+    """Short pulses of two to five tenths of a second."""
     return _trapezoids(choice, _pulses(choice, 0.2, 0.5, choice.uniform(0.2, 0.5)), 0.1, 0.2)
 
 
@@ -95,7 +95,7 @@ SHAPES = {"rest": rest, "steps": steps, "ramps": ramps, "sine": sine, "hand": ha
 
 
 def write_brake(path, shape, seed, force):
-    """A brake as config/motor/brake.csv is one, `force` times as strong as usual."""
+    """Writes a brake in the format of config/motor/brake.csv, `force` times as strong as usual."""
     torque = SHAPES[shape](random.Random(f"{shape} {seed}"))
     with open(path, "w", encoding="utf-8") as file:
         file.write("t,torque\n")
@@ -104,9 +104,9 @@ def write_brake(path, shape, seed, force):
 
 
 def make_recording(program, folder, seed, shape="own", brake=None, force=1.0, exact=False):
-    """The path of a new recording in `folder` as `twinlock plant` makes it with a seed: under a brake in a file, under the
-    bench's own (config/motor/brake.csv), or under one of the shapes, `force` times as strong. `exact`: what the plant truly
-    does under that brake, without noise, a row at each step."""
+    """Makes a recording in `folder` with `twinlock plant` and a seed, and returns its path. The brake is a file, the bench's own
+    (config/motor/brake.csv), or one of the shapes, `force` times as strong. `exact`: the true values without noise, a row for each
+    step."""
     document = json.loads((MOTOR / "plant.json").read_text(encoding="utf-8"))
     if brake is None and shape in SHAPES:
         brake = folder / "brake.csv"

@@ -5,7 +5,7 @@ import brakes
 from motor_bench import exact_or_off, is_sound, with_solver, yes_or_no
 from study import Progress
 
-# What is tried, by the configuration and the solver.
+# Configuration and solver of each kind.
 KINDS = {
     "secant": ("lock", "secant"),
     "secant, ahead": ("ahead", "secant"),
@@ -27,13 +27,13 @@ OTHER_LIMITS = {
 
 
 def limits_of(shape, kind):
-    """(ratio, MSE), or None where there is none."""
+    """(ratio, MSE), or None if there is no limit."""
     return (OWN_LIMITS if shape == "own" else OTHER_LIMITS).get(kind)
 
 
 def unrest(recording):
-    """The MSE of the newest measurement against the next instant's: no twin that is ahead, and on the newest measurement, can
-    have a lesser one."""
+    """The MSE of the newest measurement against that of the next instant: a twin in mode ahead, which uses the newest measurement,
+    cannot have a smaller one."""
     with open(recording, encoding="utf-8", newline="") as file:
         rows = [(float(row["t"]), float(row["omega"])) for row in csv.DictReader(file)]
     held, newest = [], 0
@@ -81,10 +81,10 @@ def are_sound(results):
 # ---- the table ----
 
 LAYOUT = "{:<7}{:<18}{:>7}{:>5}{:>8}{:>8}{:>5}{:>7}{:>6}{:>7}  {}"
-NOTE = """limits: of the ratio and the MSE. unrest: beyond the limit only where the plant moves so much from
-one instant to the next; a twin that is ahead, on the newest measurement, cannot know."""
+NOTE = """limits: of the ratio and the MSE. unrest: above the limit only because the plant moves so
+much from one instant to the next; a twin in mode ahead, with the newest measurement, cannot follow."""
 
-# A twin that is ahead has the plant's unrest as its error, and this part of it at most from its own.
+# A twin in mode ahead has the unrest of the plant as its error, and at most this part of it in addition.
 OWN_PART = 0.2
 
 
@@ -95,12 +95,12 @@ def worst(runs, figure):
 
 
 def is_excused(run, ratio):
-    """Is it the plant alone that makes its MSE so large?"""
+    """True if only the plant makes its MSE so large."""
     return run["ratio_with"] <= ratio and run["mse"] <= (1.0 + OWN_PART) * run.get("unrest", 0.0)
 
 
 def remark(shape, kind, runs):
-    """How the worst of them is against the limits."""
+    """Compares the worst run with the limits."""
     limits = limits_of(shape, kind)
     if limits is None:
         return ""

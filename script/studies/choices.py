@@ -1,4 +1,4 @@
-"""What each choice of a lock costs against the true speed: see the command choices, which builds and starts this."""
+"""Measures each setting of a lock against the true speed: see the command choices, which builds and starts this."""
 import argparse
 import csv
 import json
@@ -52,7 +52,7 @@ TABLES = {
 
 
 class Bench:
-    """Recordings of the bench, each with a seed of its own, and the true speed, which is the same of all."""
+    """Recordings of the bench with different seeds, and the true speed, which is the same for all."""
 
     def __init__(self, folder, seeds):
         self.folder = Path(folder)
@@ -66,7 +66,7 @@ class Bench:
             return list(csv.DictReader(file))
 
     def replay(self, edits, recording):
-        """(what --json tells, rows of the steps)."""
+        """(JSON object of the replay, rows of the steps)."""
         document = json.loads(LOCK.read_text(encoding="utf-8"))
         document["recording"]["file"] = str(recording)
         document["synchronise"].pop("free_twin")
@@ -115,7 +115,7 @@ def measure(options):
 
 def show(results):
     for name, table in results.items():
-        print(f"{name:30}{'true MSE':>10}{'told':>10}{'executions':>12}")
+        print(f"{name:30}{'true MSE':>10}{'reported':>10}{'executions':>12}")
         for choice, row in table.items():
             print(f"  {choice:28}{row['true']:10.4f}{row['told']:10.4f}{row['executions']:12.3f}")
 
@@ -129,7 +129,7 @@ def svg(height, parts):
 
 
 def draw_between(bench):
-    """Some tenths of a second: the true speed, readings, and the twin by the last message and by the line."""
+    """Some tenths of a second: the true speed, readings, and the twin with the last message and with the line."""
     recording = bench.recordings[0]
     shown = [(k * STEP_S - SHOWN_FROM_S, speed) for k, speed in sorted(bench.true.items()) if 0 <= k * STEP_S - SHOWN_FROM_S <= SHOWN_S]
     speeds = [speed for _, speed in shown]
@@ -144,12 +144,12 @@ def draw_between(bench):
     for time, value in bench.readings(recording):
         if 0 <= time - SHOWN_FROM_S <= SHOWN_S and low <= value <= high:
             panel.parts.append(f'<circle cx="{panel.x(time - SHOWN_FROM_S):.1f}" cy="{panel.y(value):.1f}" r="3.2" fill="white" stroke="{INK}"/>')
-    panel.parts.append(f'<text x="{WIDTH - RIGHT}" y="324" text-anchor="end">circles: what was measured, when it came</text>')
+    panel.parts.append(f'<text x="{WIDTH - RIGHT}" y="324" text-anchor="end">circles: readings, at their arrival</text>')
     return svg(336, panel.parts)
 
 
 def draw_bars(results):
-    """True MSE and executions of each horizon, side by side, on lines of their own."""
+    """True MSE and executions of each horizon, one line for each."""
     rows, parts, y = [(name, row) for name, row in results["horizon"].items() if "8" not in name], [], 34
     most = max(row["true"] for _, row in rows)
     scale, column = 300 / most, LEFT + 130

@@ -12,22 +12,22 @@ from study import PROGRAM, Progress, Trouble, merge, print_figures, run_command
 
 SAMPLE_S = 0.02
 SOLVERS = ("secant", "nelder-mead", "bobyqa", "sbplx", "l-bfgs")
-WAYS = [(mode, solver) for mode in ("lag", "hold", "ahead") for solver in SOLVERS]
-HELD, PART_OF_NOISE = 120, 9  # s that a hand stays, or is away
-STRICT = "lag", "secant"  # may have the ninth part of the noise only
-TOLERANCE, WIDER = 3.4, 5.0  # times the noise; the wider one for what is to be as near as the twin left alone
+COMBINATIONS = [(mode, solver) for mode in ("lag", "hold", "ahead") for solver in SOLVERS]
+HELD, PART_OF_NOISE = 120, 9  # mean time, s, for which the brake is pulled, or released
+STRICT = "lag", "secant"  # its limit is a ninth of the squared noise
+TOLERANCE, WIDER = 3.4, 5.0  # times the noise; the wider one for STRICT
 
 
 def brake(choice, seconds):
-    """A hand that pulls it for a while, and leaves it alone for a while."""
-    parts, pulled, begun, until = [], False, 0.0, 0.0
+    """A brake that is pulled by hand for a while, and released for a while."""
+    parts, pulled, began, until = [], False, 0.0, 0.0
     for i in range(round((seconds + 1) / SAMPLE_S)):
         time = i * SAMPLE_S
         if time >= until:
-            pulled, begun, until = not pulled, time, time + choice.uniform(0.2, 1.8) * HELD
+            pulled, began, until = not pulled, time, time + choice.uniform(0.2, 1.8) * HELD
             parts = [(choice.uniform(0.02, 0.15), choice.uniform(0.1, 0.8), choice.uniform(0.0, 6.0)) for _ in range(4)]
         torque = sum(a * math.sin(2 * math.pi * f * time + p) for a, f, p in parts) + 0.2 if pulled else 0.0
-        yield f"{time:.2f}", f"{max(0.0, torque) * min(1.0, time - begun):.4f}"
+        yield f"{time:.2f}", f"{max(0.0, torque) * min(1.0, time - began):.4f}"
 
 
 def bench(folder, options):
@@ -40,28 +40,28 @@ def bench(folder, options):
 
 
 def propose(plant):
-    """What `check --recording` proposes for the shipped lock and this plant, as a merge patch."""
+    """The proposal of `check --recording` for the shipped lock and this plant, as a merge patch."""
     told = subprocess.run([PROGRAM, "check", plant.home / "lock.json", "--recording", plant.recording, "--json"], capture_output=True, check=True).stdout
     return json.loads(told)["proposal"]
 
 
-def locked(document, way, noise, proposal):
-    """Mode lag as proposed; the others wait for no reading, so there is nothing to be conditioned."""
-    mode, solver = way
+def locked(document, combination, noise, proposal):
+    """Mode lag as proposed; the other modes wait for no reading, so they have no condition."""
+    mode, solver = combination
     document = merge(document, proposal if mode == "lag" else {})
     lock = document["synchronise"]
-    lock["horizon"]["measurements"], lock["algorithm"] = way
-    lock["match"]["motor.omega"]["tolerance"] = noise * (WIDER if way == STRICT else TOLERANCE)
+    lock["horizon"]["measurements"], lock["algorithm"] = combination
+    lock["match"]["motor.omega"]["tolerance"] = noise * (WIDER if combination == STRICT else TOLERANCE)
     if mode != "lag":
         lock["match"]["motor.omega"].pop("condition")
     return document
 
 
 def measure(options):
-    ways = [way for way in WAYS if options.only in (None, " ".join(way))]
-    if not ways:
-        raise Trouble(f"--only: found \"{options.only}\", expected one of {', '.join(' '.join(way) for way in WAYS)}")
-    progress, results = Progress(2 + len(ways)), {}
+    chosen = [combination for combination in COMBINATIONS if options.only in (None, " ".join(combination))]
+    if not chosen:
+        raise Trouble(f"--only: found \"{options.only}\", expected one of {', '.join(' '.join(combination) for combination in COMBINATIONS)}")
+    progress, results = Progress(2 + len(chosen)), {}
     with tempfile.TemporaryDirectory() as folder:
         try:
             progress.say(f"generating {options.hours:g} h")
@@ -71,11 +71,11 @@ def measure(options):
             alone = minutes["motor.omega"]
             results["left alone"] = figures_of(told, alone, alone, 0.0)
             proposal = propose(plant)
-            for way in ways:
-                progress.say(" ".join(way))
-                allowed = options.noise ** 2 / (PART_OF_NOISE if way == STRICT else 1)
-                told, minutes = plant.replay(locked(plant.read("lock"), way, options.noise, proposal))
-                results[" ".join(way)] = figures_of(told, minutes["motor.omega"], alone, allowed)
+            for combination in chosen:
+                progress.say(" ".join(combination))
+                allowed = options.noise ** 2 / (PART_OF_NOISE if combination == STRICT else 1)
+                told, minutes = plant.replay(locked(plant.read("lock"), combination, options.noise, proposal))
+                results[" ".join(combination)] = figures_of(told, minutes["motor.omega"], alone, allowed)
         finally:
             progress.end()
     return results

@@ -19,11 +19,11 @@ BUS, PLANT, ACQUISITION, DEAD = 8 * MS, MS // 10, 4 * MS, 4 * MS
 T, D, K, COMMAND = 0.125, 0.225, 1.0, 1000 * MS
 BEGIN, END = 950 * MS, 2000 * MS
 
-# What is replayed, and what the dissertation found: MSE, MAX.
+# The configurations, and the figures of the dissertation: MSE, MAX.
 CONFIGURATIONS = {
     "without": ("without compensation", (0.00147, 0.18)),
     "with": ("with compensation", (0.00027, 0.18)),
-    "plain": ("nothing said of delays", None),
+    "plain": ("without delays in the file", None),
     "newest": ("with, newest value", None),
     "both": ("with, inputs as well", None),
 }
@@ -51,22 +51,22 @@ def last_before(instant, period, phase):
 
 
 def make_chain(chance, noise=0.0, commands=(COMMAND,), end=END, later=(END, 0)):
-    """(rows, delay): {stamp (ns): [u, y]}, None where there is no value: commands that switch u on and off, as the acquisition
-    hands them on, and what the plant makes of them, as it comes by the bus; and by how much the twin's y is later than
-    y by its stamps (ns). All clocks have phases of their own, commands are whole multiples of all periods apart. From
-    `later`, an instant, on the stamps of y are so much later."""
+    """Returns (rows, delay). rows: {stamp (ns): [u, y]}, None if there is no value; commands that switch u on and off, after the
+    acquisition, and the response of the plant, after the bus. delay: by how much the twin's y is later than y by its stamps (ns).
+    Each clock has its own phase; commands are whole multiples of all periods apart. `later`: (instant, ns); from that instant on
+    the stamps of y are later by so much."""
     bus, plant, acquisition = (chance.randrange(period) for period in (BUS, PLANT, ACQUISITION))
     rows = {}
     for cycle in range(first_from(BEGIN, ACQUISITION, acquisition), end, ACQUISITION):
         rows[cycle + DEAD] = [float(sum(cycle >= command for command in commands) % 2), None]
-    begun = [first_from(command, PLANT, plant) for command in commands]
+    began = [first_from(command, PLANT, plant) for command in commands]
     for cycle in range(first_from(min(rows), BUS, bus), end, BUS):
         at = last_before(cycle, PLANT, plant)
-        y = sum((-1) ** i * response((at - instant) / 1e9) for i, instant in enumerate(begun))
+        y = sum((-1) ** i * response((at - instant) / 1e9) for i, instant in enumerate(began))
         stamp = cycle + (later[1] if cycle >= later[0] else 0)
         rows.setdefault(stamp, [None, None])[1] = y + chance.gauss(0, noise)
     seen = first_from(commands[0], ACQUISITION, acquisition) + DEAD
-    return rows, seen + DEAD - begun[0]
+    return rows, seen + DEAD - began[0]
 
 
 def make_rows(chance, noise=0.0):
@@ -84,12 +84,12 @@ def write_recording(path, rows):
 # ---- the twin ----
 
 def replay(program, config, recording):
-    """What `replay --json` tells of the match."""
+    """The match in the output of `replay --json`."""
     environment = {**os.environ, "TWINLOCK_FMU_PATH": str(program.parent.parent / "fmus")}
     done = subprocess.run([program, "replay", config, "--recording", recording, "--json"], stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE, text=True, check=False, env=environment)
     if done.returncode not in (0, NOT_LOCKED):
-        sys.exit(f"delays: twinlock replay {config} ended with {done.returncode}\n{done.stderr}")
+        sys.exit(f"delays: twinlock replay {config}: exit code {done.returncode}\n{done.stderr}")
     return json.loads(done.stdout)["match"]["sensor.y"]
 
 
@@ -112,8 +112,8 @@ def mean(values):
 
 
 def figures(results):
-    """{name: {"mse", "max"}}, means over the phases; and by what factor compensation lowers the MSE: of the means, and the mean
-    of each phase's."""
+    """{name: {"mse", "max"}}, means over the phases; and the factor by which compensation lowers the MSE: of the means, and the
+    mean over the phases."""
     found = {name: {"mse": mean([mse for mse, _ in rows]), "max": mean([largest for _, largest in rows])}
              for name, rows in results.items()}
     pairs = list(zip(results["without"], results["with"]))

@@ -1,4 +1,4 @@
-"""How FMUs are rolled back: see the command script/fmus, which builds and starts this."""
+"""Tests how FMUs can be rolled back: see the command script/fmus, which builds and starts this."""
 import argparse
 import contextlib
 import json
@@ -26,22 +26,22 @@ def exporter_of(fmu):
 
 
 def probe(program, fmu, way, step, steps, limit):
-    """What rollback_probe says, or why it says nothing."""
+    """The result of rollback_probe, or its error."""
     with subprocess.Popen([str(program), str(fmu), way, repr(step), str(steps)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                           start_new_session=True) as process:
         try:
-            said, _ = process.communicate(timeout=limit)
-            return json.loads(said.decode(errors="replace").strip().rpartition("\n")[2])
+            output, _ = process.communicate(timeout=limit)
+            return json.loads(output.decode(errors="replace").strip().rpartition("\n")[2])
         except subprocess.TimeoutExpired:
             return {"error": f"did not end within {limit:g} s"}
         except ValueError:
             return {"error": f"ended with {process.returncode}"}
         finally:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # with those that it has started, one of which hangs
+                os.killpg(process.pid, signal.SIGKILL)  # with its children, one of which may hang
 
 
-def look_at(fmu, arguments):
+def test_fmu(fmu, arguments):
     description = describe(fmu)
     if description is None:
         return {"fmu": fmu.name, "exporter": "", "ways": {}, "error": "no FMU that can be read"}
@@ -55,11 +55,11 @@ def is_exact(found):
     return not found.get("error") and found["way"] != "none" and found["differs"] is None
 
 
-def comes_back(result):
+def is_rolled_back(result):
     return any(is_exact(result["ways"].get(way, {"error": "none"})) for way in WAYS)
 
 
-def in_words(found):
+def describe_result(found):
     if found is None:
         return "none"
     if found.get("error"):
@@ -73,7 +73,7 @@ def has_run(result):
     return any(not found.get("error") and found["steps"] > 0 for found in result["ways"].values())
 
 
-def time_in_words(us):
+def describe_time(us):
     return f"{us / 1e3:.2g} ms" if us >= 1e3 else f"{us:.3g} µs"
 
 
@@ -86,7 +86,7 @@ def print_table(figures):
             print(f"{result['fmu']} | {result['exporter']} | does not run: {result['error']}")
             continue
         print(f"{result['fmu']} | {result['exporter']} | {memory.get('steps', 0)} | "
-              f"{' | '.join(in_words(result['ways'].get(way)) for way in WAYS + BESIDE)} | {memory.get('bytes', 0)} | {time_in_words(memory.get('save_us', 0) + memory.get('restore_us', 0))}")
+              f"{' | '.join(describe_result(result['ways'].get(way)) for way in WAYS + BESIDE)} | {memory.get('bytes', 0)} | {describe_time(memory.get('save_us', 0) + memory.get('restore_us', 0))}")
     exact = figures["exact"]
     print(f"\n{figures['run']} of {len(figures['fmus'])} run; {exact['memory']} come back exactly by their memory, and "
           f"{exact['state']} of {figures['claim']} that declare a state by that; {exact['replay']} by replay")
@@ -101,13 +101,13 @@ def study(arguments):
     results = []
     for fmu in fmus:
         progress.say(fmu.name)
-        results.append(look_at(fmu, arguments))
+        results.append(test_fmu(fmu, arguments))
     progress.end()
     ran = [result for result in results if has_run(result)]
     figures = {"fmus": results, "run": len(ran), "claim": sum("state" in result["ways"] for result in ran),
                "exact": {way: sum(is_exact(result["ways"].get(way, {"error": "none"})) for result in ran) for way in WAYS + BESIDE}}
     print_figures(figures, arguments.json, print_table)
-    return 0 if all(map(comes_back, ran)) else 1
+    return 0 if all(map(is_rolled_back, ran)) else 1
 
 
 def main():

@@ -1,4 +1,4 @@
-"""FMUs made by others, run by one or two twinlocks: see the command foreign, which builds and starts this."""
+"""Runs FMUs of others with one or two builds of twinlock: see the command foreign, which builds and starts this."""
 import argparse
 import contextlib
 import csv
@@ -19,17 +19,17 @@ from xml.etree import ElementTree
 
 from study import NOT_LOCKED, PROGRAM, Progress, Trouble, print_figures, run_command
 
-# A step where the FMU names none (s), and what a configuration takes.
+# Step if the FMU has none (s), and limits of a configuration.
 STEP, LEAST_STEP, LONGEST_STEP = 0.01, 1e-5, 3600.0
 MOST_SIGNALS, MOST_COMPARED = 60, 16
 
-# An FMU may end itself within its own time; so much of it is run.
+# Part of the FMU's own time that is run, because it may end before.
 OWN_PART = 0.8
 
-# How an FMU is tried, the most that it allows first.
+# Modes in which an FMU is run, from the most demanding one.
 LOCKED, COMPARED, ALONE = "locked", "compared", "alone"
 
-REFUSED = re.compile(r"asked for (\w+) in (\w+)")
+REFUSED = re.compile(r"(?:asked for|system call) (\w+) (?:denied )?in (\w+)")  # of older builds, too
 ENDED_BY_LIMIT = 124
 
 Variable = namedtuple("Variable", "name kind start low high")
@@ -37,7 +37,7 @@ Description = namedtuple("Description", "inputs results step most_steps python")
 Program = namedtuple("Program", "path options")
 
 
-# ---- what an FMU says of itself ----
+# ---- the description of an FMU ----
 
 def number_of(text):
     """A number or a boolean as a finite number, or None."""
@@ -55,7 +55,7 @@ def read_variable(element):
 
 
 def read_steps(root):
-    """(its own step, or a hundredth of its own time, as whole nanoseconds; how many steps are run at most)."""
+    """(its own step, or a hundredth of its own time, in whole nanoseconds; largest number of steps)."""
     experiment = root.find("DefaultExperiment")
     found = {} if experiment is None else experiment.attrib
     time = (number_of(found.get("stopTime")) or 0.0) - (number_of(found.get("startTime")) or 0.0)
@@ -69,7 +69,7 @@ def has_signal(variable):
 
 
 def describe(fmu):
-    """Description of an FMU, or None where it cannot be read. Its results are its outputs, or all that it has inside."""
+    """Description of an FMU, or None if it cannot be read. Its results are its outputs, or else its local variables."""
     try:
         with zipfile.ZipFile(fmu) as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
@@ -84,10 +84,10 @@ def describe(fmu):
     return Description(by_causality["input"], results, *read_steps(root), python)
 
 
-# ---- what is run ----
+# ---- configuration and recording ----
 
 def value_at(variable, tick, steps):
-    """What the plant has for a variable: it swings beside the start value, and so is not 0, within its bounds."""
+    """The plant's value of a variable: a sine near the start value and not 0, within the bounds."""
     swing = 1 + 0.5 * math.sin(2 * math.pi * tick / max(steps / 3, 1))
     start = variable.start or 0.0
     if variable.kind == "boolean":
@@ -101,7 +101,7 @@ def value_at(variable, tick, steps):
 
 
 def constant_of(variable):
-    """What an input has that gets no signal."""
+    """The value of an input without a signal."""
     if variable.kind == "string":
         return ""
     return False if variable.kind == "boolean" else int(variable.start or 0)
@@ -116,20 +116,20 @@ def adjust_and_match(adjusted, matched):
 
 
 def compare(results):
-    """`compare`: the first result, and what else has its type."""
+    """`compare`: the first result, and others of its type."""
     alike = [result for result in results if result.kind == results[0].kind]
     return {f"fmu.{result.name}": {"to": "plant.y"} for result in alike[:MOST_COMPARED]}
 
 
 def component_of(fmu, description, without_signal):
-    """The FMU, with what it needs beside signals."""
+    """The component, with constants and libraries."""
     constants = {given.name: constant_of(given) for given in without_signal}
     libraries = [sysconfig.get_config_var("INSTSONAME")] if description.python else []
     return {"fmu": str(fmu), **({"set": constants} if constants else {}), **({"libraries": libraries} if libraries else {})}
 
 
 def configure(fmu, description, mode):
-    """(configuration, {column: variable}), or None where the FMU has nothing for this mode."""
+    """(configuration, {column: variable}), or None if the FMU does not fit this mode."""
     adjusted = next((given for given in description.inputs if given.kind == "real"), None) if mode == LOCKED else None
     if mode == LOCKED and adjusted is None or mode != ALONE and not description.results:
         return None
@@ -163,8 +163,8 @@ def write_case(folder, configuration, columns, steps):
 # ---- running it ----
 
 def execute(command, limit, folder, log):
-    """(exit code, standard output); ENDED_BY_LIMIT where it took too long. Standard error is written into `log`. What an FMU
-    has started and left behind may hold both open, so these are files, and it is ended."""
+    """(exit code, standard output); ENDED_BY_LIMIT if it took too long. Standard error is written into `log`. Both are files,
+    because processes that an FMU has started may keep them open; these processes are killed."""
     with tempfile.TemporaryFile() as out, log.open("wb") as err:
         with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
                               start_new_session=True) as process:
@@ -180,17 +180,17 @@ def execute(command, limit, folder, log):
 
 
 def first_error(code, err):
-    """Why a command failed, in a line."""
+    """The reason for which a command failed, in one line."""
     if code == ENDED_BY_LIMIT:
         return "not done within --limit"
     lines = [line for line in err.splitlines() if line.strip()]
-    told = [line for line in lines if "error:" in line] or lines
-    reason = told[0].split("error:")[-1].strip() if told else ""
+    errors = [line for line in lines if "error:" in line] or lines
+    reason = errors[0].split("error:")[-1].strip() if errors else ""
     return f"ended by signal {-code}" if code < 0 else reason or f"exit code {code}"
 
 
 def without_times(document):
-    """The JSON object of `replay` but for what depends on the machine's speed."""
+    """The JSON object of `replay` without values that depend on the speed of the machine."""
     try:
         found = json.loads(document)
     except ValueError:
@@ -200,7 +200,7 @@ def without_times(document):
 
 
 def run_program(program, limit, folder, label):
-    """What came of one case with one program: {runs, why, codes, refused, csv, json}."""
+    """The outcome of one case with one program: {runs, why, codes, refused, csv, json}."""
     codes, refused, told, table = {}, set(), {}, folder / f"{label}.csv"
     why = ""
     for name, command in {"check": ["check", "case.json"],
@@ -218,7 +218,7 @@ def run_program(program, limit, folder, label):
 
 
 def run_mode(fmu, description, mode, programs, options, folder):
-    """{label: outcome} of an FMU in one mode, or None where it has nothing for it."""
+    """{label: outcome} of an FMU in one mode, or None if it does not fit this mode."""
     case = configure(fmu, description, mode)
     if case is None:
         return None
@@ -227,7 +227,7 @@ def run_mode(fmu, description, mode, programs, options, folder):
 
 
 def run_fmu(fmu, programs, options, folder):
-    """What came of an FMU, in the first mode in which some program runs it; else in the last."""
+    """The outcome of an FMU in the first mode in which a program runs it; else in the last."""
     description = describe(fmu)
     if description is None:
         return {"fmu": fmu.name, "mode": None, "why_not_locked": "",
@@ -252,36 +252,36 @@ def unreadable():
 # ---- all of them ----
 
 def unsteady_columns(first, second):
-    """What an FMU gives otherwise each time it runs, such as the time that it took."""
+    """Columns that differ each time an FMU runs, for example a measured time."""
     tables = [list(csv.DictReader(io.StringIO(outcome["csv"].decode()))) for outcome in (first, second)]
     return {column for rows in zip(*tables) for column in rows[0] if rows[0][column] != rows[1][column]}
 
 
 def steady_part(outcome, unsteady):
-    """The table without those columns; without any, the bytes, and the JSON object too, which is made of all of them."""
+    """The table without those columns; if there are none, the bytes, and the JSON object, too."""
     if not unsteady:
         return outcome["csv"], outcome["json"]
     return [{column: cell for column, cell in row.items() if column not in unsteady}
             for row in csv.DictReader(io.StringIO(outcome["csv"].decode()))]
 
 
-def what_both_tell(one, other):
-    """Of two JSON values: of objects only the keys that both have, since one program may tell more than the other."""
+def common_keys(one, other):
+    """Two JSON values; of objects only the common keys, because one program may write more keys than the other."""
     if not (isinstance(one, dict) and isinstance(other, dict)):
         return one, other
-    pairs = {key: what_both_tell(one[key], other[key]) for key in one.keys() & other.keys()}
+    pairs = {key: common_keys(one[key], other[key]) for key in one.keys() & other.keys()}
     return {key: pair[0] for key, pair in pairs.items()}, {key: pair[1] for key, pair in pairs.items()}
 
 
 def same_bits(before, now, unsteady=frozenset()):
-    told = what_both_tell(before["json"], now["json"])
+    told = common_keys(before["json"], now["json"])
     before, now = {**before, "json": told[0]}, {**now, "json": told[1]}
     return steady_part(before, unsteady) == steady_part(now, unsteady)
 
 
 def compare_bits(found, programs, options, folder):
-    """(are they the same, unsteady columns); (None, ...) where there are no two programs that run it. Only where they differ
-    does the first one run once more, to tell what is unsteady."""
+    """(True if both are the same, unsteady columns); (None, ...) unless two programs run it. If they differ, the first program runs
+    once more, to find unsteady columns."""
     outcomes = found["outcomes"]
     if len(outcomes) < 2 or not all(outcome["runs"] for outcome in outcomes.values()):
         return None, []
@@ -294,7 +294,7 @@ def compare_bits(found, programs, options, folder):
 
 
 def finish(found, programs, options, folder):
-    """What is told of an FMU: the results themselves are not, but whether they are the same."""
+    """The report of an FMU: not the results themselves, but whether they are the same."""
     same, unsteady = compare_bits(found, programs, options, folder)
     outcomes = {label: {key: outcome[key] for key in ("runs", "why", "codes", "refused")}
                 for label, outcome in found["outcomes"].items()}
@@ -315,7 +315,7 @@ def run_all(fmus, programs, options, top):
 
 
 def is_kept(result):
-    """Runs now whatever ran before, with the same bits?"""
+    """True if it runs now with the same bits, or did not run before."""
     outcomes = result["outcomes"]
     return "before" not in outcomes or not outcomes["before"]["runs"] or result["same_bits"] is True
 
@@ -331,7 +331,7 @@ def print_table(figures):
     width = max([len(result["fmu"]) for result in figures["fmus"]] + [3])
     layout = f"{{:<{width}}}  {{:<9}}" + ("{:<7}" if compared else "") + "{:<5}{:<5}{}"
     heads = ["before", "now"] if compared else ["runs"]
-    print(layout.format("FMU", "", *heads, "bits", "refused; why it does not run"))
+    print(layout.format("FMU", "", *heads, "bits", "denied calls; why it does not run"))
     for result in figures["fmus"]:
         outcomes = result["outcomes"]
         flags = [yes_or_no(outcome["runs"]) for outcome in outcomes.values()]
@@ -375,7 +375,7 @@ def work():
     options = read_arguments()
     fmus = sorted(fmu for fmu in options.fmus.glob("*.fmu") if options.only in fmu.name)
     if not fmus:
-        raise Trouble(f"{options.fmus} has no FMU whose name has {options.only!r} in it; --fmus takes a folder of *.fmu")
+        raise Trouble(f"{options.fmus} has no FMU with {options.only!r} in its name (expected *.fmu)")
     programs = programs_of(options)
     with tempfile.TemporaryDirectory(prefix="twinlock-foreign-") as scratch:
         results = run_all(fmus, programs, options, options.keep or Path(scratch))

@@ -1,4 +1,4 @@
-"""Draws the README's picture of a lock as SVG: the plant, the twin left alone, the twin locked, and what was corrected.
+"""Draws the README's picture of a lock as SVG: the plant, the twin left alone, the twin locked, and the correction.
 
 usage: lock_picture.py TWINLOCK OUT.svg   (TWINLOCK: the program; reads config/motor/free.json and lock.json)
 """
@@ -57,7 +57,7 @@ class Panel:
 
 
 def smoothed(values, half=10):
-    """Means over 2 · half + 1 values, fewer at the ends: of the steps of 10 ms, 0.2 s."""
+    """Means over 2 · half + 1 values, fewer at the ends; with steps of 10 ms over 0.2 s."""
     parts = (values[max(0, i - half):i + half + 1] for i in range(len(values)))
     return [sum(part) / len(part) for part in parts]
 
@@ -78,7 +78,7 @@ def draw(free, lock):
     bound = 1.1 * max(map(abs, correction))
     corrected = Panel(344, 90, -bound, bound, times[-1])
     step = float(f"{bound / 1.6:.1g}")
-    corrected.axes((-step, 0, step), "what had to be corrected: Δu of the friction d, N·m·s/rad", True)
+    corrected.axes((-step, 0, step), "correction Δu of the friction d, N·m·s/rad", True)
     corrected.legend([("each step", PALE), ("mean of 0.2 s", LOCKED)])
     corrected.line(times, correction, PALE, 0.8)
     corrected.line(times, smoothed(correction), LOCKED, 1.6)

@@ -1,4 +1,4 @@
-"""A plant of config/ that is emulated for hours, and twins of it held against its true outputs, minute by minute. For days.py and systems.py."""
+"""Emulates a plant of config/ for hours, and compares twins with its true outputs, minute by minute. For days.py and systems.py."""
 import csv
 import json
 import os
@@ -8,11 +8,11 @@ from pathlib import Path
 from study import NOT_LOCKED, PROGRAM, ROOT, Trouble
 
 SHORTEST, LONGEST = 0.02, 1000.0  # h
-SLACK = 1.2  # times what the twin left alone is off by
+SLACK = 1.2  # times the error of the twin left alone
 
 
 class Plant:
-    """What is generated, in a folder: `recording` with noise, and the true values of each step. `commands` is what moves it: (column names, rows)."""
+    """Files in a folder: `recording` with noise, and the true values of each step. `commands`: inputs of the plant, (column names, rows)."""
 
     def __init__(self, system, folder, commands, seconds, seed, edit=lambda plant: plant):
         self.home, self.folder, self.seconds = ROOT / "config" / system, Path(folder), seconds
@@ -46,7 +46,7 @@ class Plant:
         subprocess.run([PROGRAM, "plant", self._write(plant), "--record", path, "--seed", str(seed)], check=True, capture_output=True)
 
     def replay(self, document):
-        """(what --json tells, {matched variable: [its MSE against the true value in each minute]})."""
+        """(JSON object of the replay, {matched variable: [its MSE against the true value in each minute]})."""
         document["duration_s"] = self.seconds - 1
         document["recording"]["file"] = str(self.recording)
         part = document.get("synchronise", {}).get("match") or document["compare"]
@@ -56,23 +56,23 @@ class Plant:
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
             os.close(write)
             minutes = self._minutes(read, columns)
-            told, said = run.communicate()
+            out, err = run.communicate()
         if run.returncode not in (0, NOT_LOCKED):
-            raise Trouble(said.decode().strip())
-        return json.loads(told), minutes
+            raise Trouble(err.decode().strip())
+        return json.loads(out), minutes
 
     def _minutes(self, read, columns):
-        """Both files step by step: a day of them is more than memory should hold."""
+        """Reads both files step by step, because a day of them is too large for memory."""
         steps_of_minute = round(60 / self.step_s)
         minutes, squares, count = {variable: [] for variable in columns}, dict.fromkeys(columns, 0.0), 0
         with open(read, encoding="utf-8", newline="") as steps, open(self.true, encoding="utf-8", newline="") as true:
             there, truly = csv.reader(steps), csv.reader(true)
             names, true_names = next(there), next(truly)
-            places = [(variable, names.index(f"{variable} simulated"), true_names.index(column)) for variable, column in columns.items()]
-            next(truly)  # of t = 0, where no step ends
+            columns_of = [(variable, names.index(f"{variable} simulated"), true_names.index(column)) for variable, column in columns.items()]
+            next(truly)  # t = 0 is not the end of a step
             for row, values in zip(there, truly):
-                for variable, place, true_place in places:
-                    squares[variable] += (float(row[place]) - float(values[true_place])) ** 2
+                for variable, column, true_column in columns_of:
+                    squares[variable] += (float(row[column]) - float(values[true_column])) ** 2
                 count += 1
                 if count == steps_of_minute:
                     for variable in columns:
@@ -82,7 +82,7 @@ class Plant:
 
 
 def require(option, value, least, most):
-    """A number that was asked for; the least is a minute and what is not of it, if it is a time."""
+    """Checks the number of an option."""
     if not least <= value <= most:
         raise Trouble(f"{option}: found {value:g}, expected a number from {least:g} to {most:g}")
 
@@ -93,7 +93,7 @@ def left_alone(document):
 
 
 def figures_of(told, minutes, alone, allowed):
-    """Of one variable. `allowed`: what a minute may have, whatever the one left alone has."""
+    """Figures of one variable. `allowed`: MSE that a minute may have in any case."""
     limits = [max(SLACK * other, allowed) for other in alone]
     bad = sum(minute > limit for minute, limit in zip(minutes, limits))
     of_limits = [minute / limit for minute, limit in zip(minutes, limits) if limit > 0]

@@ -1,4 +1,4 @@
-"""The motor bench as a measuring instrument: its configurations, the solvers to try on it, and what one replay costs.
+"""The motor bench for measurements: its configurations, the solvers, and the figures of a replay.
 For scenarios.py, campaign.py and the tests."""
 import filecmp
 import json
@@ -12,8 +12,8 @@ FOLDER = ROOT / "config" / "motor"
 SOLVERS = ("secant", "nelder-mead", "bobyqa", "l-bfgs")
 SCENARIOS = tuple("abcdefghij")
 
-# ε in (rad/s)² for the solvers that are not the one in the file; where there is none, the file's holds. Of those tried, it needs the
-# fewest executions, or nearly so, at an MSE below 1.5 on each of a dozen recordings.
+# ε in (rad/s)² for solvers other than the one in the file; default: that of the file. Each needs the fewest executions of all
+# tested values, or nearly so, at an MSE below 1.5 on each of a dozen recordings.
 EPSILON = {
     "c": {"nelder-mead": 36, "bobyqa": 36, "l-bfgs": 36},
     "d": {"nelder-mead": 33, "bobyqa": 30, "l-bfgs": 25},
@@ -28,14 +28,14 @@ EPSILON = {
 # ---- configurations ----
 
 def read(name):
-    """One of the configurations of the motor bench, to be used from another folder."""
+    """A configuration of the motor bench that can be used from any folder."""
     document = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     document["recording"]["file"] = str(FOLDER / document["recording"]["file"])
     return document
 
 
 def with_solver(name, solver, epsilon=None):
-    """One of them with another solver, and with ε in place of its tolerance."""
+    """A configuration with another solver, and with ε in place of its tolerance."""
     document = read(name)
     synchronise = document["synchronise"]
     synchronise["algorithm"] = solver
@@ -46,7 +46,7 @@ def with_solver(name, solver, epsilon=None):
 
 
 def scenario(letter, solver):
-    """A scenario of table 5.5 with a solver, and the ε that is best for both."""
+    """A scenario of table 5.5 with a solver and its best ε."""
     return with_solver(letter, solver, EPSILON.get(letter, {}).get(solver))
 
 
@@ -58,7 +58,7 @@ def epsilon_of(document):
 # ---- one run ----
 
 class Bench:
-    """The program, and a folder for what comes in between."""
+    """The program, and a folder for intermediate files."""
 
     def __init__(self, program, folder):
         self.program, self.folder = program, Path(folder)
@@ -69,11 +69,11 @@ class Bench:
         command = [self.program, "replay", config, "--recording", recording, "--json", "--csv", path, *options]
         done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
         if done.returncode not in (0, NOT_LOCKED):
-            raise Trouble(done.stderr.strip() or f"{self.program} ended with {done.returncode}")
+            raise Trouble(done.stderr.strip() or f"{self.program}: exit code {done.returncode}")
         return json.loads(done.stdout), path
 
     def measure(self, document, recording):
-        """The figures of one configuration, with saving as configured and without any."""
+        """The figures of one configuration, with its saving and without saving."""
         config = self.folder / "config.json"
         config.write_text(json.dumps(document), encoding="utf-8")
         saved, steps = self.replay(config, recording)
@@ -82,7 +82,7 @@ class Bench:
 
 
 def figures(saved, plain, same_steps):
-    """What there is to say of a replay with saving and the same without."""
+    """The figures of a replay with saving, and the same replay without."""
     match, least = saved["match"]["motor.omega"], (len(saved["executions"]) - 1) * saved["steps"]
     counts = {"without": plain["executions"]["total"], "with": saved["executions"]["total"]}
     return {
@@ -94,7 +94,7 @@ def figures(saved, plain, same_steps):
 
 
 def ledger_off(summary):
-    """By how many executions a run differs from what its ledger predicts, in the component where that is most."""
+    """The largest difference of executions from the prediction of the ledger, over all components."""
     ledger, executions = summary["ledger"], summary["executions"]
     if not ledger["complete"]:
         return math.inf

@@ -1,4 +1,4 @@
-"""What `check --recording` proposes, measured against the truth: see the command proposals, which builds and starts this."""
+"""Measures the proposals of `check --recording` against the true speed: see the command proposals, which builds and starts this."""
 import argparse
 import csv
 import json
@@ -66,7 +66,7 @@ KINDS = {
 # ---- one recording ----
 
 class Recording:
-    """A recording of the bench, its true speed, and the true noise of its readings: what the sensor adds, and what the stamps are off."""
+    """A recording of the bench, its true speed, and the true noise of its readings: of the sensor and of the stamps."""
 
     def __init__(self, program, folder, kind, seed, seconds):
         shape, self.times, has_outliers, _ = KINDS[kind]
@@ -116,19 +116,19 @@ class Recording:
         with open(self.path, "w", encoding="utf-8", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([head, *rows])
 
-    # ---- what is made of it ----
+    # ---- check and replay ----
 
-    def _run(self, wells, *arguments):
+    def _run(self, good_codes, *arguments):
         done = subprocess.run(list(map(str, (self.program, *arguments))), capture_output=True, text=True, check=False)
-        if done.returncode not in wells:
-            raise Trouble(done.stderr.strip() or f"{self.program} ended with {done.returncode}")
+        if done.returncode not in good_codes:
+            raise Trouble(done.stderr.strip() or f"{self.program}: exit code {done.returncode}")
         return done.stdout
 
     def advice(self):
         return json.loads(self._run((0,), "check", FOLDER / "lock.json", "--recording", self.path, "--json"))
 
     def true_mse(self, change):
-        """Of config/motor/lock.json with a merge patch."""
+        """The true MSE with config/motor/lock.json and a merge patch."""
         config, table = self.folder / "twin.json", self.folder / "steps.csv"
         document = merge(read("lock"), {"duration_s": None, **change})
         config.write_text(json.dumps(document), encoding="utf-8")
@@ -156,11 +156,11 @@ def measure(program, kind, seed, seconds):
 # ---- the table ----
 
 def misses(rows):
-    """What of one kind is not as it must be: the mean of the errors, and each noise that was told."""
+    """The limits that one kind misses: the mean of the errors, and each estimated noise."""
     mean = sum(row["proposed"] for row in rows) / len(rows)
     limit = sum(row["limit"] for row in rows) / len(rows)
     return [f"true MSE {mean:.3f}, at most {limit:.3f}"] * (mean > limit) + [
-        f"noise {row['found']:.3f}, truly {row['noise']:.3f}" for row in rows
+        f"noise {row['found']:.3f}, true {row['noise']:.3f}" for row in rows
         if not row["too_fast"] and abs(row["found"] / row["noise"] - 1.0) > 0.15]
 
 
@@ -179,13 +179,13 @@ def print_table(results):
                                 f"{condition_of(row['proposal'])}; {row['proposal'].get('tolerance', 0):g}"))
         for miss in misses(rows):
             print(f"  MISSED: {miss}")
-    print("noise in rad/s: what the sensor adds, and what the stamps are off; found: over that. Errors in (rad/s)\u00b2.")
+    print("noise: of sensor and stamps, rad/s; found: the estimate relative to it. Errors in (rad/s)\u00b2.")
 
 
 # ---- command line ----
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/studies/proposals", usage="script/studies/proposals [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/studies/proposals", usage="script/studies/proposals [options]; see --help",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--seconds", type=int, default=30)
@@ -193,8 +193,8 @@ def parse(arguments):
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     options.kinds = options.only.split(",")
-    strange = [kind for kind in options.kinds if kind not in KINDS]
-    if strange:
+    unknown = [kind for kind in options.kinds if kind not in KINDS]
+    if unknown:
         parser.error(f"--only {options.only}: expected some of {','.join(KINDS)}")
     if not 1 <= options.seeds <= 1000 or not 5 <= options.seconds <= 3600:
         parser.error("expected 1 to 1000 seeds and 5 to 3600 seconds")

@@ -34,7 +34,7 @@ THESIS_RATIOS = {
 # ---- all runs ----
 
 def search(bench, letter, solver, recording):
-    """(ε, figures) of the fewest executions within WORST_MSE; where there are none, of the least MSE."""
+    """(ε, figures) with the fewest executions within WORST_MSE; if there are none, with the smallest MSE."""
     results = [(epsilon, bench.measure(with_solver(letter, solver, epsilon), recording)) for epsilon in SEARCHED]
     good = [found for found in results if found[1]["mse"] <= WORST_MSE]
     if good:
@@ -78,15 +78,15 @@ LAYOUT = "{:<14}{:>5}{:>9}{:>8}{:>9}{:>8}{:>8}{:>8}{:>8}{:>8}{:>6}{:>8}"
 GROUPS = "{:<14}{:>5}{:>9}{:>8}   {:^14}  {:^14}  {:^14}{:>6}"
 COLUMNS = ("epsilon", "mse", "max", "without", "with", "ratio_without", "ratio_with", "thesis_without", "thesis_with",
            "same", "off")
-LEGEND = """plain, saving: without and with saving executions. The fewest there can be: one for each
-component and step, 4203. The thesis's best: table 5.6, over 4203, at an MSE of 1.5. Same bits:
-plain and saving give the same y and u, bit for bit. Ledger: executions done against those that
-the graph predicts. secant is twinlock's own solver."""
+LEGEND = """plain, saving: without and with saving executions. Of the fewest: relative to one execution for
+each component and step, 4203. Thesis's best: table 5.6, relative to 4203, at an MSE of 1.5. Same
+bits: plain and saving give the same y and u, bit for bit. Ledger: difference of executions from
+the prediction of the graph. secant is twinlock's own solver."""
 RULE = "\u2500" * len(LAYOUT.format(*12 * [""]))
 
 
 def show(label, **cells):
-    """One line of the table; what is not given is left empty."""
+    """Prints one line of the table; missing cells are empty."""
     print(LAYOUT.format(f"   {label}", *(cells.get(name, "") for name in COLUMNS)).rstrip())
 
 
@@ -134,8 +134,8 @@ def print_table(results):
 # ---- command line ----
 
 def check(parser, options):
-    strange = sorted(set(options.only) - set(SCENARIOS))
-    if strange or not options.only:
+    unknown = sorted(set(options.only) - set(SCENARIOS))
+    if unknown or not options.only:
         parser.error(f"--only {options.only}: expected letters a to j, for example --only ce")
     if options.campaign is not None and not 1 <= options.campaign <= 1000:
         parser.error(f"--campaign {options.campaign}: expected 1 to 1000 seeds")
@@ -148,7 +148,7 @@ def check(parser, options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/studies/scenarios", usage="script/studies/scenarios [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/studies/scenarios", usage="script/studies/scenarios [options]; see --help",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("--recording", type=Path)
     parser.add_argument("--seed", type=int)
@@ -164,14 +164,14 @@ def parse(arguments):
 
 
 def recording_of(options, folder):
-    """The one that was given, else one that the plant makes."""
+    """The recording of the option, else a new one of the emulated plant."""
     if options.recording is not None:
         return options.recording
     return brakes.make_recording(PROGRAM, folder, 1 if options.seed is None else options.seed, brake=options.brake)
 
 
 def work(options, folder):
-    """0, or 1 where something is not as it must be."""
+    """Returns 0, or 1 if a result is wrong."""
     bench = Bench(os.environ.get("TWINLOCK", PROGRAM), folder)
     if options.campaign is not None:
         results = campaign.run(bench, options.campaign, options.force, options.brake)
@@ -182,7 +182,7 @@ def work(options, folder):
     print_figures(results, options.json, show_results)
     sys.stdout.flush()
     if not sound:
-        print("scenarios: saving has changed a result, or the ledger was wrong", file=sys.stderr)
+        print("scenarios: saving changed a result, or the prediction of the ledger was wrong: see 'same' and 'ledger' in the table", file=sys.stderr)
     return 0 if sound else 1
 
 

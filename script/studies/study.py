@@ -1,4 +1,4 @@
-"""What the studies share: the program, what a person can do something about, what is being done, and how they end."""
+"""Common part of the studies: the program, errors for the user, progress, and exit codes."""
 import contextlib
 import json
 import os
@@ -9,15 +9,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "build" / "host" / "bin" / "twinlock"
-NOT_LOCKED = 3  # the exit code of a replay that went through, and whose twin was never in lock
+NOT_LOCKED = 3  # exit code of a complete replay whose twin was never in lock
 
 
 class Trouble(Exception):
-    """What a person can do something about."""
+    """An error that the user can correct."""
 
 
 class Progress:
-    """One line on a terminal that says what is being done; nothing elsewhere. `total` 0: not known."""
+    """Shows the progress in one line on a terminal; nothing elsewhere. `total` 0: unknown."""
 
     def __init__(self, total):
         self.on, self.total, self.done = sys.stderr.isatty(), total, 0
@@ -48,7 +48,7 @@ def merge(value, change):
 
 
 def run_command(name, work, code_of_trouble):
-    """The exit code of work(), which returns its own. Trouble is told; the folders of a program that is ended are removed."""
+    """Returns the exit code of work(). Prints Trouble; removes temporary folders also on SIGTERM."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         return work()
@@ -57,8 +57,8 @@ def run_command(name, work, code_of_trouble):
             sys.stdout = open(os.devnull, "w", encoding="utf-8")
         return 0
     except (Trouble, subprocess.CalledProcessError, OSError) as trouble:
-        said = getattr(trouble, "stderr", None)
-        print(f"{name}: {said.decode().strip() if said else trouble}", file=sys.stderr)
+        output = getattr(trouble, "stderr", None)
+        print(f"{name}: {output.decode().strip() if output else trouble}", file=sys.stderr)
         return code_of_trouble
     except KeyboardInterrupt:
         print(f"{name}: interrupted", file=sys.stderr)
@@ -66,13 +66,13 @@ def run_command(name, work, code_of_trouble):
 
 
 def end_interrupted():
-    """As a program that knows nothing of SIGINT."""
+    """Ends like a program without a handler for SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.kill(os.getpid(), signal.SIGINT)
 
 
 def print_figures(figures, as_json, show):
-    """As one JSON object, or as show(figures) would have them."""
+    """Prints the figures as one JSON object, or with show()."""
     if as_json:
         print(json.dumps(figures, indent=1))
     else:

@@ -1,14 +1,14 @@
 # shellcheck shell=bash
-# What the commands in this folder share: their options are read, twinlock is built, and the Python beside them started.
+# Common part of the commands in this folder: reads the options, builds twinlock, and starts the Python program.
 #
-# A command defines usage() and the array `takes`, which says of each option what it takes: nothing, a value, a file or a
-# folder that is there, or a file to write. Paths are the caller's, and become absolute: Python runs in the root.
+# A command defines usage() and the array `takes`: the kind of argument of each option (nothing, value, existing file or
+# folder, or new for a file to write). Relative paths become absolute, because Python runs in the root folder.
 
-# The path as Python gets it, or the end: path_of NAME KIND PATH
+# path_of NAME KIND PATH: prints the absolute path; ends with 65 if it does not exist.
 path_of() {
     case $2 in
         file) [[ -r $3 ]] || { echo "$1: cannot read $3" >&2 && exit 65; } ;;
-        folder) [[ -d $3 ]] || { echo "$1: $3 is no folder" >&2 && exit 65; } ;;
+        folder) [[ -d $3 ]] || { echo "$1: $3: no such folder" >&2 && exit 65; } ;;
     esac
     realpath -m -- "$3"
 }

@@ -1,4 +1,4 @@
-"""The other plants of config/ for hours, minute by minute against their true outputs: see the command systems, which builds and starts this."""
+"""Compares the other plants of config/ with their true outputs for hours: see the command systems, which builds and starts this."""
 import argparse
 import random
 import sys
@@ -11,7 +11,7 @@ PART_OF_NOISE = 9  # of secant in mode lag
 
 
 def switched(names, shortest, longest, first):
-    """A switch that is thrown again and again; what was before holds until the row after."""
+    """A switch that changes often; each value holds until the next row."""
     def commands(choice, seconds):
         rows, time, on = [(0, first)], 0.0, first
         while time < seconds:
@@ -30,7 +30,7 @@ def heaters(choice, seconds):
     return ("time", "Q1", "Q2"), rows
 
 
-# name: what moves it, and which of its outputs is matched with noise of what standard deviation
+# name: its commands, and {matched output: standard deviation of its noise}
 SYSTEMS = {
     "bench_cylinder": (switched(("time", "dir_out"), 1.5, 6.0, 1), {"cylinder.F": 0.04}),
     "cylinder": (switched(("t", "move_out"), 2.2, 5.0, 0), {"cylinder.extend_signal": 0.0}),

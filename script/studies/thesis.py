@@ -1,7 +1,7 @@
 """The tables of chapter 5 of the dissertation, measured: see the command thesis, which builds and starts this.
 
-A table is a function that gives rows: what, what the dissertation has (None: nothing), and what is ours. Whoever wants the figures
-as data takes measure().
+A table is a function that returns rows: name, figures of the dissertation (None: none), our figures. measure() returns all
+figures as data.
 """
 import argparse
 import csv
@@ -30,15 +30,15 @@ SETTLED_S = 0.2
 
 
 class Laboratory:
-    """The program, the recordings, and a folder for what comes in between."""
+    """The program, the recordings, and a folder for intermediate files."""
 
     def __init__(self, folder, recordings, phases, progress):
         self.bench = Bench(PROGRAM, folder)
         self.recordings, self.phases, self.progress = recordings, phases, progress
-        self.used = []  # names of recordings, of the table at hand
+        self.used = []  # names of recordings, of the current table
 
     def recording(self, name):
-        """A recording of that name, or None: then the configuration's own is taken."""
+        """A recording of that name, or None: then that of the configuration is used."""
         path = self.recordings / name if self.recordings else None
         found = path is not None and path.exists()
         self.used.append(name if found else "our own")
@@ -52,7 +52,7 @@ class Laboratory:
         command += ["--recording", recording] if recording is not None else []
         done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
         if done.returncode not in (0, NOT_LOCKED):
-            raise Trouble(done.stderr.strip() or f"{config}: twinlock ended with {done.returncode}")
+            raise Trouble(done.stderr.strip() or f"{config}: exit code {done.returncode} of twinlock")
         with open(steps, encoding="utf-8", newline="") as file:
             names, *rows = csv.reader(file)
         return json.loads(done.stdout), {name: [row[i] for row in rows] for i, name in enumerate(names)}
@@ -111,10 +111,10 @@ def print_5_5(found):
         cells = [columns["thesis"], *([columns["free"]] if letter == "free" else
                                      [columns["bobyqa"], columns["secant"]])]
         print(f"{name:40}" + "".join(f"{mse:8.2f}{largest:7.2f}{count:8d}" for mse, largest, count in cells))
-    print("""The recording of the dissertation was not published. Ours is the same model with J = 0.0015 under a brake
-that was chosen so that the free run has about its MSE, with noise of 0.3 rad/s. The secant solver corrects
-no more than is needed: it could follow the noise more closely. BOBYQA has the tolerance with the fewest
-executions at an MSE of 1.5; with a smaller one it follows as closely as the dissertation's, for more of them.""")
+    print("""The recording of the dissertation was not published. Ours is the same model with J = 0.0015, noise of 0.3 rad/s, and
+a brake with which the free run has about the same MSE. The secant solver corrects no more than needed; it could
+follow the noise more closely. BOBYQA has the tolerance with the fewest executions at an MSE of 1.5; with a smaller
+tolerance it follows as closely as the dissertation, with more executions.""")
 
 
 def print_5_6(found):
@@ -125,8 +125,8 @@ def print_5_6(found):
         for solver, one in solvers.items():
             thesis = f"{one['thesis'][0]:10.2f}{one['thesis'][1]:10.2f}" if one["thesis"] else 20 * " "
             print(f"   {solver:9}{thesis}{one['ours'][0]:10.2f}{one['ours'][1]:10.4f}{one['mse']:9.2f}{one['epsilon']:9g}")
-    print("""N_ges over 4203, the fewest there can be, at an MSE of 1.5 at most. Ours evaluates a guess before it searches, and
-a search ends within tolerance; both spare evaluations in either column. BOBYQA and L-BFGS are NLopt's.""")
+    print("""N_ges relative to 4203, the smallest possible number, at an MSE of at most 1.5. Ours evaluates a guess before it
+searches, and a search ends within tolerance; both save evaluations in both columns. BOBYQA and L-BFGS are NLopt's.""")
 
 
 # ---- transport system: table 5.11, figure 5.18 ----
@@ -134,7 +134,7 @@ a search ends within tolerance; both spare evaluations in either column. BOBYQA 
 def match_of(summary, variable):
     found = summary["match"][variable]["mse"], summary["match"][variable]["max"]
     if None in found:
-        raise Trouble(f"{variable}: too few samples in the recording to compare anything")
+        raise Trouble(f"{variable}: the recording has too few samples to compare")
     return found
 
 
@@ -165,15 +165,15 @@ def print_5_11(found):
     print_pairs([("not synchronised", found["free"]["thesis"], found["free"]["ours"]),
                  ("synchronised by belt 2's `enabled`", found["slow"]["thesis"], found["slow"]["ours"]),
                  ("faster belt, by the product's velocity", None, found["fast"]["ours"])], 2, "mm², mm")
-    print(f"""At most {found['slow']['most_evaluations']} evaluations a step. The real plant's recording was not published; ours is the model with a product that hangs
-until 5 s and then moves at 30 mm/s. Nearly all of what is left is the start: the twin begins 15 mm ahead, cannot go
-back, and waits. The faster belt (figure 5.18) has no figures in the dissertation; its recording is always our own.""")
+    print(f"""At most {found['slow']['most_evaluations']} evaluations a step. The recording of the real plant was not published; ours is the model with a product that is
+stuck until 5 s and then moves at 30 mm/s. Nearly all of the remaining error is the start: the twin begins 15 mm ahead,
+cannot move back, and waits. The faster belt (figure 5.18) has no figures in the dissertation; its recording is always ours.""")
 
 
 # ---- cylinder: table 5.15 ----
 
-def errors(steps, variable, signal_name, since):
-    return [float(y) - float(y_hat) for time, y, y_hat in zip(steps["time"], steps[variable], steps[signal_name])
+def errors(steps, simulated, measured, since):
+    return [float(y) - float(y_hat) for time, y, y_hat in zip(steps["time"], steps[simulated], steps[measured])
             if float(time) >= since]
 
 
@@ -183,8 +183,8 @@ def metrics(differences):
 
 def cylinder_figures(laboratory, name, recording):
     summary, steps = laboratory.replay(f"cylinder/{name}", recording)
-    air = ("cylinder.airflow", "plant.airflow")
-    opened = next((float(t) for t, on in zip(steps["time"], steps["plant.airflow"]) if abs(float(on)) > 1.0), 0.0)
+    air = ("cylinder.airflow simulated", "plant.airflow measured")
+    opened = next((float(t) for t, on in zip(steps["time"], steps["plant.airflow measured"]) if abs(float(on)) > 1.0), 0.0)
     figures = {"extended": match_of(summary, "cylinder.extend_signal"), "airflow": metrics(errors(steps, *air, 0.0)),
                "airflow from 0.2 s": metrics(errors(steps, *air, opened + SETTLED_S))}
     throttle = summary["adjust"].get("cylinder.throttle_extend", {}).get("last")
@@ -207,11 +207,11 @@ def print_5_15(found):
     for what, unit in units.items():
         print(f"{what}")
         print_pairs([(f"   {words[name]}", one["thesis"][what], one["ours"][what]) for name, one in found.items()], 4, unit)
-    print(f"""Throttle found: {found['lock']['throttle']:.4g} (dissertation 0.023, the plant's is 0.023), by {found['lock']['evaluations']} evaluations, T_F = 16. What is committed stays
-committed: while the first search waits for its window, the signal is wrong for 8 steps; in mode hold it does not wait. The
-real plant's recording was not published; ours is a model of the cylinder and of the beam, whose chambers do not ring as the
-dissertation's did. History is not rewritten: most of the airflow's error is that of the first stroke, before there
-is anything to find. From 0.2 s: after the valve has opened first.""")
+    print(f"""Throttle found: {found['lock']['throttle']:.4g} (dissertation 0.023, the plant's is 0.023), by {found['lock']['evaluations']} evaluations, T_F = 16. Committed steps do
+not change: while the first search waits for its window, the signal is wrong for 8 steps; in mode hold it does not wait. The
+recording of the real plant was not published; ours is a model of the cylinder and the beam, without the oscillations of the
+chambers in the dissertation. Most of the airflow's error is that of the first stroke, before the first search. From 0.2 s:
+after the valve has opened for the first time.""")
 
 
 # ---- synchronisation of time: table 5.17 ----
@@ -225,13 +225,13 @@ def table_5_17(laboratory):
 
 def print_5_17(found):
     delays.print_table(found, found["phases"])
-    print("""The dissertation has one clock phase, and does not say which; its MAX is that of the first sample after the step, which
-depends on it most.""")
+    print("""The dissertation has one clock phase, which it does not give; its MAX is that of the first sample after the step, which
+depends most on the phase.""")
 
 
-# ---- plants of others ----
+# ---- other plants ----
 
-# Configuration, name of the recording, and whether there is a stand-in for it.
+# Configuration, name of the recording, and whether there is a model in its place.
 OTHERS = {
     "TCLab, by the heat of both heaters": ("tclab/lock", "tclab_energy_balance.csv", True),
     "TCLab, by its heat capacity": ("tclab/capacity", "tclab_energy_balance.csv", True),
@@ -268,7 +268,7 @@ def print_others(found):
         print(f"{plant}: {one['recording']}")
         for output, (free, locked, unit) in one["outputs"].items():
             print(f"   {output:60}{free:14.4g}{locked:14.4g}  ({unit})²")
-    print("""Stand-ins are models of these plants, made by twinlock plant. With --recordings: what was measured on them.""")
+    print("""Stand-ins are models of these plants, played by twinlock plant. With --recordings: measurements of the plants.""")
 
 
 # ---- all ----
@@ -284,7 +284,7 @@ TABLES = {
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/studies/thesis", usage="script/studies/thesis [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/studies/thesis", usage="script/studies/thesis [options]; see --help",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("--only", default=",".join(TABLES))
     parser.add_argument("--recordings", type=Path)
@@ -292,16 +292,16 @@ def parse(arguments):
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     options.only = options.only.split(",")
-    strange = [name for name in options.only if name not in TABLES]
-    if strange:
-        parser.error(f"--only {','.join(strange)}: expected some of {', '.join(TABLES)}")
+    unknown = [name for name in options.only if name not in TABLES]
+    if unknown:
+        parser.error(f"--only {','.join(unknown)}: expected some of {', '.join(TABLES)}")
     if not 1 <= options.phases <= 100000:
         parser.error(f"--phases {options.phases}: expected 1 to 100000")
     return options
 
 
 def measure(names, laboratory):
-    """{table: its figures}; which recordings were taken is in laboratory.sources, by table"""
+    """{table: its figures}; laboratory.sources has the used recordings of each table"""
     found, laboratory.sources = {}, {}
     for name in names:
         laboratory.used = []

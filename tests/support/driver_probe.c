@@ -15,11 +15,11 @@ void tl_probe_post(void *context, size_t channel, const tl_reading *reading) {
     probe->posts[channel]++;
 }
 
-void tl_probe_link(void *context, bool up, const char *text) {
+void tl_probe_link(void *context, bool good, const char *text) {
     tl_driver_probe *probe = context;
     probe->links++;
-    probe->downs += up ? 0 : 1;
-    probe->link_up = up;
+    probe->warnings += good ? 0 : 1;
+    probe->link_good = good;
     (void)snprintf(probe->link_text, sizeof probe->link_text, "%s", text);
 }
 
@@ -42,8 +42,8 @@ void tl_probe_forget(tl_driver_probe *probe) {
     memset(probe->newest, 0, sizeof probe->newest);
     memset(probe->posts, 0, sizeof probe->posts);
     probe->links = 0;
-    probe->downs = 0;
-    probe->link_up = false;
+    probe->warnings = 0;
+    probe->link_good = false;
     probe->link_text[0] = '\0';
 }
 
@@ -78,8 +78,8 @@ void tl_probe_expect(const tl_driver_probe *probe, size_t channel, double value,
     TEST_ASSERT_EQUAL_DOUBLE(value, tl_probe_newest(probe, channel)->value);
 }
 
-void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *parts) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(up, probe->link_up, probe->link_text);
+void tl_probe_expect_link(const tl_driver_probe *probe, bool good, const char *parts) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(good, probe->link_good, probe->link_text);
     TL_EXPECT_PARTS(parts, probe->link_text);
 }
 

@@ -8,10 +8,10 @@
         "warning", "error"];
     const PRINT_WIDTH = 670; // CSS pixels: fits A4 and Letter between the margins of page.css
     const root = document.documentElement;
-    const place = document.getElementById("plots");
+    const container = document.getElementById("plots");
     const plots = [];
     let palette = {};
-    let busy = false; // while one plot's window is given to the others
+    let busy = false; // while the window of one plot is copied to the others
 
     // ---- Time --------------------------------------------------------------------------------------------------------
 
@@ -197,8 +197,8 @@
             entry.append(swatch(series), element("span", "name", series.name), " ", series.shown);
             caption.append(entry);
         }
-        if (plot.aside) {
-            caption.append(element("span", "aside", plot.aside));
+        if (plot.hint) {
+            caption.append(element("span", "hint", plot.hint));
         }
         plot.at = element("span", "at");
         caption.append(plot.at);
@@ -220,7 +220,7 @@
         return x - times[low] <= times[high] - x ? low : high;
     }
 
-    // What held at a time: the last row at or before it, for curves of what is held over a step.
+    // The value at a time: for curves that are constant over a step, the last row at or before it.
     function rowAt(plot, x) {
         const row = nearest(plot.times, x);
         return plot.offset === 0 && row > 0 && plot.times[row] > x ? row - 1 : row;
@@ -300,9 +300,9 @@
     function rowsOf(plot) {
         const count = plot.series[0].values.length;
         plot.times = Array.from({length: count}, (_, index) => timeOf(positionOf(index) + plot.offset));
-        const held = plot.offset === 0;
-        if (held) {
-            plot.times.push(whole[1]); // the last one too is held for a step
+        const stepped = plot.offset === 0;
+        if (stepped) {
+            plot.times.push(whole[1]); // the last value is also constant for a step
         }
         return plot.times.map((time, index) => {
             const at = Math.min(index, count - 1);
@@ -345,7 +345,7 @@
         canvas.setAttribute("aria-label", plot.series.filter((one) => one.name).map((one) => one.name).join(", "));
         figure.append(legend(plot), canvas);
         group.append(figure);
-        plot.place = canvas;
+        plot.canvas = canvas;
         plot.graph = new Dygraph(canvas, rowsOf(plot), options(plot));
         plots.push(plot);
     }
@@ -353,7 +353,7 @@
     function addGroup(title) {
         const group = element("section", "group");
         group.append(element("h3", "", title));
-        place.append(group);
+        container.append(group);
         return group;
     }
 
@@ -383,14 +383,14 @@
         const {unit, type} = match;
         addPlot(group, {
             unit, bad, offset: 1, height: 240, boolean: type === "Boolean",
-            aside: seen ? "hatched: \u0177 is not good (" + namesOf(seen) + ") and left out" : "",
+            hint: seen ? "hatched: \u0177 is not good (" + namesOf(seen) + ") and not used" : "",
             series: [
                 {name: "\u0177 measured, " + match.to, values: match.measured, colour: "measured", width: 3.2, stepped, unit,
                     type},
                 {name: "y simulated", values: match.simulated, colour: "simulated", width: 1.3, stepped, unit, type},
             ],
         });
-        const series = [{name: "\u0394y = y \u2212 \u0177", values: match.error, colour: "difference", stepped, unit}];
+        const series = [{name: "error \u0394y = y \u2212 \u0177", values: match.error, colour: "difference", stepped, unit}];
         if (match.tolerance > 0) {
             for (const limit of [match.tolerance, -match.tolerance]) {
                 series.push({values: constant(limit, match.error), colour: "nominal", width: 0.8, dash: [4, 3]});
@@ -398,7 +398,7 @@
         }
         addPlot(group, {
             unit, bad, offset: 1, height: 170, series, tolerance: match.tolerance,
-            aside: match.tolerance > 0 ? "band: tolerance \u00b1" + number(match.tolerance, 6) + " " + unit : "",
+            hint: match.tolerance > 0 ? "band: tolerance \u00b1" + number(match.tolerance, 6) + " " + unit : "",
         });
     }
 
@@ -409,17 +409,17 @@
             unit, offset: 0, height: 170, boolean: type === "Boolean",
             series: [
                 {name: "\u00fb nominal", values: adjust.nominal, colour: "nominal", width: 2.6, stepped: true, unit, type},
-                {name: "u committed", values: adjust.applied, colour: "simulated", stepped: true, unit, type},
+                {name: "u applied", values: adjust.applied, colour: "simulated", stepped: true, unit, type},
             ],
         });
         addPlot(group, {
             unit, offset: 0, height: 170,
-            series: [{name: "\u0394u = u \u2212 \u00fb", values: adjust.correction, colour: "difference", stepped: true, unit}],
+            series: [{name: "correction \u0394u = u \u2212 \u00fb", values: adjust.correction, colour: "difference", stepped: true, unit}],
         });
     }
 
     function addEffort() {
-        addPlot(addGroup("Effort"), {
+        addPlot(addGroup("Search effort"), {
             offset: 0, height: 170, unit: "per step", counts: true,
             series: [
                 {name: "evaluations", values: data.evaluations, colour: "measured", stepped: true},
@@ -429,18 +429,18 @@
     }
 
     function addBudget() {
-        const series = [{name: "time used", values: data.used, colour: "simulated", stepped: true, unit: "ms"}];
+        const series = [{name: "computing time", values: data.used, colour: "simulated", stepped: true, unit: "ms"}];
         if (data.budget > 0) {
-            series.push({name: "budget of the search " + number(data.budget, 4) + " ms", dash: [6, 4], width: 1.2,
+            series.push({name: "time budget of the search " + number(data.budget, 4) + " ms", dash: [6, 4], width: 1.2,
                 values: constant(data.budget, data.used), colour: "warning"});
         }
         const period = data.step * 1e3;
         series.push({name: "macro step " + number(period, 4) + " ms", dash: [2, 3], width: 1.2,
             values: constant(period, data.used), colour: "error"});
-        addPlot(addGroup("Time of a step"), {offset: 0, height: 170, unit: "ms", zero: true, series});
+        addPlot(addGroup("Computing time of a step"), {offset: 0, height: 170, unit: "ms", zero: true, series});
     }
 
-    // Stretches without a step: lost, removed, or never recorded.
+    // Ranges without a step: lost, removed, or never recorded.
     function findGaps() {
         const found = [];
         const missing = (index) => data.executions[index] === null;
@@ -468,11 +468,12 @@
     // Light colours, the width of the paper, and as many dots as a printer has.
     function toPaper() {
         root.classList.add("print");
+        document.querySelectorAll("details").forEach((one) => { one.open = true; });
         readPalette();
         busy = true;
         for (const plot of plots) {
             plot.graph.updateOptions({...paint(plot), pixelRatio: plots.length > 12 ? 2 : 3}, true);
-            plot.place.style.width = PRINT_WIDTH + "px";
+            plot.canvas.style.width = PRINT_WIDTH + "px";
             plot.graph.resize(PRINT_WIDTH, plot.height);
         }
         busy = false;
@@ -483,7 +484,7 @@
         readPalette();
         busy = true;
         for (const plot of plots) {
-            plot.place.style.width = "";
+            plot.canvas.style.width = "";
             plot.graph.updateOptions({...paint(plot), pixelRatio: null}, true);
             plot.graph.resize();
         }
@@ -495,12 +496,12 @@
     const events = Array.from(document.querySelectorAll("#events tr[data-time]"), (row) => (
         {time: Number(row.dataset.time), severity: row.className}));
     if (data.steps === 0) {
-        place.append(element("p", "note", "There are no steps."));
+        container.append(element("p", "note", "There are no steps."));
         return;
     }
     const gaps = findGaps();
     if (gaps.length > 0) {
-        place.append(element("p", "note", "Hatched in grey: steps that are not in the database."));
+        container.append(element("p", "note", "Hatched in grey: steps that are not in the database."));
     }
     readPalette();
     data.match.forEach(addMatch);
@@ -512,5 +513,5 @@
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
     addEventListener("beforeprint", toPaper);
     addEventListener("afterprint", toScreen);
-    root.dataset.drawn = String(plots.length); // for whoever waits for the plots
+    root.dataset.drawn = String(plots.length); // for programs that wait for the plots
 })();

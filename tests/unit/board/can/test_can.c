@@ -45,7 +45,7 @@ static void test_wrong_channels(void) {
     channels[1].extended = true;
     expect_refused("channel 1|0x20000000|29");
     channels[1].bytes = 9;
-    expect_refused("channel 1|9 bytes");
+    expect_refused("channel 1|bytes|9");
     channels[1].field.start = 57;
     expect_refused("channel 1|8 bits|57");
     channels[1].field.length = 0;
@@ -59,9 +59,9 @@ static void test_wrong_channels(void) {
     channels[1].type = TL_CAN_FLOAT64;
     expect_refused("channel 1|32 bits|0");
     channels[1].scale = 0;
-    expect_refused("channel 1|scale 0|offset 0");
+    expect_refused("channel 1|scale|0|offset");
     channels[1].offset = (double)NAN;
-    expect_refused("channel 1|scale 1|offset nan");
+    expect_refused("channel 1|scale|1|offset|nan");
 }
 
 static void test_wrong_multiplexors(void) {

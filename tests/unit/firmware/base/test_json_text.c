@@ -85,8 +85,9 @@ static void test_structure_refused(void) {
     refuses("[", "line 1|column 2|end|" A_VALUE);
     refuses("[1", "line 1|column 3|end|]");
     refuses("{\"a\":1", "line 1|column 7|end|}");
-    refuses("[1,]", "line 1|column 4|]|" A_VALUE);
-    refuses("{\"a\":1,}", "line 1|column 8|}|" A_KEY);
+    refuses("[1,]", "line 1|column 3|comma|]");
+    refuses("{\"a\":1,}", "line 1|column 7|comma|}");
+    refuses("{\"a\":[1,\n]}", "line 1|column 8|comma|]");
     refuses("{\"a\" 47}", "line 1|column 6|47|key");
     refuses("{\"a\":}", "line 1|column 6|}|" A_VALUE);
     refuses("{alpha:1}", "line 1|column 2|alpha|" A_KEY);
@@ -101,10 +102,10 @@ static void test_structure_refused(void) {
 }
 
 static void test_text_after_the_end(void) {
-    refuses("{} {}", "line 1|column 4|{|after");
-    refuses("1 47", "line 1|column 3|47|after");
-    refuses("{}\n}", "line 2|column 1|}|after");
-    refuses_bytes("{}", 3, "line 1|column 3|U+0000|after");
+    refuses("{} {}", "line 1|column 4|{|end");
+    refuses("1 47", "line 1|column 3|47|end");
+    refuses("{}\n}", "line 2|column 1|}|end");
+    refuses_bytes("{}", 3, "line 1|column 3|U+0000|end");
     refuses_bytes("{\0}", 3, "line 1|column 2|U+0000|" A_KEY);
 }
 
@@ -120,6 +121,8 @@ static void test_words_refused(void) {
 }
 
 static void test_numbers_refused(void) {
+    refuses("{\"a\":0,02}", "line 1|column 6|0,02|0.02");
+    refuses("{\"a\":[-12.5],\"b\":-1,5}", "line 1|column 18|-1,5|-1.5");
     refuses("01", "line 1|column 1|01|" A_NUMBER);
     refuses("-01", "line 1|column 1|-01|" A_NUMBER);
     refuses("-", "line 1|column 1|-|" A_NUMBER);

@@ -211,8 +211,8 @@ static void test_a_serial_line(void) {
         {"\"timeout_s\": 0.1", "\"timeout_s\": 0", "sources.bus.modbus_rtu.timeout_s", "0|0.001|60", NULL},
         {"\"rs485\": true", "\"data_bits\": 7", "sources.bus.modbus_rtu.data_bits",
          "unknown|\"data_bits\"|device|baud|parity|stop_bits|rs485|timeout_s|period_s", NULL},
-        {"\"unit_id\": 247", "\"unit_id\": 0", "plant.level.modbus.unit_id", "0|unit|1|247", NULL},
-        {"\"unit_id\": 247", "\"unit_id\": 255", "plant.level.modbus.unit_id", "255|unit|1|247", NULL},
+        {"\"unit_id\": 247", "\"unit_id\": 0", "plant.level.modbus.unit_id", "0|modbus_rtu|1|247", NULL},
+        {"\"unit_id\": 247", "\"unit_id\": 255", "plant.level.modbus.unit_id", "255|modbus_rtu|1|247", NULL},
     };
     EXPECT_EACH(full, changes);
 }
@@ -296,7 +296,7 @@ static void test_connections(void) {
         {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\", \".x\"]", "connect[0][1]",
          "\".x\"|component.variable", NULL},
         {"[\"motor.omega\", \"drive.y\"]", "[\"motor.omega\", \"motor.M_w\"]", "connect[2][1]",
-         "\"motor.M_w\"|connect[0]|connected", NULL},
+         "\"motor.M_w\"|connect[0]|input", NULL},
         {"\"record\": {", "\"connects\": [], \"record\": {", "connects", "unknown|\"connects\"|\"connect\"", NULL},
     };
     EXPECT_EACH(full, changes);
@@ -476,7 +476,7 @@ static void test_limits_and_saving(void) {
         {"\"stagnation\": 30", "\"stagnation\": 1.5", "synchronise.stagnation", "1.5|whole number|1|100000", NULL},
         {"\"stagnation\": 30", "\"stagnation\": \"30\"", "synchronise.stagnation", "\"30\"|1|100000", NULL},
         {"\"free_twin\": false", "\"free_twin\": 1", "synchronise.free_twin", "1|true|false", NULL},
-        {"\"free_twin\": false", "\"free_twin\": true", "synchronise.free_twin", "true|false|keep \"outputs\"", NULL},
+        {"\"free_twin\": false", "\"free_twin\": true", "synchronise.free_twin", "true|false|\"outputs\"", NULL},
         {"\"noise_floor\": 0.002", "\"noise_floor\": -0.002", "synchronise.noise_floor", "-0.002|0", NULL},
         {"\"noise_floor\": 0.002", "\"noise_floor\": false", "synchronise.noise_floor", "false|0", NULL},
         {"\"saving\": { \"structure\": false, \"sequences\": false, \"nodes\": 500, \"memory_mb\": 300 }",
@@ -620,7 +620,7 @@ static void test_delays(void) {
         {"[[\"acquisition\", \"twin\"]]", "[[\"acquisition\", \"twins\"]]", "delays.synchronous[0][1]",
          "\"twins\"|participant|bus|device|acquisition|twin", NULL},
         {"[[\"acquisition\", \"twin\"]]", "[[\"acquisition\", \"twin\"], [\"bus\", \"twin\"]]",
-         "delays.synchronous[1][1]", "\"twin\"|participant|once", NULL},
+         "delays.synchronous[1][1]", "\"twin\"|participant|group", NULL},
         {"{ \"plant\": [\"bus\", \"device\"], ", "{ ", "delays.input.plant", "array|1|16|participants", NULL},
         {"[\"bus\", \"device\"]", "[]", "delays.input.plant", "array|0|1|16|participants", NULL},
         {"[\"bus\", \"device\"]", "[\"bus\", 5]", "delays.input.plant[1]", "5|participant|bus|device|acquisition|twin",

@@ -172,11 +172,11 @@ static void refuse_candidate(const char *why) {
 static void test_invalid_candidates_are_rejected(void) {
     write_candidate();
     candidate->text[3] = 'x';
-    refuse_candidate("candidate|digest");
+    refuse_candidate("candidate|hash");
     write_candidate();
     candidate->text[3] = '\0';
     tl_sha256(candidate->text, candidate->size, candidate->hash);
-    refuse_candidate("candidate|digest");
+    refuse_candidate("candidate|hash");
     write_candidate();
     candidate->size = TL_CONFIG_MAX_BYTES + 1;
     refuse_candidate("candidate|262145|1|262144");

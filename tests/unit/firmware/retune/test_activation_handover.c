@@ -235,7 +235,7 @@ static void test_a_second_handover_on_probation(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 3, 0));
     TEST_ASSERT_EQUAL_INT(2, run->handovers);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.probation.return_to);
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "twin before|restart"));
+    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "twin|rollback"));
     TEST_ASSERT_EQUAL_STRING("", run->other);
     tl_played_fail();
     TEST_ASSERT_EQUAL_INT(2, run->handovers);

@@ -34,7 +34,7 @@ static void test_a_shadow_without_a_plant(void) {
     run->each.lock.steps[TL_LOCK_LOST] = 1;
     run->each.lock.steps[TL_LOCK_FREE] = 9;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "plant|90 %"));
+    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "signal|90 %"));
 }
 
 /* The lock window is longer than the time of the shadow. The client is informed before it waits. */
@@ -53,7 +53,7 @@ static void test_strokes(void) {
     tl_played_begin_anew();
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "strokes|3|3.75 s|--shadow"));
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "live|5 s|not judged"));
+    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "live|5 s|lock"));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "lock|probation"));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_PROBATION, "300 s|--probation"));
 }
@@ -149,7 +149,7 @@ static void test_a_shadow_that_dies(void) {
     tl_played_expect_refused(TL_CONTROL_INVALID, "its FMU\\x1B has crashed");
     run->shadow.why[0] = '\0'; /* fails at once, without a reason */
     (void)tl_played_take("1", 2, 0);
-    tl_played_expect_refused(TL_CONTROL_INVALID, "twin|--restart");
+    tl_played_expect_refused(TL_CONTROL_INVALID, "shadow|--restart");
     expect_restart_instead();
 }
 

@@ -60,7 +60,7 @@ static void test_a_step_that_is_too_slow(void) {
     answer.least = answer.step;
     expect_time("10 ms|5 ms", 3);
     answer.least = answer.step + 1;
-    expect_time("10 ms|search", 2);
+    expect_time("10 ms|step_s", 2);
 }
 
 /* Reads the free memory of this machine. */

@@ -173,7 +173,7 @@ static void test_numbers_that_are_not_finite(void) {
     tl_recorder_put_step(bench.recorder, &record, ledger);
     tl_bench_close(&bench, "end");
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM samples WHERE value IS NULL"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE y IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE simulated IS NULL"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE error IS NULL"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM adjustments WHERE correction IS NULL"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE J IS NULL"));

@@ -1,4 +1,5 @@
 /* The real-time cycle: its ticks, missed ticks, tunings, its end, and its published status. */
+#include <errno.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,6 +39,7 @@ static char database[PATH_MAX];
 
 #define OTHER "{ \"other\": 1 }"
 
+static tl_realtime_missing missing;
 static tl_live_tuning tuning;
 static tl_live_tuning_answer answer;
 static tl_live_tuning_head told;
@@ -69,6 +71,7 @@ void setUp(void) {
     posts = 0;
     input = (tl_plant_input){.buffers = {{.slots = slots, .count = &posts, .depth = 256}}};
     memset(&shown, 0, sizeof shown);
+    memset(&missing, 0, sizeof missing);
     memset(&tuning, 0, sizeof tuning);
     memset(&answer, 0, sizeof answer);
     memset(&told, 0, sizeof told);
@@ -135,7 +138,8 @@ static void start(void) {
                                         .queue = &box.queue,
                                         .journal = &journal,
                                         .tuning = &tuning,
-                                        .answer = &answer};
+                                        .answer = &answer,
+                                        .missing = missing};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &cycle, &error), error.text);
 }
 
@@ -260,6 +264,21 @@ static void test_missed_ticks_are_made_up(void) {
 }
 
 /* With a budget that ends at once, all missed ticks are still computed, one at a time. */
+/* What was not permitted is reported with the first miss, once. */
+static void test_what_may_have_caused_a_miss(void) {
+    missing = (tl_realtime_missing){.lock_error = ENOMEM, .priority = true};
+    make_twin(20 * MILLISECOND, 600 * MILLISECOND, TL_LAG);
+    slow_call = 60;
+    slow_time = 100 * MILLISECOND;
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'cycle' AND "
+                                                        "severity = 1 AND text LIKE '%LimitMEMLOCK%'"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'cycle' AND "
+                                                        "severity = 1 AND text LIKE '%LimitRTPRIO%'"));
+}
+
 static void test_missed_ticks_without_time(void) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
     twin.assembly.config.budget_time = 1;
@@ -379,14 +398,14 @@ static void test_a_tuning_that_is_rejected(void) {
     told.hash[0] = 'x';
     tell(4);
     wait_for_answer(4, &heard);
-    TL_EXPECT_PARTS("digest", heard.why);
+    TL_EXPECT_PARTS("hash", heard.why);
     watch(shown.ticks + 5);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_DOUBLE(100.0, twin.assembly.config.match[0].tolerance);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
     TEST_ASSERT_EQUAL_INT64(2,
                             tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
-                                                     "severity = 1 AND (text LIKE '%61%60%' OR text LIKE '%digest%')"));
+                                                     "severity = 1 AND (text LIKE '%61%60%' OR text LIKE '%hash%')"));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_sql_number(database, "SELECT max(abs(applied)) FROM adjustments"));
 }
 
@@ -508,6 +527,7 @@ int main(void) {
     RUN_TEST(test_a_duration_in_mode_ahead);
     RUN_TEST(test_stamps_are_recorded_relative_to_the_first_tick);
     RUN_TEST(test_missed_ticks_are_made_up);
+    RUN_TEST(test_what_may_have_caused_a_miss);
     RUN_TEST(test_missed_ticks_without_time);
     RUN_TEST(test_a_reset_of_the_fmus);
     RUN_TEST(test_another_tuning_in_mode_lag);

@@ -112,19 +112,19 @@ static void a_dead_writer_leaves_nothing(void) {
 
 static void invalid_blocks_are_rejected(void) {
     const unsigned char turning[] = {0xE2, 0x80, 0xAE, 0}; /* reverses the direction of text */
-    HEAD_REFUSED(block.head.hash[0] = 'g', "digest");
-    HEAD_REFUSED(block.head.hash[0] = '\0', "digest");
-    HEAD_REFUSED(memset(block.head.hash, 'a', sizeof block.head.hash), "digest");
+    HEAD_REFUSED(block.head.hash[0] = 'g', "hash");
+    HEAD_REFUSED(block.head.hash[0] = '\0', "hash");
+    HEAD_REFUSED(memset(block.head.hash, 'a', sizeof block.head.hash), "hash");
     HEAD_REFUSED(memset(block.head.who, 'a', sizeof block.head.who), "text");
     HEAD_REFUSED(block.head.origin[0] = '\n', "text");
     HEAD_REFUSED(memcpy(block.head.why, turning, sizeof turning), "text");
     HEAD_REFUSED(block.head.why[0] = (char)0xFF, "text");
     HEAD_REFUSED(block.head.size = TL_CONFIG_MAX_BYTES + 1, "262145|262144");
     HEAD_REFUSED(block.head.size = UINT32_MAX, "4294967295|262144");
-    TEXT_REFUSED(block.head.size--, "text|digest");
-    TEXT_REFUSED(block.text[5] = '\0', "text|digest");
-    TEXT_REFUSED(block.text[5] ^= 1, "text|digest");
-    TEXT_REFUSED(block.head.hash[3] = block.head.hash[3] == 'a' ? 'b' : 'a', "text|digest");
+    TEXT_REFUSED(block.head.size--, "text|hash");
+    TEXT_REFUSED(block.text[5] = '\0', "text|hash");
+    TEXT_REFUSED(block.text[5] ^= 1, "text|hash");
+    TEXT_REFUSED(block.head.hash[3] = block.head.hash[3] == 'a' ? 'b' : 'a', "text|hash");
     HEAD_REFUSED(block.head.tuning.match[0].tolerance = 0.0, "tolerance|0");
     HEAD_REFUSED(block.head.tuning.matches = 17, "17|16");
 }

@@ -211,7 +211,7 @@ static void test_the_start(void) {
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_INT64(KILLED, resume.last);
     follow(TL_RESUME_FOLLOWED);
-    expect_told(1, TL_EVENT_INFO, "run 1|tick 151|start|151 ticks");
+    expect_told(1, TL_EVENT_INFO, "run 1|tick 151|first|151 ticks");
     tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
 }
@@ -306,7 +306,7 @@ static void test_inputs_with_which_an_fmu_fails(void) {
 
 /* The message names the nouns in `parts`, and no other one of the list. */
 static void expect_nouns(const char *parts, const char *message) {
-    static const char *const nouns[] = {"configuration", "tunings", "FMUs", "clock", "duration", "ticks", "damaged"};
+    static const char *const nouns[] = {"configuration", "tunings", "FMU", "clock", "duration", "ticks", "damaged"};
     for (size_t i = 0; i < sizeof nouns / sizeof nouns[0]; i++) {
         bool is_wanted = tl_test_has_parts(parts, nouns[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(is_wanted, tl_test_has_parts(message, nouns[i]), message);
@@ -348,12 +348,13 @@ static void test_why_no_resume_point_is_found(void) {
     expect_none("DELETE FROM main.tunings WHERE tick = 120", TL_EVENT_INFO, /* ended with the other one */
                 "configuration|run 1");
     expect_none("UPDATE tunings SET tick = -1 WHERE tick = 120", TL_EVENT_WARNING, "run.db|damaged|tunings|run 1");
-    expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "FMUs|run 1");
-    expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "run 1");
+    expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "FMU|run 1");
+    expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "run 1|boot ID");
     expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO, "run 1|record.resume_s");
     TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(told[0]));
     expect_none("UPDATE beginnings SET start_ns = start_ns + 4000000000000", TL_EVENT_INFO, "clock|run 1");
-    expect_none("DELETE FROM checkpoints; DELETE FROM main.samples WHERE tick = 140", TL_EVENT_INFO, "run 1|ticks");
+    expect_none("DELETE FROM checkpoints; DELETE FROM main.samples WHERE tick = 140", TL_EVENT_INFO,
+                "run 1|checkpoint|FMU|ticks");
     expect_none("UPDATE runs SET lead = 2147483647, step_ns = 3600000000000", TL_EVENT_WARNING, "run.db|damaged|run 1");
     course.assembly.config.duration = TL_SECOND;
     expect_none("", TL_EVENT_INFO, "duration|run 1");

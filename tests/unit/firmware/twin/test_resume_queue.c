@@ -272,7 +272,7 @@ static void test_older_resume_points(void) {
     expect_past(TL_RESUMED_INPUTS, NEWER + 1, KILLED);
     TEST_ASSERT_EQUAL_size_t(0, told_count);
     TEST_ASSERT_FALSE(tl_resume_queue_next(left, &resume));
-    expect_told(1, TL_EVENT_INFO, "run");
+    expect_told(1, TL_EVENT_INFO, "resume point");
 }
 
 /* The newest checkpoint is damaged; the other one leads to the same tick. */

@@ -574,7 +574,7 @@ static void test_it_ends_with_a_reason(void) {
 
 static void test_it_ends_silently(void) {
     take_wrong("ended silently", 0);
-    expect_text("FMUs|ended");
+    expect_text("FMU|ended");
 }
 
 static void test_a_step_that_fails(void) {
@@ -585,7 +585,7 @@ static void test_a_step_that_fails(void) {
 
 static void test_a_step_that_fails_silently(void) {
     take_wrong("a step fails silently", 0);
-    expect_text("FMUs|step");
+    expect_text("FMU|step");
 }
 
 static void test_it_crashes_in_a_call(void) {

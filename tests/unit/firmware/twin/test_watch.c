@@ -11,6 +11,7 @@
 #include "tests/support/stderr_capture.h"
 
 static tl_config_signal signals[2];
+static tl_config_source source = {.name = "plc"};
 static tl_plan_adjust adjust[2];
 static tl_config config;
 static tl_journal journal;
@@ -24,6 +25,7 @@ void setUp(void) {
     signals[0].plan.name = "torque";
     signals[1].plan.name = "omega";
     config.signals = signals;
+    config.sources = &source;
     config.signal_count = 2;
     adjust[0].variable = "motor.d";
     adjust[1].variable = "drive.u";
@@ -142,7 +144,7 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
     see(TL_GOOD, TL_STALE);
     expect_told("warning|plant.omega|stale_s");
     see(TL_GOOD, TL_NO_LINK);
-    expect_told("warning|plant.omega|connection|last good value");
+    expect_told("warning|plant.omega|plc|last good value");
     see(TL_GOOD, TL_NO_LINK);
     expect_nothing();
     see(TL_GOOD, TL_GOOD);
@@ -340,7 +342,7 @@ static void test_strokes_are_reported_if_they_change_something(void) {
     expect_told("warning|twin|stroke|tolerance|motor.d|0.01|J = 2");
     record.flags = TL_FLAG_ABANDONED;
     records(TL_HELD, 1);
-    expect_told("warning|twin|stroke|time");
+    expect_told("warning|twin|stroke|gap");
     records(TL_HELD, 5);
     expect_nothing();
     record.u[0] = 0.02;

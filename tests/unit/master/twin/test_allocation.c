@@ -269,7 +269,7 @@ static void add_chain(const setting *set) {
     add_lag("b");
     plan.components[0].keep = set->keep;
     plan.components[1].keep = set->keep;
-    tl_test_plan_connect(&plan, "plant.cmd", "a.applied");
+    tl_test_plan_connect(&plan, "plant.cmd", "a.u");
     tl_test_plan_connect(&plan, "a.y", "b.u");
     tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "b.u", 0.1);
     adjust->deviation_penalty = 1e-6;

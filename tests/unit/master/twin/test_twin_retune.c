@@ -372,7 +372,7 @@ static void numbers_that_cannot_be_are_refused(void) {
     REFUSED(adjust[0].rate_penalty = HUGE_VAL, "variable 0|penalties|inf");
     REFUSED(margin = 1.0, "margin|1");
     REFUSED(margin = (double)NAN, "margin|nan");
-    REFUSED(noise_floor = -0.1, "noise floor|-0.1");
+    REFUSED(noise_floor = -0.1, "noise_floor|-0.1");
     REFUSED(evaluations = 0, "0|evaluations|1");
     REFUSED(evaluations = UINT64_MAX, "18446744073709551615|evaluations|1");
     REFUSED(time = -1, "budget|-1e-09");
