@@ -461,12 +461,10 @@ static void check_delays(warnings *list, const tl_config *config) {
     }
 }
 
-/* The text of the finding begins with the component's name. */
 static void check_rollback(warnings *list, const tl_far_look *rollback) {
     char path[64];
     if (rollback->news.found) {
-        (void)snprintf(path, sizeof path, "components.%.*s.rollback", (int)strcspn(rollback->news.text, " "),
-                       rollback->news.text);
+        (void)snprintf(path, sizeof path, "components.%.40s.rollback", rollback->news.component);
         warn(list, path, "%s", rollback->news.text);
     }
 }

@@ -76,12 +76,12 @@ static const double A_FEW_STEPS = 4.0;
 static const double AT_REST = 1.2; /* standard deviation over noise, for a signal that does not move */
 
 /* Receives the readings of a recording. */
-typedef struct reader {
+typedef struct survey_reader {
     const tl_config *config;
     tl_survey *survey;
     tl_time first, last;
     bool any, is_short_of_memory;
-} reader;
+} survey_reader;
 
 static bool is_good(const tl_config_signal *signal, const tl_reading *reading) {
     return reading->quality == TL_GOOD && isfinite(reading->value) && reading->value >= signal->minimum &&
@@ -89,7 +89,7 @@ static bool is_good(const tl_config_signal *signal, const tl_reading *reading) {
 }
 
 static void add_reading(void *context, size_t signal, const tl_reading *reading) {
-    reader *self = context;
+    survey_reader *self = context;
     tl_survey_signal *added = &self->survey->signals[signal];
     if (!is_good(&self->config->signals[signal], reading)) {
         added->bad++;
@@ -280,7 +280,7 @@ static void measure_noise(tl_survey_signal *signal, tl_noise_meter *meter, doubl
 
 /* ---- survey of all signals ---- */
 
-static tl_status read_all(tl_recording *recording, reader *self, tl_error *error) {
+static tl_status read_all(tl_recording *recording, survey_reader *self, tl_error *error) {
     tl_recording_tick tick;
     bool end = false;
     tl_status status = TL_OK;
@@ -301,7 +301,7 @@ static size_t most_readings(const tl_survey *survey) {
 }
 
 tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_survey *survey, tl_error *error) {
-    reader self = {.config = config, .survey = survey};
+    survey_reader self = {.config = config, .survey = survey};
     survey->count = config->own_count;
     tl_status status = read_all(recording, &self, error);
     if (status != TL_OK) {

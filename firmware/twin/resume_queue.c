@@ -46,7 +46,7 @@ struct tl_resume_queue {
     tl_twin_facts facts;
     tl_resume_tell *tell;
     void *context; /* of tell */
-    unsigned candidate;
+    unsigned resume_point;
     bool was_tried[CHECKPOINTS]; /* checkpoints that were already returned */
     bool has_reported;
     tl_record_queue_left left;
@@ -275,18 +275,18 @@ static bool take_inputs(tl_resume_queue *self, stretch *run) {
 
 /* Order of tries: each checkpoint slot, at first only for a run with a step of its own; then the
  * entries alone. */
-typedef struct candidate {
+typedef struct resume_point {
     unsigned which;
     bool with_checkpoint;
     bool any_run;
-} candidate;
+} resume_point;
 
-static const candidate candidates[] = {{0, true, false}, {1, true, false}, {0, true, true},
-                                       {1, true, true},  {1, false, true}, {0, false, true}};
+static const resume_point candidates[] = {{0, true, false}, {1, true, false}, {0, true, true},
+                                          {1, true, true},  {1, false, true}, {0, false, true}};
 enum { ATTEMPTS = sizeof candidates / sizeof candidates[0] };
 
 /* *over: no resume point remains. */
-static bool try_next(tl_resume_queue *self, const candidate *now, bool *over) {
+static bool try_next(tl_resume_queue *self, const resume_point *now, bool *over) {
     if ((now->with_checkpoint && self->was_tried[now->which]) || !read_entries(self, now->which, now->any_run)) {
         return false;
     }
@@ -335,8 +335,8 @@ static bool make_image(tl_resume_queue *self, tl_resume *resume) {
 bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
     bool found = false;
     bool over = left == NULL;
-    while (!found && !over && left->candidate < ATTEMPTS) {
-        found = try_next(left, &candidates[left->candidate++], &over);
+    while (!found && !over && left->resume_point < ATTEMPTS) {
+        found = try_next(left, &candidates[left->resume_point++], &over);
     }
     if (found) {
         (void)tl_resume_refuse(left->why, "no other resume point of the previous run remains"); /* for the next call */
@@ -346,7 +346,7 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
     }
     if (!found && left != NULL) {
         left->has_reported = true;
-        left->candidate = ATTEMPTS;
+        left->resume_point = ATTEMPTS;
     }
     return found;
 }

@@ -140,7 +140,7 @@ static bool check_next(const csv *c, const csv_rows *rows, const csv_rows_error 
     }
     (void)snprintf(
         error->why, error->size,
-        "this state goes on with row %lld of %s, which is not there; rows of a FIFO are dropped after a step "
+        "row %lld of %s, from which this state continues, is missing; rows of a FIFO are dropped after a step "
         "that says that nothing from before it comes back (noSetFMUStatePriorToCurrentPoint)",
         (long long)c->next, c->file);
     return false;

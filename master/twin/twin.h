@@ -131,8 +131,8 @@ tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *
 tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
 
 /* As tl_twin_catch_up() for a tick of an earlier run with its committed u: a value for each
- * adjusted variable, undefined if no step is due at this tick; NULL if nothing is adjusted. The outcome is
- * TL_RESUMED. */
+ * adjusted variable, undefined if no step is due at this tick; NULL if nothing is adjusted. The
+ * outcome is TL_RESUMED. */
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
                          tl_error *error);
 

@@ -2,14 +2,14 @@
 """Wording may improve without a test: `sentences.py [ROOT]` finds tests that hold a sentence of the program word for word.
 
 Tests hold exit codes, paths, values and at most three words in a row (tests/support/message.h, has_line() of twinlock_test.py).
-A sentence counts if a text of a test has four words in a row that also follow each other in a text of the product; SQL does not.
+A sentence counts if a text of a test has five words in a row that also follow each other in a text of the product; SQL does not.
 """
 import ast
 import re
 
 import tree
 
-WORDS = 4  # in a row
+WORDS = 5  # in a row
 C_TEXT = re.compile(r'"(?:\\.|[^"\\\n])*"(?:\s*(?:PRI\w+\s*)?"(?:\\.|[^"\\\n])*")*')
 C_COMMENT = re.compile(r'("(?:\\.|[^"\\\n])*")|/\*.*?\*/|//[^\n]*', re.DOTALL)
 PLACEHOLDER = re.compile(r"%[-+.*0-9]*(?:ll|l|z|j)?[a-zA-Z%]")

@@ -91,7 +91,7 @@ def test_fifo_and_its_writer_twice():
     rows = check_summary(told, database)
     expect_events(database, ("info", "stream|plant.fifo|rows"), ("warning", "stream|plant.fifo|closed"),
                   ("info", "stream|plant.fifo|rows"))
-    expect_events(database, ("warning", "plant.omega|no link"), ("info", "plant.omega|good"))
+    expect_events(database, ("warning", "plant.omega|stream"), ("info", "plant.omega|good"))
     expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK, GOOD], "quality of omega")
     check_free_run(database)
     check_replay(config, database, rows)
@@ -138,7 +138,7 @@ def test_file():
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
     expect_in_order(qualities(database, "omega"), [GOOD, STALE], "quality of omega")
-    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.omega|stale"), ("warning", "free"))
+    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.omega|stale_s"), ("warning", "free"))
     check_free_run(database)
     check_replay(config, database, rows)
 
@@ -155,7 +155,7 @@ def test_file_that_goes_back_in_time():
     rows = check_summary(told, database)
     expect_in_order(qualities(database, "omega"), [GOOD, NOT_A_NUMBER, NO_LINK], "quality of omega")
     expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.csv|line 19|0.100000000 s|0.700000000 s"),
-                  ("warning", "plant.omega|no link"))
+                  ("warning", "plant.omega|stream"))
     check_free_run(database)
     check_replay(config, database, rows)
 

@@ -21,7 +21,7 @@ TOLD = {
     "garbage": ("warning", "inverter|Modbus server", "inverter|connected"),
     "exception": ("info", "unit 1|0 to 2|server failure", "unit 1|0 to 2|answers"),
     "exception_0": ("info", "unit 1|0 to 2|exception 0", "unit 1|0 to 2|answers"),
-    "other_unit": ("warning", "unit 6|unit 1|any_unit_id", "inverter|connected"),
+    "other_unit": ("warning", "unit 6|1|any_unit_id", "inverter|connected"),
     "other_protocol": ("warning", "protocol 1|0", "inverter|connected"),
     "other_length": ("warning", "65535 bytes|9", "inverter|connected"),
     "half_frame": ("warning", "inverter|answer|0.1 s", "inverter|connected"),
@@ -67,7 +67,7 @@ def test_campaign():
         expect(device.functions == {4}, f"function codes {device.functions} were sent")
     expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK] * len(TOLD) + [GOOD], "quality of omega")
     for severity, begin, end in TOLD.values():
-        expect_events(database, (severity, begin), ("warning", "plant.omega|no link"), ("warning", "free"),
+        expect_events(database, (severity, begin), ("warning", "plant.omega|inverter"), ("warning", "free"),
                       ("info", end), ("info", "plant.omega|good"), ("info", "synchronising"))
     told = sum(has_line(text, "inverter|Modbus server") for _, text in events(database))
     at_most(told, 1 + 3 * len(TOLD), "events of the device")

@@ -46,7 +46,7 @@ def test_killed_and_stopped():
             expect(live.child() not in (first, second), "the same process")
             end_orderly(live)
             expect(live.account()["starts"] == 3 and live.account()["restarts"] == 2, f"{live.account()}")
-    expect_starts(database, "start", "start 2|1|signal 9|Killed", "start 3|2|hung|s")
+    expect_starts(database, "start", "start 2|1|signal 9|Killed", "start 3|2|heartbeat|s")
     check_database(database)
 
 
@@ -188,8 +188,8 @@ def expect_loop(told):
 
     The events of a start may be missing, because a kill loses entries that are not committed.
     """
-    first, *others = told[:-1] if has_line(told[0], "start") and not has_line(told[0], "hung") else [None, *told[:-1]]
-    expect(all(has_line(text, "start|hung|cycle") for text in others), f"{first}, {told}")
+    first, *others = told[:-1] if has_line(told[0], "start") and not has_line(told[0], "heartbeat") else [None, *told[:-1]]
+    expect(all(has_line(text, "start|heartbeat|cycle") for text in others), f"{first}, {told}")
     counts = [tuple(map(int, re.findall(r"\b\d\b", text)[:2])) for text in others]  # starts, failures
     expect(counts == sorted(set(counts)) and counts[-1] == (6, 5) and all(a == b + 1 for a, b in counts), f"{told}")
     expect(has_line(told[-1], "safe hold|failed|5"), f"{told}")
@@ -202,7 +202,7 @@ def test_a_loop_ends_in_safe_hold():
         config = hanging_config(device, path)
         database = Path(config).parent / "twin.db"
         with Supervised(config) as live:
-            live.wait_for("error|safe hold|failed|5|60 s|recorded|hung|cycle")
+            live.wait_for("error|safe hold|failed|5|60 s|recorded|heartbeat|cycle")
             wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
                        "samples in safe hold", live.log)
             held = live.child()
@@ -263,7 +263,7 @@ def test_an_fmu_is_named():
         end_orderly(unruly.live)
         expect(unruly.live.account()["starts"] == 4 and unruly.live.account()["restarts"] == 3, f"{unruly.live.account()}")
     expect_starts(unruly.database, "start", "exit code 70|fmi2DoStep|unruly",
-                  "signal 11|Segmentation fault|fmi2DoStep|unruly", "hung|s|fmi2DoStep|unruly")
+                  "signal 11|Segmentation fault|fmi2DoStep|unruly", "heartbeat|s|fmi2DoStep|unruly")
 
 
 def test_safe_hold_tries_again():
@@ -288,7 +288,7 @@ def test_an_fmu_that_takes_the_hearts_out():
         unruly.tell("heartless")
         unruly.wait_for_tick(2)
         end_orderly(unruly.live)
-    expect_starts(unruly.database, "start", "start 2|hung|every thread|s")
+    expect_starts(unruly.database, "start", "start 2|heartbeat|every thread|s")
 
 
 def test_an_fmu_that_says_that_the_run_is_over():

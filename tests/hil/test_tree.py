@@ -324,7 +324,7 @@ def test_io_that_hangs():
             wait_until(lambda: live.child(io, "io") != io, "another io", live.log)
             live.wait_for_tick(database)
             end_orderly(live)
-            silence = re.search(r'error: .*hung.* "inverter" .*?\b([0-9.]+) s\b', live.log())
+            silence = re.search(r'error: .*heartbeat.* "inverter" .*?\b([0-9.]+) s\b', live.log())
     expect(silence, f"no line of a hang of inverter\n{live.log()}")
     at_most(float(silence[1]), 5, "seconds of silence")
     expect_whole(read(database))
@@ -459,7 +459,7 @@ def hanging(device, *options):
     return live, database
 
 
-HUNG = "twin|failed|hung|cycle|s|fmi2DoStep|unruly"  # parts of the message
+HUNG = "twin|failed|heartbeat|cycle|s|fmi2DoStep|unruly"  # parts of the message
 
 
 def expect_given_up(live, database):

@@ -93,7 +93,7 @@ def test_opened_by_its_name_causes_a_warning():
     values([fmu])
     code, _, log = outcome([fmu, fmu])
     expect(code == 0, log)
-    expect_line(log, "warning|lag.fmu|dlopen|libintegral.so|share its variables")
+    expect_line(log, "warning|lag.fmu|dlopen|libintegral.so|variables")
 
 
 # ---- a missing library ----
@@ -104,7 +104,7 @@ def test_a_companion_that_only_the_other_one_has():
     code, _, log = outcome([bare])
     expect(code == 65, f"ended with {code}\n{log}")
     expect_line(log, f"error|line 6|components.a0|{bare}|libintegral.so|No such file")
-    values([complete, bare], "warning|bare.fmu|libintegral.so|share its variables")
+    values([complete, bare], "warning|bare.fmu|libintegral.so|missing|variables")
 
 
 # ---- names that cannot be changed ----

@@ -27,40 +27,40 @@ def expect_same_steps(at, kind, changes=None):
     return folder, messages
 
 
-def expect_warning(messages, kind, at):
-    warnings = [line for line in messages.splitlines() if has_line(line, "warning|FMU")]
-    expect(len(warnings) == 1 and has_line(warnings[0], f"process|{kind}|{at}"), f"expected one warning of {kind} in {at}:\n{messages}")
+def expect_notice(messages, kind, at):
+    found = [line for line in messages.splitlines() if has_line(line, "FMU")]
+    expect(len(found) == 1 and has_line(found[0], f"notice|process|{kind}|{at}"), f"expected one notice of {kind} in {at}:\n{messages}")
 
 
 def test_rounding_mode():
     for changes in (None, hostile_fmu.LOCKED):
         _, messages = expect_same_steps("fmi2GetReal", "ROUNDING", changes)
-        expect_warning(messages, "floating-point control", "fmi2GetReal")
+        expect_notice(messages, "floating-point control", "fmi2GetReal")
         _, messages = expect_same_steps("fmi2Instantiate", "ROUNDING", changes)
-        expect_warning(messages, "floating-point control", "fmi2Instantiate")
+        expect_notice(messages, "floating-point control", "fmi2Instantiate")
         _, messages = expect_same_steps("load", "ROUNDING", changes)
-        expect_warning(messages, "floating-point control", "library")
+        expect_notice(messages, "floating-point control", "library")
 
 
 def test_current_folder():
     for at in ("load", "fmi2Instantiate", "fmi2ExitInitializationMode", "fmi2FreeInstance"):
         _, messages = expect_same_steps(at, "FOLDER")
-        expect_warning(messages, "current folder", "library" if at == "load" else at)
+        expect_notice(messages, "current folder", "library" if at == "load" else at)
 
 
 def test_locale():
     with comma_locale():
         for changes in (None, hostile_fmu.LOCKED):
             _, messages = expect_same_steps("fmi2DoStep", "LOCALE", changes)
-            expect_warning(messages, "locale", "step")
+            expect_notice(messages, "locale", "step")
         _, messages = expect_same_steps("fmi2GetFMUstate", "LOCALE", hostile_fmu.LOCKED)
-        expect_warning(messages, "locale", "fmi2GetFMUstate")
+        expect_notice(messages, "locale", "fmi2GetFMUstate")
 
 
 def test_umask():
     plain, _ = replay(NOWHERE, "UMASK")
     folder, messages = expect_same_steps("fmi2Instantiate", "UMASK")
-    expect_warning(messages, "umask", "fmi2Instantiate")
+    expect_notice(messages, "umask", "fmi2Instantiate")
     modes = [stat.S_IMODE((place / "steps.csv").stat().st_mode) for place in (plain, folder)]
     expect(modes[0] == modes[1], f"the file has mode {modes[1]:o}, not {modes[0]:o}")
 

@@ -34,7 +34,7 @@ import twinlock_test
 from twinlock_test import PATIENCE, PROGRAM, Failure, expect, has_line, scratch
 
 PLAIN_USER = 47110  # not in /etc/passwd
-REFUSAL = re.compile(r"\bFMU (\S+) .*?\b(\w+) in (\w[^\s,]*).*\brefused\b.*")  # FMU, system call, FMI function
+REFUSAL = re.compile(r"\bFMU ([^\s:]+):.*?\b(\w+) denied in (\w[^\s,]*).*")  # FMU, system call, FMI function
 REPORT = re.compile(r"attack ([^:\n]+): (succeeded|E\w+)")
 NEW_PROCESS = ("clone", "clone3", "fork", "vfork")
 
@@ -958,7 +958,7 @@ def inside(label, function, stage):
 
 OWN_PIPE = Lone("reads its own pipe", "read_own_pipe", told(), ("socket",), elsewhere, at=HALF_WAY)
 INSIDE = (
-    inside("writes into all descriptors", "write_descriptors", told_or_seen("FMUs|killed|memory")),
+    inside("writes into all descriptors", "write_descriptors", told_or_seen("FMU|killed|memory")),
     inside("closes all descriptors but the log", "close_descriptors", told(3)),
     inside("closes all descriptors", "close_descriptors", told(0)),
     *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),

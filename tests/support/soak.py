@@ -234,7 +234,7 @@ class Soak:
         self.live.child(before)
 
     def disk(self, _):
-        said = [count_lines(self.live.log(), parts) + 1 for parts in ("cannot write", "again after")]
+        said = [count_lines(self.live.log(), parts) + 1 for parts in ("cannot write", "writes again")]
         if self.own_disk:
             fill(self.ballast)
         if not self.own_disk or not self.told("cannot write", said[0]):
@@ -243,7 +243,7 @@ class Soak:
         time.sleep(self.hold_s)
         self.ballast.unlink(missing_ok=True)
         self.limit_files(False)
-        self.live.wait_for("again after", said[1])
+        self.live.wait_for("writes again", said[1])
 
     def told(self, parts, times):
         """Whether so many lines of the log have these parts soon.

@@ -59,7 +59,7 @@ def replace_for_ever(port):
 def begun(live):
     """Number of the latest start in the log, or None. The twin logs it after the supervisor saved
     its account."""
-    return max((int(number or 1) for number in re.findall(r"supervisor: (?:\w+ )?start\b ?(\d+)?", live.log())), default=None)
+    return max((int(number or 1) for number in re.findall(r"supervisor: .*?\bstart\b ?(\d+)?", live.log())), default=None)
 
 
 def committed(database):

@@ -43,7 +43,7 @@ def test_a_chip_is_pulled_out_and_put_back():
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"restarted: {live.account()}\n{live.log()}")
     expect_in_order(qualities(database, "enabled"), [GOOD, NO_LINK, GOOD, NO_LINK, GOOD], "quality of the start bit")
-    expect_events(database, *2 * (("warning", "plant.enabled|no link"), ("info", "plant.enabled|good")))
+    expect_events(database, *2 * (("warning", "plant.enabled|panel"), ("info", "plant.enabled|good")))
     expect_events(database, *2 * (("warning", "START|chip"), ("info", "START|connected")))
     steps, least = query(database, ASKED, NO_LINK)[0]
     expect(steps > 40 and least > 0, f"the start bit was not held: at least {least} A in {steps} steps")

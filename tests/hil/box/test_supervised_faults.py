@@ -141,7 +141,7 @@ def test_campaign():
         end_orderly(live)
         expect(live.account()["starts"] == 3 and live.account()["restarts"] == 2, f"{live.account()}")
     expect(transmitted(near) - sent in (0, by_us), f"{transmitted(near) - sent} frames were sent at {near}")
-    expect_starts(database, "start", "2|1|signal 9|Killed", "3|2|hung")
+    expect_starts(database, "start", "2|1|signal 9|Killed", "3|2|heartbeat")
     expect_events(database, ("warning", f"{near}|bus-off"), ("info", f"{near}|up"), ("info", "plant.omega|good"))
     expect(events_with(database, "bus-off") == 1, "bus-off was reported more than once")
     check_database(database)
