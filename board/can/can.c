@@ -73,7 +73,7 @@ static void report_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
                                  now->bus_errors, now->bus_error);
     }
     text[used - 2] = '\0'; /* without the last separator */
-    tl_link_report(sink, false, io->name, text);
+    tl_link_report(&io->state, sink, false, io->name, text);
     *now = (tally){.due = tl_monotonic_now() + TL_SECOND};
 }
 
@@ -103,7 +103,7 @@ static void check_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
         tl_backoff_reset(&io->backoff);
         bool fits = state.fd || !io->wants_fd;
         if (tl_link_change(&io->state, true)) {
-            tl_link_report(sink, fits, io->name,
+            tl_link_report(&io->state, sink, fits, io->name,
                            fits ? "is up"
                                 : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
         }
@@ -147,7 +147,7 @@ static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id
         (void)snprintf(
             text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id, (unsigned)frame->length,
             too_short ? "too few for their signals: correct bytes or start" : "enough for their signals again");
-        tl_link_report(sink, !too_short, io->name, text);
+        tl_link_report(&io->state, sink, !too_short, io->name, text);
     }
 }
 
@@ -181,7 +181,7 @@ static void handle_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_
     if (io->bus_off) {
         set_link_down(io, sink, tl_can_health_text(health));
     } else if (tl_link_is_up(&io->state)) {
-        tl_link_report(sink, health == TL_CAN_ACTIVE, io->name, tl_can_health_text(health));
+        tl_link_report(&io->state, sink, health == TL_CAN_ACTIVE, io->name, tl_can_health_text(health));
     } else {
         tl_backoff_reset(&io->backoff); /* it may have recovered */
         open_and_check(io, sink);

@@ -100,7 +100,7 @@ static void report_skipped(tl_plant_io *io, const tl_plant_io_sink *sink, const 
                        (unsigned long long)io->skipped);
         io->report_due = tl_monotonic_now() + TL_SECOND;
         io->skipped = 0;
-        sink->link(sink->context, false, whole);
+        tl_link_report(&io->state, sink, false, NULL, whole);
     }
 }
 

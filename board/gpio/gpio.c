@@ -65,7 +65,7 @@ static void report(const tl_plant_io *io, const tl_plant_io_sink *sink, const in
     } else {
         (void)snprintf(name, sizeof name, "GPIO line %u of %.64s", own->channel.offset, io->chip);
     }
-    tl_link_report(sink, good, name, text);
+    tl_link_report(&io->state, sink, good, name, text);
 }
 
 /* Sets a line open or not; the link is up while any is open. Each problem is reported once. */

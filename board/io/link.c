@@ -35,16 +35,22 @@ bool tl_link_change(tl_link *link, bool up) {
     return link->state != before;
 }
 
-void tl_link_report(const tl_plant_io_sink *sink, bool good, const char *device, const char *text) {
+void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, bool good, const char *device,
+                    const char *text) {
+    bool up = tl_link_is_up(link);
     char whole[TL_LINK_TEXT];
-    (void)snprintf(whole, sizeof whole, "%s: %s", device, text);
-    sink->link(sink->context, good, whole);
+    (void)snprintf(whole, sizeof whole, "%s%s%s", device != NULL ? device : "", device != NULL ? ": " : "", text);
+    if (up && !good && sink->part_failed != NULL) {
+        sink->part_failed(sink->context, whole);
+    } else {
+        sink->link(sink->context, up, whole);
+    }
 }
 
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *device, const char *text) {
     bool has_changed = tl_link_change(link, up);
     if (has_changed) {
-        tl_link_report(sink, up, device, text);
+        tl_link_report(link, sink, true, device, text);
     }
     return has_changed;
 }

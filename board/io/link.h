@@ -63,8 +63,9 @@ bool tl_link_is_up(const tl_link *link);
 /* Sets the link up or down without a report. Returns true if it has changed. */
 bool tl_link_change(tl_link *link, bool up);
 
-/* Reports a text. `good`: see tl_plant_io_sink. */
-void tl_link_report(const tl_plant_io_sink *sink, bool good, const char *device, const char *text);
+/* Reports a text without a change of the link. `good`: false if a part fails. `device`: NULL if the
+ * text names it. */
+void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, bool good, const char *device, const char *text);
 
 /* Sets the link up or down, and reports a change. Returns true if it has changed. */
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *device, const char *text);

@@ -24,9 +24,11 @@
 typedef struct tl_plant_io_sink {
     void (*post)(void *context, size_t channel, const tl_reading *reading);
     /* Reports that the link went up or down; `text` names the device and the cause. Also reports
-     * once if only a part of it fails or recovers (one unit answers with an exception, a row is
-     * malformed). `good`: false if a person should act: the link is down or a part fails. */
-    void (*link)(void *context, bool good, const char *text);
+     * once if a part of it recovers, with `up` unchanged. */
+    void (*link)(void *context, bool up, const char *text);
+    /* Reports once that a part fails while the link is up (one unit answers with an exception, a row
+     * is malformed): a person should act. NULL: link() is called, with `up` true. */
+    void (*part_failed)(void *context, const char *text);
     void *context;
 } tl_plant_io_sink;
 

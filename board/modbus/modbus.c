@@ -80,7 +80,7 @@ static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbu
     (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
                    (unsigned)read->address, (unsigned)read->address + read->count - 1U, reason);
     read->trouble = trouble;
-    tl_link_report(sink, trouble.kind == TL_MODBUS_VALUES, io->link->name, text);
+    tl_link_report(&io->state, sink, trouble.kind == TL_MODBUS_VALUES, io->link->name, text);
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read) {
@@ -132,7 +132,7 @@ static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
     io->link->kind->close(io->link); /* closed by the device while idle: not an error */
     if (health == TL_MODBUS_TALKATIVE && !io->surplus_reported) {
         io->surplus_reported = true;
-        tl_link_report(sink, false, io->link->name,
+        tl_link_report(&io->state, sink, false, io->link->name,
                        "the device sends more bytes than asked for: they are dropped, each time with a new connection: "
                        "check the device and the gateway before it");
     }

@@ -69,6 +69,10 @@ static void forward_report(void *context, bool good, const char *text) {
     own->readers->on_link(own->readers->context, own->source->name, good, text);
 }
 
+static void forward_failure(void *context, const char *text) {
+    forward_report(context, false, text);
+}
+
 /* Waits until the instant. Returns true if the thread must stop. */
 static bool wait_until(tl_plant_readers *readers, tl_time instant) {
     struct timespec until = {.tv_sec = (time_t)(instant / TL_SECOND), .tv_nsec = (long)(instant % TL_SECOND)};
@@ -95,7 +99,8 @@ static void report_failure(source_thread *own, const tl_error *error) {
 static void *run(void *context) {
     source_thread *own = context;
     const tl_plant_source *source = own->source;
-    const tl_plant_io_sink sink = {.post = post, .link = forward_report, .context = own};
+    const tl_plant_io_sink sink = {
+        .post = post, .link = forward_report, .part_failed = forward_failure, .context = own};
     bool finished = false;
     char name[NAME];
     tl_time next = tl_clock_now(NULL);

@@ -39,9 +39,10 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
  * of its signals.
  *
  * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
- * Events:  `on_link` passes on the driver's reports, from the thread of the source; `good`: see
- *          tl_plant_io_sink. If a driver fails for good, the link is reported as down, its signals
- *          are posted once as TL_NO_LINK, and its thread ends.
+ * Events:  `on_link` passes on the driver's reports, from the thread of the source. `good`: false
+ *          if a person should act, because the link is down or a part of it fails. If a driver
+ *          fails for good, the link is reported as down, its signals are posted once as
+ *          TL_NO_LINK, and its thread ends.
  * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
  *          poll are skipped.
  * Owner:   the readers own the `io` of each source from the start.

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void clear(tl_envelope *envelope, size_t from, size_t count) {
+static void clear_buckets(tl_envelope *envelope, size_t from, size_t count) {
     for (size_t i = from; i < from + count; i++) {
         envelope->values[2 * i] = (double)NAN;
         envelope->values[2 * i + 1] = (double)NAN;
@@ -22,7 +22,7 @@ tl_status tl_envelope_init(tl_envelope *envelope, size_t channels, size_t room, 
         tl_envelope_free(envelope);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu curves of %zu points", channels, room);
     }
-    clear(envelope, 0, count);
+    clear_buckets(envelope, 0, count);
     return TL_OK;
 }
 
@@ -49,7 +49,7 @@ static void widen_pair(double pair[2], double value) {
 }
 
 /* Stores the union of buckets `first` and `second` in bucket `to`. */
-static void merge(tl_envelope *envelope, size_t to, size_t first, size_t second) {
+static void merge_buckets(tl_envelope *envelope, size_t to, size_t first, size_t second) {
     const double *later = &envelope->values[2 * second];
     double pair[2] = {envelope->values[2 * first], envelope->values[2 * first + 1]};
     widen_pair(pair, later[0]);
@@ -58,14 +58,14 @@ static void merge(tl_envelope *envelope, size_t to, size_t first, size_t second)
     envelope->marks[to] = envelope->marks[first] | envelope->marks[second];
 }
 
-static void widen(tl_envelope *envelope) {
+static void widen_buckets(tl_envelope *envelope) {
     size_t half = envelope->room / 2;
     for (size_t channel = 0; channel < envelope->channels; channel++) {
         size_t start = channel * envelope->room;
         for (size_t i = 0; i < half; i++) {
-            merge(envelope, start + i, start + 2 * i, start + 2 * i + 1);
+            merge_buckets(envelope, start + i, start + 2 * i, start + 2 * i + 1);
         }
-        clear(envelope, start + half, half);
+        clear_buckets(envelope, start + half, half);
     }
     envelope->used = (envelope->used + 1) / 2;
     envelope->width *= 2;
@@ -74,7 +74,7 @@ static void widen(tl_envelope *envelope) {
 /* Returns the index of the bucket for a step of a channel; widens the buckets if necessary. */
 static size_t bucket_of(tl_envelope *envelope, size_t channel, int64_t position) {
     while (position / envelope->width >= (int64_t)envelope->room) {
-        widen(envelope);
+        widen_buckets(envelope);
     }
     size_t bucket = (size_t)(position / envelope->width);
     envelope->used = bucket >= envelope->used ? bucket + 1 : envelope->used;

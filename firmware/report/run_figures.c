@@ -73,16 +73,16 @@ double tl_run_figures_maximum(const tl_run_figures *figures, size_t match) {
     return figures->match[match].pairs > 0 ? figures->match[match].maximum : (double)NAN;
 }
 
-static double mean(const tl_run_adjusted *adjusted, double sum) {
+static double mean_of(const tl_run_adjusted *adjusted, double sum) {
     return adjusted->count > 0 ? sum / (double)adjusted->count : (double)NAN;
 }
 
 double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust) {
-    return mean(&figures->adjust[adjust], figures->adjust[adjust].sum);
+    return mean_of(&figures->adjust[adjust], figures->adjust[adjust].sum);
 }
 
 double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adjust) {
-    return mean(&figures->adjust[adjust], figures->adjust[adjust].correction_sum);
+    return mean_of(&figures->adjust[adjust], figures->adjust[adjust].correction_sum);
 }
 
 tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {

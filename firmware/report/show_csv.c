@@ -169,7 +169,7 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
 /* ---- Lines of one row ------------------------------------------------------------------------ */
 
 /* Appends a name to a list. */
-static void append(char *text, size_t size, const char *name) {
+static void append_name(char *text, size_t size, const char *name) {
     size_t length = strlen(text);
     (void)snprintf(text + length, size - length, "%s%s", length > 0 ? ", " : "", name);
 }
@@ -179,7 +179,7 @@ static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
         if ((flags & bit) != 0) {
-            append(text, sizeof text, tl_flag_name((tl_flag)bit));
+            append_name(text, sizeof text, tl_flag_name((tl_flag)bit));
         }
     }
     put_text(file, text);
@@ -189,7 +189,7 @@ static void put_held(const csv_line *line, uint32_t held) {
     char text[1024] = "";
     for (size_t i = 0; i < line->signals; i++) {
         if ((held >> i & 1U) != 0) {
-            append(text, sizeof text, line->signal[i].name);
+            append_name(text, sizeof text, line->signal[i].name);
         }
     }
     put_text(line->file, text);

@@ -301,7 +301,7 @@ static outcome begin_validation(tl_activation *self) {
     find_running_hash(self, hash);
     const tl_version *running =
         self->cause == TL_ACTIVATION_SETTLES ? tl_versions_of_hash(versions, hash) : active_of(self);
-    report_step(self, TL_CONTROL_VALIDATE, "validating the text, and comparing it with the active version");
+    report_step(self, TL_CONTROL_VALIDATE, "parsing the text, and comparing it with the active version");
     if (running == NULL || running->number == 0) {
         return fail_change(self, "no version is active");
     }
@@ -997,7 +997,8 @@ enum {
     HANDOVER = 1U << TL_ACTIVATION_BY_HANDOVER
 };
 
-/* The steps in their order. A candidate skips a step if its `ways` do not contain the candidate's.
+/* The steps in their order. A candidate skips a step if its `methods` do not contain the
+ * candidate's.
  */
 static const step_row rows[TL_ACTIVATION_ROWS] = {
     [TL_ACTIVATION_ROW_IDLE] = {.step = TL_CONTROL_IDLE},
@@ -1195,7 +1196,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 
 void tl_activation_refuse(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
-    (void)end_by_user(activation, TL_PROBATION_RETURN, "rolled back", who);
+    (void)end_by_user(activation, TL_PROBATION_RETURN, "rollback requested", who);
     run_steps(activation, poll_probation(activation));
 }
 

@@ -66,7 +66,7 @@ static uint64_t note_version(session *self, const tl_control_version *version) {
     }
     bool was_active =
         version->is_active != 0 || strncmp(version->result, "kept", 4) == 0 || strcmp(version->result, "active") == 0;
-    uint64_t successor = was_active ? version->version : by; /* a version that was rolled back replaced none */
+    uint64_t successor = was_active ? version->version : by; /* of a version that was rolled back: its replacement */
     if (successor != 0 && version->parent != 0 && self->replacements < MOST_VERSIONS) {
         self->replaced[self->replacements].parent = version->parent;
         self->replaced[self->replacements++].by = successor;

@@ -447,7 +447,7 @@ static tl_status check_candidate(const tl_worker_job *job, tl_verdict *verdict, 
     return status;
 }
 
-static tl_status validate(const tl_worker_job *job, tl_error *error) {
+static tl_status run_validation(const tl_worker_job *job, tl_error *error) {
     const tl_confine_settings settings = {.start_socket = -1, .whole_process = true, .lives_on = true};
     tl_confine_facts facts;
     tl_worker_result *result = NULL;
@@ -570,7 +570,7 @@ int tl_worker_role_run(const tl_twin_role_tasks *tasks) {
     tl_error error = {.text = ""};
     tl_status status = tl_worker_begin(&job, &error);
     if (status == TL_OK) {
-        status = job.kind == TL_WORKER_VALIDATOR ? validate(&job, &error) : try_candidate(&job, tasks, &error);
+        status = job.kind == TL_WORKER_VALIDATOR ? run_validation(&job, &error) : try_candidate(&job, tasks, &error);
     }
     if (status != TL_OK && error.text[0] != '\0') {
         tl_log(TL_LOG_ERROR, "%s", error.text);

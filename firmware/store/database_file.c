@@ -28,11 +28,11 @@ static tl_database_whereabouts compare_file(int handle, const char *name) {
     if (handle < 0 || fstat(handle, &ours) != 0) {
         return TL_DATABASE_IN_PLACE;
     }
-    bool exists = stat(name, &named) == 0;
-    if (!exists && errno != ENOENT && errno != ENOTDIR) {
+    bool file_exists = stat(name, &named) == 0;
+    if (!file_exists && errno != ENOENT && errno != ENOTDIR) {
         return TL_DATABASE_IN_PLACE; /* no permission to check: continue with the open file */
     }
-    if (exists && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
+    if (file_exists && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
         return TL_DATABASE_IN_PLACE;
     }
     return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
@@ -198,7 +198,7 @@ static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
     return TL_OK;
 }
 
-static bool exists(const char *name) {
+static bool file_exists(const char *name) {
     struct stat file;
     return lstat(name, &file) == 0;
 }
@@ -237,7 +237,7 @@ static void remove_log(const char *path) {
 /* O_PATH: closing an ordinary descriptor of the file would release SQLite's locks. */
 static tl_status open_connection(tl_database_file *file, tl_time patience, const tl_database_user *user,
                                  tl_error *error) {
-    tl_status status = exists(file->path) ? TL_OK : tl_database_create(file->path, error);
+    tl_status status = file_exists(file->path) ? TL_OK : tl_database_create(file->path, error);
     if (status == TL_OK) {
         file->handle = open(file->path, O_PATH | O_CLOEXEC);
         status = tl_database_open(file->path, true, &file->connection, error);
@@ -278,15 +278,15 @@ static bool rename_one(const char *path, const char *name, const char *end) {
     if (first >= PATH_MAX || second >= PATH_MAX) {
         return false;
     }
-    return !exists(from) || (!exists(to) && rename(from, to) == 0);
+    return !file_exists(from) || (!file_exists(to) && rename(from, to) == 0);
 }
 
 static tl_status rename_damaged(const char *path, const char *why, tl_database_aside *aside, tl_error *error) {
     char name[PATH_MAX];
     for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
         int length = snprintf(name, sizeof name, "%s.damaged-%d", path, i);
-        if (length < PATH_MAX && !exists(name) && rename_one(path, name, "-wal") && rename_one(path, name, "-shm") &&
-            rename_one(path, name, "")) {
+        if (length < PATH_MAX && !file_exists(name) && rename_one(path, name, "-wal") &&
+            rename_one(path, name, "-shm") && rename_one(path, name, "")) {
             (void)snprintf(aside->name, sizeof aside->name, "%s", name);
             (void)snprintf(aside->why, sizeof aside->why, "%s", why);
             return TL_OK;
@@ -507,7 +507,7 @@ static bool is_folder_readonly(const char *path) {
     return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
 }
 
-/* Opens one file; `place` is its path without links. *shut: its folder is read-only, so
+/* Opens one file; `resolved` is its path without links. *is_readonly: its folder is read-only, so
  * replacements are not tried.
  * A denied file is tried again after the folder was found writable, because it may have become
  * writable meanwhile. It is tried up to DENIALS times while its mode allows writing: a reader that

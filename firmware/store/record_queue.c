@@ -105,7 +105,7 @@ static tl_recorder_pen pen_of(const tl_record_queue *queue) {
 }
 
 /* Publishes all entries. If the producer dies between the two stores, no sample waits. */
-static void publish(tl_record_queue *queue) {
+static void publish_all(tl_record_queue *queue) {
     queue->published = queue->written;
     __atomic_store_n(&queue->control->head, queue->written, __ATOMIC_RELEASE);
     __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
@@ -118,13 +118,13 @@ static void skip_to_reader(tl_record_queue *queue) {
     uint64_t ahead = taken - queue->written;
     if (ahead != 0 && ahead <= queue->settings.ring_bytes) {
         queue->written = taken;
-        publish(queue);
+        publish_all(queue);
     }
 }
 
 static void publish_entry(tl_record_queue *queue, const tl_recorder_pen *pen) {
     queue->written = pen->position;
-    publish(queue);
+    publish_all(queue);
 }
 
 /* Puts the beginning of the run if it still waits. Returns false if it has no room; then no other
@@ -218,7 +218,7 @@ static void settle_sample(tl_record_queue *queue, const tl_resumption *beginning
     bool waits = queue->written != queue->published;
     if (waits && beginning->from != TL_RESUMED_NOT && queue->waiting >= beginning->tick) {
         rewind_end(queue, queue->published);
-        publish(queue);
+        publish_all(queue);
     }
 }
 
@@ -247,7 +247,7 @@ bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample)
     tl_recorder_pen pen;
     bool found = find_room(queue, TL_ENTRY_SAMPLE, &pen);
     if (found) {
-        publish(queue);
+        publish_all(queue);
         tl_recorder_entry_pack_sample(&pen, &queue->settings.shape, sample, queue->beginning.start, queue->id);
         queue->written = pen.position;
         queue->waiting = sample->tick;
@@ -683,16 +683,16 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
 }
 
 /* A checkpoint that may be taken according to its mark. */
-typedef struct candidate {
+typedef struct checkpoint_choice {
     unsigned checkpoint_slot;
     uint64_t number; /* 0: none */
     uint64_t digest;
     tl_record_queue_mark mark;
-} candidate;
+} checkpoint_choice;
 
-static candidate find_candidate(const tl_record_queue_reader *reader, unsigned checkpoint_slot, uint64_t taken,
-                                uint64_t position) {
-    candidate found = {.checkpoint_slot = checkpoint_slot};
+static checkpoint_choice find_candidate(const tl_record_queue_reader *reader, unsigned checkpoint_slot, uint64_t taken,
+                                        uint64_t position) {
+    checkpoint_choice found = {.checkpoint_slot = checkpoint_slot};
     bool good = read_mark(&reader->control->places[checkpoint_slot], &found.number, &found.digest, &found.mark) &&
                 found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
                 found.mark.size <= reader->settings.checkpoint_bytes;
@@ -701,7 +701,8 @@ static candidate find_candidate(const tl_record_queue_reader *reader, unsigned c
 }
 
 /* Returns false if there is none, if it is invalid, or if it was overwritten meanwhile. */
-static bool copy_candidate(const tl_record_queue_reader *reader, const candidate *chosen, unsigned char *bytes) {
+static bool copy_candidate(const tl_record_queue_reader *reader, const checkpoint_choice *chosen,
+                           unsigned char *bytes) {
     const unsigned char *there = (const unsigned char *)reader->control;
     if (chosen->number == 0 || reader->is_ring_broken) {
         return false;
@@ -713,13 +714,13 @@ static bool copy_candidate(const tl_record_queue_reader *reader, const candidate
 
 bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
                                        unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number) {
-    candidate first = find_candidate(reader, 0, taken, position);
-    candidate second = find_candidate(reader, 1, taken, position);
-    const candidate *newer = second.number > first.number ? &second : &first;
-    const candidate *older = newer == &first ? &second : &first;
-    const candidate *chosen = copy_candidate(reader, older, bytes)   ? older
-                              : copy_candidate(reader, newer, bytes) ? newer
-                                                                     : NULL;
+    checkpoint_choice first = find_candidate(reader, 0, taken, position);
+    checkpoint_choice second = find_candidate(reader, 1, taken, position);
+    const checkpoint_choice *newer = second.number > first.number ? &second : &first;
+    const checkpoint_choice *older = newer == &first ? &second : &first;
+    const checkpoint_choice *chosen = copy_candidate(reader, older, bytes)   ? older
+                                      : copy_candidate(reader, newer, bytes) ? newer
+                                                                             : NULL;
     if (chosen == NULL) {
         return false;
     }

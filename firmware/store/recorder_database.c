@@ -312,7 +312,7 @@ static int execute_change(tl_recorder_database *database, statement which, int64
     return run_statement(prepared);
 }
 
-/* Executes a query for one number of a run; `otherwise` if it is NULL or there is no row. */
+/* Executes a query for one number of a run; `fallback` if it is NULL or there is no row. */
 static int query_number(tl_recorder_database *database, statement which, int64_t run, int64_t fallback,
                         int64_t *value) {
     sqlite3_stmt *prepared = database->statements[which];

@@ -229,7 +229,7 @@ static void mend_queues(tl_recorder_writer *writer) {
     }
 }
 
-/* Call after reading; `begun`: when the reading began. */
+/* Call after reading; `began_at`: when the reading began. */
 static void report_damage(tl_recorder_writer *writer, tl_time began_at) {
     for (size_t i = 0; i < writer->settings.queue_count; i++) {
         char text[TL_EVENT_TEXT];

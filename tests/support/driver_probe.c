@@ -15,18 +15,27 @@ void tl_probe_post(void *context, size_t channel, const tl_reading *reading) {
     probe->posts[channel]++;
 }
 
-void tl_probe_link(void *context, bool good, const char *text) {
+void tl_probe_link(void *context, bool up, const char *text) {
     tl_driver_probe *probe = context;
     probe->links++;
-    probe->warnings += good ? 0 : 1;
-    probe->link_good = good;
+    probe->downs += up ? 0 : 1;
+    probe->link_up = up;
+    probe->is_part = false;
     (void)snprintf(probe->link_text, sizeof probe->link_text, "%s", text);
+}
+
+static void part_failed(void *context, const char *text) {
+    tl_driver_probe *probe = context;
+    probe->sink.link(context, probe->link_up, text);
+    probe->part_failures++;
+    probe->is_part = true;
 }
 
 void tl_probe_begin(tl_driver_probe *probe, const tl_plant_io_driver *driver) {
     tl_probe_forget(probe);
     probe->driver = driver;
-    probe->sink = (tl_plant_io_sink){.post = tl_probe_post, .link = tl_probe_link, .context = probe};
+    probe->sink =
+        (tl_plant_io_sink){.post = tl_probe_post, .link = tl_probe_link, .part_failed = part_failed, .context = probe};
     probe->io = NULL;
     probe->error = (tl_error){TL_OK, ""};
 }
@@ -42,8 +51,10 @@ void tl_probe_forget(tl_driver_probe *probe) {
     memset(probe->newest, 0, sizeof probe->newest);
     memset(probe->posts, 0, sizeof probe->posts);
     probe->links = 0;
-    probe->warnings = 0;
-    probe->link_good = false;
+    probe->downs = 0;
+    probe->part_failures = 0;
+    probe->is_part = false;
+    probe->link_up = false;
     probe->link_text[0] = '\0';
 }
 
@@ -78,8 +89,14 @@ void tl_probe_expect(const tl_driver_probe *probe, size_t channel, double value,
     TEST_ASSERT_EQUAL_DOUBLE(value, tl_probe_newest(probe, channel)->value);
 }
 
-void tl_probe_expect_link(const tl_driver_probe *probe, bool good, const char *parts) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(good, probe->link_good, probe->link_text);
+void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *parts) {
+    TEST_ASSERT_FALSE_MESSAGE(probe->is_part, probe->link_text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(up, probe->link_up, probe->link_text);
+    TL_EXPECT_PARTS(parts, probe->link_text);
+}
+
+void tl_probe_expect_part(const tl_driver_probe *probe, const char *parts) {
+    TEST_ASSERT_TRUE_MESSAGE(probe->link_up && probe->is_part, probe->link_text);
     TL_EXPECT_PARTS(parts, probe->link_text);
 }
 

@@ -25,9 +25,11 @@ typedef struct tl_driver_probe {
     tl_error error;
     tl_reading newest[TL_PROBE_CHANNELS]; /* of each channel */
     size_t posts[TL_PROBE_CHANNELS];
-    size_t links;    /* reports of the link */
-    size_t warnings; /* those that are not good: the link is down, or a part fails */
-    bool link_good;  /* the last one */
+    size_t links;         /* reports of the link */
+    size_t downs;         /* those that say "down" */
+    size_t part_failures; /* those of a failed part */
+    bool link_up;
+    bool is_part; /* the last report is of a failed part */
     char link_text[1024];
     long interrupt_ms; /* delay of tl_probe_interrupt_after() */
 } tl_driver_probe;
@@ -43,7 +45,7 @@ void tl_probe_forget(tl_driver_probe *probe);
 
 /* Functions of the default sink; `context` is the probe. */
 void tl_probe_post(void *context, size_t channel, const tl_reading *reading);
-void tl_probe_link(void *context, bool good, const char *text);
+void tl_probe_link(void *context, bool up, const char *text);
 
 /* Polls once. The poll must succeed and must not be the last one. */
 void tl_probe_poll(tl_driver_probe *probe);
@@ -58,10 +60,13 @@ void tl_probe_poll_until(tl_driver_probe *probe, size_t channel, tl_quality qual
 const tl_reading *tl_probe_newest(const tl_driver_probe *probe, size_t channel);
 void tl_probe_expect(const tl_driver_probe *probe, size_t channel, double value, tl_quality quality);
 
-/* Checks the last report of the link: good or not, and the parts of its text (see message.h). */
-void tl_probe_expect_link(const tl_driver_probe *probe, bool good, const char *parts);
+/* Checks the last report of the link: up or down, and the parts of its text (see message.h). */
+void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *parts);
 
-/* Polls once. Expects no link for the first `count` channels, and one report, not good, with these
+/* Checks that the last report is of a failed part while the link is up, and the parts of its text. */
+void tl_probe_expect_part(const tl_driver_probe *probe, const char *parts);
+
+/* Polls once. Expects no link for the first `count` channels, and one report: down, with these
  * parts. */
 void tl_probe_poll_down(tl_driver_probe *probe, size_t count, const char *parts);
 

@@ -257,8 +257,8 @@ static void on_post(void *context, size_t channel, const tl_reading *reading) {
     good_ones += reading->quality == TL_GOOD ? 1 : 0;
 }
 
-static void on_link(void *context, bool good, const char *text) {
-    tl_probe_link(context, good, text);
+static void on_link(void *context, bool up, const char *text) {
+    tl_probe_link(context, up, text);
     surplus_reports += tl_test_has_parts(text, "gateway") ? 1 : 0;
 }
 
@@ -323,7 +323,7 @@ static void expect_disbelief(unsigned function, const char *parts) {
         TEST_ASSERT_EQUAL_size_t(1, probe.posts[i]);
     }
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
-    TEST_ASSERT_FALSE(probe.link_good);
+    TEST_ASSERT_FALSE(probe.link_up);
     expect_text(parts);
 }
 
@@ -491,7 +491,7 @@ static void test_every_exception(void) {
         for (size_t i = 0; i < channel_count; i++) {
             TEST_ASSERT_EQUAL_INT(TL_NO_LINK, probe.newest[i].quality);
         }
-        TEST_ASSERT_FALSE_MESSAGE(probe.link_good, probe.link_text);
+        TEST_ASSERT_TRUE_MESSAGE(probe.link_up && probe.part_failures > 0, probe.link_text);
         TEST_ASSERT_NULL_MESSAGE(strstr(probe.link_text, "nknown"), probe.link_text);
         expect_exception(code);
         set_lie(truth);
@@ -509,7 +509,7 @@ static void test_the_exception_0(void) {
         tl_probe_poll(&probe);
         tl_probe_poll(&probe);
         TEST_ASSERT_EQUAL_size_t(0, good_ones);
-        TEST_ASSERT_FALSE(probe.link_good);
+        TEST_ASSERT_TRUE(probe.link_up);
         TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and one report of the exception */
         expect_text("300|304|exception 0");
     }
@@ -610,7 +610,7 @@ static void expect_right_and_reported_once(lie_function *lie) {
         expect_values();
     }
     TEST_ASSERT_EQUAL_size_t(2, probe.links);
-    TEST_ASSERT_FALSE(probe.link_good);
+    TEST_ASSERT_TRUE(probe.link_up);
     TEST_ASSERT_EQUAL_size_t(1, surplus_reports);
     TEST_ASSERT_EQUAL_size_t(50 * 12, good_ones);
 }
@@ -689,7 +689,7 @@ static void test_one_unit_with_a_wrong_unit_id(void) {
     TEST_ASSERT_EQUAL_INT(TL_GOOD, probe.newest[0].quality);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, probe.newest[2].quality);
     TEST_ASSERT_EQUAL_size_t(2, probe.links);
-    TEST_ASSERT_FALSE(probe.link_good);
+    TEST_ASSERT_TRUE(probe.link_up);
     expect_text("unit 2|holding|any_unit_id");
     TEST_ASSERT_TRUE(tl_modbus_peer_connections(&server) < 20); /* pauses of 0.1, 0.2, 0.4 s */
     set_lie(truth);
@@ -720,7 +720,7 @@ static void test_any_unit_id_and_nothing_else(void) {
         open_for(TL_MODBUS_INPUT, 10, true);
         tl_probe_poll(&probe);
         TEST_ASSERT_EQUAL_size_t(0, good_ones);
-        TEST_ASSERT_FALSE(probe.link_good);
+        TEST_ASSERT_FALSE(probe.link_up);
     }
 }
 

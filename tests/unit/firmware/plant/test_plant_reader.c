@@ -26,6 +26,7 @@ struct tl_plant_io {
     size_t ends_after;  /* polls; 0: never */
     size_t fails_after; /* polls; 0: never */
     bool says_link;     /* reports a link at each poll */
+    bool part_fails;    /* reports a failed part at each poll */
     bool waits;         /* blocks until it is interrupted */
     long busy_ms;       /* duration of each poll */
     size_t polls;       /* this and the next fields are atomic */
@@ -59,6 +60,9 @@ static tl_status toy_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
     }
     if (io->says_link) {
         sink->link(sink->context, true, "here I am");
+    }
+    if (io->part_fails) {
+        sink->part_failed(sink->context, "one unit is silent");
     }
     if (io->busy_ms > 0) {
         pause_ms(io->busy_ms);
@@ -233,6 +237,16 @@ static void test_links_are_told_by_name(void) {
     TEST_ASSERT_EQUAL_STRING("here I am", link_text);
 }
 
+static void test_a_failed_part_is_not_good(void) {
+    toys[0].part_fails = true;
+    start(1);
+    wait_for_polls(0, 2);
+    stop(1);
+    TEST_ASSERT_EQUAL_size_t(polls(0), links);
+    TEST_ASSERT_FALSE(link_good);
+    TEST_ASSERT_EQUAL_STRING("one unit is silent", link_text);
+}
+
 static void test_one_that_has_ended_is_not_polled_again(void) {
     toys[0].ends_after = 1;
     toys[1].ends_after = 20;
@@ -341,6 +355,7 @@ int main(void) {
     RUN_TEST(test_each_source_has_its_thread);
     RUN_TEST(test_threads_are_ordinary_named_and_take_no_signals);
     RUN_TEST(test_links_are_told_by_name);
+    RUN_TEST(test_a_failed_part_is_not_good);
     RUN_TEST(test_one_that_has_ended_is_not_polled_again);
     RUN_TEST(test_a_driver_that_fails_for_good);
     RUN_TEST(test_no_sources);
