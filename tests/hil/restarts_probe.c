@@ -1,5 +1,7 @@
-/* Keeps the account of restarts in a folder, again and again, and says when each is kept: usage: restarts_probe FOLDER. For
- * tests/hil/power_cuts: what was said to be kept must be there after a power cut. */
+/* Saves the account of restarts in a folder again and again: restarts_probe FOLDER
+ *
+ * It prints each number of starts after it is saved. For tests/hil/power_cuts, which checks that a
+ * printed number survives a power cut. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <time.h>

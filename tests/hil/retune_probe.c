@@ -1,7 +1,10 @@
-/* Tells a running twin another configuration, as whoever retunes will do: usage: retune_probe SUPERVISOR BLOCK PULSE CONFIG WHO. For tests/hil: it
- * takes the block out of the supervisor's hands, by the numbers of its descriptors, so it needs the right to look into that process.
+/* Sends another tuning to a running twin: retune_probe SUPERVISOR BLOCK PULSE CONFIG WHO
  *
- * Prints "NUMBER TICK" once the twin has taken it, and "NUMBER refused: WHY" if it has not. Ends with 77 if it may not. */
+ * SUPERVISOR is a process id; BLOCK and PULSE are descriptors of the supervisor's memory blocks. The
+ * probe copies these descriptors, so it needs permission to trace that process.
+ *
+ * Prints "NUMBER TICK" after the twin has applied the tuning, or "NUMBER refused: WHY". Exit code 77
+ * means that the permission is missing. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,7 +23,7 @@ static int number_of(const char *text) {
     return (int)strtol(text, NULL, 10);
 }
 
-/* Another process's descriptor, here; the test cannot do without. */
+/* Copies a descriptor of another process. */
 static int take_descriptor(int process, int number) {
     int pidfd = (int)syscall(SYS_pidfd_open, process, 0);
     int taken = pidfd < 0 ? -1 : (int)syscall(SYS_pidfd_getfd, pidfd, number, 0);

@@ -54,7 +54,7 @@ def bad_ones():
     """(what is wrong, the candidate, parts of the client's error message: see has_line())"""
     return [
         ("no JSON", b"{\"name\": ", "config.json|line 1|column 10"),
-        ("a byte 0", b"{}\0{}", "invalid|NUL byte"),
+        ("a byte 0", b"{}\0{}", "invalid|NUL"),
         ("nothing", b"", "config.json|empty|262144 bytes"),
         ("too long", b" " * (256 * 1024 + 1), "config.json|large|262144 bytes"),
         ("two problems", two_problems, "invalid|2 problems"),

@@ -425,7 +425,7 @@ def test_renamed_while_written():
         check_replay(config, kept, query(kept, "SELECT count(*) FROM steps")[0][0])
 
 
-def test_a_folder_that_is_made_anew_while_written():
+def test_a_new_folder_while_written():
     """The recorder may write to the new folder: its permissions are those of its start."""
     for supervised in WAYS:
         with Device(OMEGA) as device:

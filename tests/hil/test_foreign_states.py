@@ -16,7 +16,7 @@ from supervised import Supervised, end_orderly
 from twinlock_test import at_least, at_most, expect, expect_line, expect_no_line, has_line, main, scratch, write_config
 
 STEPS = 150  # of a run, before it is killed
-LOADED = "checkpoint|inputs"  # parts of the event of a twin whose predecessor crashed with its checkpoint
+LOADED = "loaded|checkpoint|inputs"  # parts of the event of a twin whose predecessor crashed with its checkpoint
 OWN = """SELECT count(*)
          FROM steps s LEFT JOIN beginnings b USING (run)
          WHERE run = ? AND outcome <> 9 AND step >= coalesce(resumed_tick, 0)"""
@@ -67,7 +67,7 @@ def remember(state, why):
     (state / "states.json").write_text(json.dumps(kept), encoding="utf-8")
 
 
-def test_found_out_before():
+def test_found_before_the_run():
     """Each restart succeeds, and no checkpoint is saved. The same files are tested once; later runs
     report the saved finding."""
     bad = "lag|signal 6|fmi2DeSerializeFMUstate"
@@ -79,7 +79,7 @@ def test_found_out_before():
                 wait_for_steps(live, database, 1)
                 expect(kill_the_twin(live, database, 1) == 1, live.log())
                 expect_line(live.log(), why)
-                expect_no_line(live.log(), "crashed")
+                expect_no_line(live.log(), LOADED)
                 state = live.state
                 end_orderly(live)
             told = texts(database, "saved|lag")
@@ -94,7 +94,7 @@ def test_found_out_before():
         expect(beginnings(database)[1] == (2, "inputs"), f"{beginnings(database)}")
 
 
-def test_nothing_speaks_against_it():
+def test_states_that_pass():
     """FMUs that pass the test. A saved finding is ignored if its file is damaged, or of other
     FMUs."""
     for kept in (None, "{", '{"of": "0", "why": "others"}'):
@@ -112,7 +112,7 @@ def test_nothing_speaks_against_it():
         expect(beginnings(database)[1] == (2, "checkpoint"), f"{beginnings(database)}")
 
 
-def test_told_to_end_in_a_trial():
+def test_ended_during_the_test():
     """It ends at once, although an FMU hangs. No finding is saved, and no folder is left."""
     with Device(0.6) as device:
         config, _ = make_config(device, hostile_fmu.make("hang", AT="fmi2DoStep", CALL=30))
@@ -125,7 +125,7 @@ def test_told_to_end_in_a_trial():
             expect(not list(live.process.temporary.glob("twinlock-*")), "a folder is left")
 
 
-def test_recorded_during_a_trial():
+def test_recorded_during_the_test():
     """A long test is logged, and the plant is recorded during it.
 
     The test counts neither as a start of the twin nor as a failure. The twin then resumes the run
@@ -134,7 +134,7 @@ def test_recorded_during_a_trial():
     with Device(0.6) as device:
         config, database = make_config(device, hostile_fmu.make("hang", AT="fmi2Instantiate", SECONDS=6))
         with Supervised(config) as live:
-            live.wait_for("saved states|FMUs|another process")
+            live.wait_for("saved states|FMU|another process")
             wait_for_steps(live, database, 2)
             expect(remembered(live.state)["why"] == "", f"{remembered(live.state)}")
             expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
@@ -151,7 +151,7 @@ def test_recorded_during_a_trial():
     expect(texts(database, "saved states|FMUs|plant"), f"{texts(database)}")
 
 
-def test_crashes_in_the_trial():
+def test_crashes_during_the_test():
     """States that crash the test are not used, and not tested again."""
     with Device(0.6) as device:
         config, database = make_config(device, hostile_fmu.make("end", AT="fmi2DoStep", CALL=30, HOW="abort();"))
@@ -163,11 +163,11 @@ def test_crashes_in_the_trial():
         expect_line(why, "fmi2DoStep|lag")
         remember(state, "our reason")
         with Supervised(config, state=state) as live:
-            live.wait_for("our reason|checkpoint")
+            live.wait_for("our reason|checkpoints")
             live.end(signal.SIGTERM)
 
 
-def test_nowhere_to_keep_it():
+def test_finding_that_cannot_be_saved():
     """Without a place for its finding, the test is repeated."""
     with Device(0.6) as device:
         config, database = make_config(device)
@@ -179,7 +179,7 @@ def test_nowhere_to_keep_it():
     expect(texts(database, "saved|lag|fmi2DeSerializeFMUstate"), f"{texts(database)}")
 
 
-def test_not_kept():
+def test_without_checkpoints():
     """Without checkpoints there is no test."""
     with Device(0.6) as device:
         config, database = make_config(device)

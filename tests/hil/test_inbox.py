@@ -75,7 +75,7 @@ def boxed():
         end_orderly(live)
 
 
-def test_taken():
+def test_valid_files():
     """The result file shows each phase. The next file ends the probation before it. Sender and way
     are recorded."""
     with boxed() as (live, inbox):
@@ -122,7 +122,7 @@ def test_only_retune():
         expect(live.active() == 1, text)
 
 
-def test_what_is_no_configuration():
+def test_invalid_files():
     """Each of them is set aside with a reason, and the next valid file is used.
 
     The script follows no link, neither to read nor to write, and waits for no other end of a FIFO.

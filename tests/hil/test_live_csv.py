@@ -97,7 +97,7 @@ def test_fifo_and_its_writer_twice():
     check_replay(config, database, rows)
 
 
-def test_rows_that_are_none():
+def test_invalid_rows():
     config, fifo, database = csv_config("plant.fifo")
     os.mkfifo(fifo)
     with Program("run", config, "--json") as live, Feeder(fifo, live) as feeder:

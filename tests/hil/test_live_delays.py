@@ -80,7 +80,7 @@ def play(path, fifo, database, steps):
     return told
 
 
-def test_a_free_twin_that_measures():
+def test_measured_delay_of_a_free_twin():
     recording, true = chain(12)
     path, fifo, database = streamed("second_order/both.json", ("u", "y"), recording,
                                     delays={"measure": {"range_s": 0.05}, "take": "next"})

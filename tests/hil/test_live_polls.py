@@ -88,7 +88,7 @@ def test_a_line_is_truer():
     expect(told["match"]["motor.omega"]["readings"] < 0.6 * told["steps"], f"{told['match']}")
 
 
-def test_a_median_sees_what_was_written():
+def test_a_median_counts_readings():
     """One value in eleven is 30 rad/s off, for six polls, so a median of three polls does not
     remove it."""
     def spoil(count, value):

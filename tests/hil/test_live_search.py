@@ -26,7 +26,7 @@ def run_for(steps, **synchronise):
             return config, database, end_well(live, signal.SIGTERM)[0]
 
 
-def test_a_variable_that_does_not_matter():
+def test_unobservable_variable():
     config, database, told = run_for(50, algorithm="nelder-mead", noise_floor=1e9)
     rows = check_summary(told, database)
     parts = "motor.d|nominal"
@@ -38,7 +38,7 @@ def test_a_variable_that_does_not_matter():
     check_replay(config, database, rows)
 
 
-def test_a_solver_that_finds_no_more():
+def test_fallback_solver():
     config, database, told = run_for(50, algorithm="nelder-mead", fallback="bobyqa", stagnation=4,
                                      match={"motor.omega": {"tolerance": 1e-9}})
     rows = check_summary(told, database)
@@ -49,7 +49,7 @@ def test_a_solver_that_finds_no_more():
     check_replay(config, database, rows)
 
 
-def test_horizons_there_is_no_time_for():
+def test_horizons_without_enough_time():
     config, database, told = run_for(150, algorithm="nelder-mead", budget={"time_s": 3e-5},
                                      horizon={"prediction": 8, "shape": "dynamic"},
                                      adjust={"motor.d": {"step": 1e-4}},

@@ -58,7 +58,7 @@ def test_in_place():
         expect(texts[0][0] == 1, "the database has no text of the configuration")
 
 
-def test_what_is_wrong_changes_nothing():
+def test_invalid_configurations():
     """An invalid configuration: all its problems are reported, and the active version runs
     undisturbed."""
     bad = {
@@ -123,7 +123,7 @@ def test_standard_input():
         end_orderly(live)
 
 
-def test_less_than_the_rights_of_the_box():
+def test_limited_rights():
     """--right limits the caller to the permissions of a token of that role. A later option cannot
     raise it."""
     def unconfined(document):
@@ -162,7 +162,7 @@ def test_less_than_the_rights_of_the_box():
         end_orderly(live)
 
 
-def test_no_step_by_step():
+def test_limit_counts_from_the_commissioned_version():
     """A limited change does not extend the limit of the next one: 1 → 2.5 → 6 is forbidden, as 1 →
     6 is."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
@@ -179,7 +179,7 @@ def test_no_step_by_step():
         end_orderly(live)
 
 
-def test_what_no_run_can_begin_with():
+def test_configuration_that_cannot_run():
     """A signal without a live source is valid in a replay only. A run with it could not start, so
     it is rejected before."""
     def without_source(document):
@@ -299,7 +299,7 @@ def test_a_device_that_does_not_answer():
         expect([len(told_gaps(live.database, run_number)) for run_number in (1, 2, 3)] == [0, 1, 1], live.log())
 
 
-def test_returned_from_by_restart():
+def test_rollback_by_restart():
     """A change that is not confirmed in time: --wait shows the rollback, although the restart
     closed its connection."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
@@ -312,7 +312,7 @@ def test_returned_from_by_restart():
         end_orderly(live)
 
 
-def test_killed_while_somebody_listens():
+def test_activator_killed_during_wait():
     """The activator dies during a probation: a client with --wait continues with the next one."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
@@ -321,7 +321,7 @@ def test_killed_while_somebody_listens():
             os.kill(member(live, "activator"), signal.SIGKILL)
             code, out, log = waiting.end()
             expect(code == 0 and has_line(out, "version 2|kept"), f"{code}\n{out}{log}")
-            expect_line(out, "probation|60 s")
+            expect_line(out, "run|60 s")
         end_orderly(live)
 
 
@@ -339,7 +339,7 @@ def test_interrupted():
         end_orderly(live)
 
 
-def test_returned_from():
+def test_rollback_in_place():
     """Bounds within which the twin cannot follow: the lock is lost, and the change is rolled back
     automatically."""
     def bound(document):
@@ -398,7 +398,7 @@ def test_until_confirmed():
         expect_one_run(live)
 
 
-def test_who_waits_hears_what_came_of_it():
+def test_wait_shows_the_result():
     """A client with --wait is not affected by a candidate that is only checked, but by one that
     replaces its version."""
     with Device(OMEGA) as device, Retuned(device.port) as live, ThreadPoolExecutor() as pool:
@@ -507,7 +507,7 @@ def held(pid):
     return [os.readlink(f"{folder}/{name}") for name in os.listdir(folder) if os.path.islink(f"{folder}/{name}")]
 
 
-def test_who_holds_what():
+def test_resources_of_the_activator():
     """The activator has no socket but the control socket, no FMU and no database. It ends when it
     is idle."""
     with Device(OMEGA) as device, Retuned(device.port) as live:

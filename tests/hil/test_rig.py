@@ -17,11 +17,12 @@ from pathlib import Path
 import box
 import hostile_fmu
 import twinlock_test
-from twinlock_test import HUNG_S, BUILD, SOURCE, Failure, Skip, expect
+from twinlock_test import HUNG_S, BUILD, SOURCE, Failure, Skip, expect, expect_line, has_line
 
 BOX_TESTS = "tests/hil/box"
 PREPARE = SOURCE / "tests" / "hil" / "rig" / "prepare"
 LOST = box.description()["reach"]["lost"]
+UNAVAILABLE = 69  # exit code of rig/prepare
 
 
 def rig(*arguments, timeout=HUNG_S):
@@ -72,14 +73,15 @@ def test_watchdog_bites():
     done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=HUNG_S)
     expect("watchdog opened" in done.stdout, f"no open watchdog\n{done.stdout}{done.stderr}")
     expect(done.returncode == LOST, f"the box must be reset, not end with {done.returncode}\n{done.stderr}")
-    expect("the watchdog softdog reset the guest" in done.stderr, done.stderr)
+    expect_line(done.stderr, "watchdog|softdog|reset")
 
 
-def test_a_panic_is_told():
+def test_panic():
     need_rig()
     code, out, err = rig("--", "sh", "-c", "echo out; echo err >&2; echo c >/proc/sysrq-trigger")
     expect((code, out) == (125, "out\n"), f"found {code}, {out!r}\n{err}")
-    expect(err.startswith("err\nrig: error: the guest's kernel panicked (not syncing: sysrq triggered crash)"), err)
+    first, second = err.splitlines()[:2]
+    expect(first == "err" and has_line(second, "rig: error|kernel|sysrq triggered crash"), err)
     expect(err.count("\n  | ") > 10, f"the console is not shown\n{err}")
 
 
@@ -87,19 +89,19 @@ def test_a_box_that_hangs_is_ended():
     need_rig()
     code, _, err = rig("--timeout", "2", "--", "sleep", "1000")
     expect(code == 124, f"found {code}\n{err}")
-    expect("the guest did not end within 2 s" in err, err)
+    expect_line(err, "rig: error|2 s")
 
 
 def test_wrong_usage():
-    for arguments, code, words in (
-            (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
-            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes it"),
-            (["--disk", "/nowhere", "--", "true"], 2, "--disk /nowhere: no such file; mke2fs -t ext4 makes one"),
-            (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
-            (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
+    for arguments, code, parts in (
+            (["--kernel", "pdp11", "--", "true"], 2, "--kernel|'pdp11'"),
+            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere|script/build"),
+            (["--disk", "/nowhere", "--", "true"], 2, "--disk /nowhere|mke2fs -t ext4"),
+            (["--timeout", "soon", "--", "true"], 2, "--timeout|soon|120"),
+            (["--timeout", "0", "--", "true"], 2, "--timeout|0|120"),
             ([], 2, "COMMAND")):
         found, _, err = rig(*arguments)
-        expect(found == code and words in err, f"script/rig {' '.join(arguments)}: found {found}, {err}")
+        expect(found == code and has_line(err, parts), f"script/rig {' '.join(arguments)}: found {found}, {err}")
 
 
 def emulator_of(process):
@@ -140,23 +142,25 @@ def prepare_elsewhere(environment):
     return done.returncode, done.stderr
 
 
-def test_missing_tools_are_told():
+def test_missing_tools():
     """A machine without Debian's package tools."""
     tools = twinlock_test.scratch()
     for name in ("bash", "dirname", "mkdir", "flock", "cat", "sha256sum"):
         (tools / name).symlink_to(Path("/usr/bin") / name)
     code, err = prepare_elsewhere({"PATH": tools})
-    expect(code == 69 and "rig: error: there is no apt-get" in err and "what to do: run script/bootstrap" in err, err)
+    expect(code == UNAVAILABLE, f"found {code}\n{err}")
+    expect_line(err, "rig: error|apt-get")
+    expect_line(err, "script/bootstrap")
 
 
-def test_missing_packages_are_told():
+def test_missing_packages():
     """A machine whose apt has no source of packages."""
     setting = twinlock_test.scratch() / "apt.conf"
     setting.write_text('Dir::Etc::SourceList "/dev/null"; Dir::Etc::SourceParts "/dev/null";\n', encoding="ascii")
     code, err = prepare_elsewhere({**os.environ, "APT_CONFIG": str(setting)})
-    expect(code == 69, f"found {code}\n{err}")
-    expect("rig: error: apt finds no way to install: qemu-system-x86 busybox-static" in err, err)
-    expect("what to do: check that apt's sources are Debian 12's" in err, err)
+    expect(code == UNAVAILABLE, f"found {code}\n{err}")
+    expect_line(err, "rig: error|qemu-system-x86|busybox-static")
+    expect_line(err, "apt|Debian 12")
 
 
 twinlock_test.main()

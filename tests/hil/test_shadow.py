@@ -88,7 +88,7 @@ def without_free_twin(document):
     document["synchronise"]["free_twin"] = False
 
 
-def test_begun_with_further_look_ups():
+def test_runs_with_more_look_ups_than_signals():
     """Two runs with more look-ups than the file has signals."""
     with Device(OMEGA) as device:
         config, _ = configuration(device.port)
@@ -146,7 +146,7 @@ def test_there_and_back():
         expect_repeated(live.file, live.database, 3, 1)
 
 
-def test_returned_from_by_itself():
+def test_automatic_rollback():
     """The new twin is in lock as a shadow, but loses the lock later, because its bounds are too
     narrow."""
     def bound(document):

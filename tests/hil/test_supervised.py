@@ -72,7 +72,7 @@ def test_a_file_that_changed_meanwhile():
     expect(number(database, "SELECT count(DISTINCT configuration) FROM runs") == 1, "another configuration")
 
 
-def test_a_dead_device_is_no_reason():
+def test_a_dead_device_causes_no_restart():
     with Device(OMEGA) as device:
         config, database = live_config(device, realtime={"hang_s": 0.5})
         with Supervised(config) as live:
@@ -103,7 +103,7 @@ def test_the_supervisor_is_killed():
     expect_starts(database, "start", "start 2|1|supervisor|killed")
 
 
-def test_a_stopped_supervisor_blames_nobody():
+def test_all_stopped_is_no_failure():
     """All processes were stopped for some time, as on a suspended box. That is no failure."""
     with Device(OMEGA) as device:
         config, database = live_config(device, realtime={"hang_s": 0.5})
@@ -234,7 +234,7 @@ def test_safe_hold_without_record():
         end_orderly(live)
 
 
-def test_safe_hold_needs_no_place():
+def test_safe_hold_needs_no_folder():
     """The folder for the files of FMUs is gone: no twin can start, but the plant is recorded."""
     with Device(OMEGA) as device:
         config, database = live_config(device)
@@ -280,7 +280,7 @@ def test_safe_hold_tries_again():
     expect(query(unruly.database, "SELECT verb FROM runs ORDER BY run") == [("run",)] * 5 + [("hold",), ("run",)], "other runs")
 
 
-def test_an_fmu_that_takes_the_hearts_out():
+def test_erased_heartbeats():
     """The FMU erases the twin's table of heartbeats, and hangs. An empty table counts as
     silence."""
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
@@ -291,7 +291,7 @@ def test_an_fmu_that_takes_the_hearts_out():
     expect_starts(unruly.database, "start", "start 2|heartbeat|every thread|s")
 
 
-def test_an_fmu_that_says_that_the_run_is_over():
+def test_an_fmu_fakes_the_end_of_the_run():
     """The FMU writes a normal end of the run into the shared memory. A run without a duration has
     no such end."""
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
@@ -302,7 +302,7 @@ def test_an_fmu_that_says_that_the_run_is_over():
     expect_starts(unruly.database, "start", "start 2|exit code 2")
 
 
-def test_told_to_end_while_an_fmu_hangs():
+def test_end_while_an_fmu_hangs():
     """An FMU hangs at the end of the run: the twin ends without it.
 
     tests/unit/firmware/live/test_supervisor_end.c tests a twin that does not.
@@ -318,7 +318,7 @@ def test_told_to_end_while_an_fmu_hangs():
         expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")
 
 
-def test_told_to_end_by_somebody_else():
+def test_sigterm_from_another_process():
     """Another process, for example earlyoom, sends SIGTERM to the twin. The supervisor restarts
     it."""
     with Device(OMEGA) as device, kills.Unruly(device) as unruly:
@@ -371,7 +371,7 @@ def told_service_manager(config, database):
     return manager.rest()
 
 
-def test_the_service_manager_is_told():
+def test_service_manager_notifications():
     with Device(OMEGA) as device:
         config, database = live_config(device)
         heard = told_service_manager(config, database)
@@ -405,7 +405,7 @@ def test_wrong_usage():
     expect_usage("error|--state /nowhere/state", "--supervise", "--state", "/nowhere/state", code=BAD_DATA)
 
 
-def test_a_bad_configuration_is_told_at_once():
+def test_invalid_configuration():
     config = scratch() / "bad.json"
     config.write_text("{}", encoding="utf-8")
     code, _, log = run(["run", config, "--supervise", "--watchdog", "/nowhere/dog"])

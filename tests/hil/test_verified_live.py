@@ -63,7 +63,7 @@ def test_wrong_later():
     expect(told["lock"]["state"] in ("degraded", "lost"), f"{told['lock']}")
 
 
-def test_mended():
+def test_replaced_rollback_method():
     """Wrong states: the twin changes to copies of the FMU's memory. The lock is degraded for a
     moment."""
     need_copies()
@@ -84,7 +84,7 @@ def test_wrong_from_the_start():
     expect(told["lock"]["state"] == "locked", f"{told['lock']}")
 
 
-def test_a_copy_that_it_failed_by():
+def test_copy_that_fails_later():
     """The FMU does something that no copy can undo: the restarted twin uses the FMU's own states,
     which are slower."""
     need_copies()

@@ -354,7 +354,7 @@ def test_an_fmu_that_fails_on_the_way():
 
 # ---- a long pause ----
 
-def test_nobody_ran_for_most_of_a_minute():
+def test_pause_of_50_s():
     """The twin catches up some 5000 ticks, as many per cycle as its budget permits. Then it
     locks."""
     config, database = live_config(free_port())
@@ -377,7 +377,7 @@ def test_nobody_ran_for_most_of_a_minute():
 
 # ---- runs that are not resumed ----
 
-def expect_anew(prepare, *wanted, record=None):
+def expect_not_resumed(prepare, *wanted, record=None):
     """`prepare` changes the database or the configuration, so that the next run starts at tick 0.
 
     Checks its events about that: `wanted` are lists of parts (see has_line()).
@@ -393,7 +393,7 @@ def expect_anew(prepare, *wanted, record=None):
     expect(len(told) == len(wanted) and all(has_line(text, parts) for parts, text in zip(wanted, told)), f"{told}, wanted {wanted}")
 
 
-def test_why_it_begins_anew():
+def test_runs_that_are_not_resumed():
     """The reason, and the time without a twin if the run before is a different one."""
     gap = "s|ticks"
 
@@ -407,17 +407,17 @@ def test_why_it_begins_anew():
             for statement in statements:
                 execute(database, statement)
         return change
-    expect_anew(other_tolerance, "configuration|run 1", gap)
-    expect_anew(sql("UPDATE beginnings SET fmus = 'x'"), "FMUs|run 1", gap)
-    expect_anew(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "run 1|s|record.resume_s")
-    expect_anew(sql("UPDATE beginnings SET boot = ''"), "run 1", gap)
-    expect_anew(sql("UPDATE runs SET (ended, ended_reason) = (committed, 'drive: fmi2DoStep failed')"),
+    expect_not_resumed(other_tolerance, "configuration|run 1", gap)
+    expect_not_resumed(sql("UPDATE beginnings SET fmus = 'x'"), "FMUs|run 1", gap)
+    expect_not_resumed(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "run 1|s|record.resume_s")
+    expect_not_resumed(sql("UPDATE beginnings SET boot = ''"), "run 1", gap)
+    expect_not_resumed(sql("UPDATE runs SET (ended, ended_reason) = (committed, 'drive: fmi2DoStep failed')"),
                 "run 1|drive: fmi2DoStep failed", gap)
-    expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps AS one WHERE one.step = 20"), "run 1|ticks")
-    expect_anew(lambda *_: None, record={"resume_s": 0})
+    expect_not_resumed(sql("DELETE FROM checkpoints", "DELETE FROM steps AS one WHERE one.step = 20"), "run 1|ticks")
+    expect_not_resumed(lambda *_: None, record={"resume_s": 0})
 
 
-def test_runs_that_get_nowhere():
+def test_three_runs_without_steps():
     """After three runs in a row without an own step, the next run does not resume."""
     config, database = live_config(free_port())
     with Program("plant", config):
@@ -449,8 +449,8 @@ def test_after_a_reboot():
             execute(path, other)
             execute(path, shifted.format(days))
         return change
-    expect_anew(after("+1 day"), "clock|run 1")
-    expect_anew(after("-1 day"), "run 1|s|record.resume_s")
+    expect_not_resumed(after("+1 day"), "clock|run 1")
+    expect_not_resumed(after("-1 day"), "run 1|s|record.resume_s")
 
 
 def test_a_database_that_was_removed():
@@ -463,7 +463,7 @@ def test_a_database_that_was_removed():
     expect(told["resumed"] is None and told_by(database, 1) == [], f"{told['resumed']} {told_by(database, 1)}")
 
 
-def test_a_run_of_no_use_any_more():
+def test_replay_without_the_beginning():
     """A replay of a resumed run fails if its FMUs or its checkpoint are missing, and reports
     which."""
     config, database = live_config(free_port())

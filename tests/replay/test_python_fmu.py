@@ -305,7 +305,7 @@ def test_without_states_it_is_rolled_back_by_replay():
     refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 16|components.process|canGetAndSetFMUstate")
     code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
     expect(code == 0, f"exit code {code}\n{out}{err}")
-    expect_line(out, "process|variables|replay")
+    expect_line(out, "replay|process|1000 steps")
 
 
 def test_a_state_that_is_not_registered_is_found():
@@ -313,7 +313,7 @@ def test_a_state_that_is_not_registered_is_found():
     fmu = slave_that("self.hidden += self.gain; self.y = self.hidden")
     code, _, err = run(["replay", write_config(merge(alone(fmu, TUNED), {"components": {"slave": {"rollback": "state"}}}))])
     expect(code == 70, f"exit code {code}\n{err}")
-    expect_line(err, 'error|slave.y|1 step|"rollback"')
+    expect_line(err, 'error|slave.y|1|step|"rollback"')
     code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
     expect(code == 0, f"exit code {code}\n{err}")
     expect_line(err, "warning|FMU Slave|reset|replay")

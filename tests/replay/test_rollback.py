@@ -59,7 +59,7 @@ def test_large():
     found = probe(large, "memory")
     expect(found["way"] == "memory" and found["differs"] is None and found["error"] is None and found["steps"] == 200, f"{found}")
     code, out, err = run(["check", keeper_fmu.config(large)])
-    size = re.search(r"one of keeper0 takes (\d+)\.\d KiB", out)
+    size = re.search(r"^  states .*\bkeeper0\D+(\d+)\.\d KiB$", out, re.M)
     expect(code == 0 and size is not None and int(size[1]) < 1024, f"a state takes more than its pages:\n{out}{err}")
     saved = steps_of(keeper_fmu.config(large))
     expect(saved.count("\n") > 90 and saved == steps_of(keeper_fmu.config(large), "--plain"), "other values than with --plain")
@@ -98,8 +98,8 @@ def test_configured_methods():
     for fmu, way in ((keeper_fmu.make(), None), (keeper_fmu.make(OWN_STATE=1), "memory")):
         code, out, err = run(["check", keeper_fmu.config(fmu, way)])
         expect(code == 0, f"{code}\n{out}{err}")
-        expect_line(out, "keeper0|variables|memory")
-        expect_no_line(err, "warning|FMU lag")
+        expect_line(out, "rolled back|memory")
+        expect_no_line(err, "FMU lag")
 
 
 def test_wrong_states():
@@ -108,11 +108,11 @@ def test_wrong_states():
     wrong = keeper_fmu.make(OWN_STATE=1)
     code, out, err = run(["replay", keeper_fmu.config(wrong, "state")])
     expect(code == FMU_FAILED, f"{code}\n{out}{err}")
-    expect_line(err, 'error|keeper0.y|1 step|"rollback"')
+    expect_line(err, 'error|keeper0.y|1|step|"rollback"')
     code, out, err = run(["check", keeper_fmu.config(wrong)])
     expect(code == 0, f"{code}\n{out}{err}")
-    expect_line(out, "keeper0|variables|memory")
-    expect_line(err, "warning|FMU lag|own states|incomplete state|memory")
+    expect_line(out, "rolled back|memory")
+    expect_line(err, "notice|FMU lag|own states|incomplete state|memory")
     for components in 1, 2:
         chosen = steps_of(keeper_fmu.config(wrong, components=components))
         expect(chosen == steps_of(keeper_fmu.config(wrong, "memory", components)), f"{components}: other values than with \"rollback\": \"memory\"")

@@ -54,7 +54,7 @@ def test_at_a_bound():
     """For two minutes y cannot reach the plant because of the bound of u."""
     _, _, events, _ = replay(FMUS / "lag.fmu", 180, lambda i: 3 if i < 12000 else 1, max=2)
     found = [text for source, text in events if source == "twin" and "k.u" in text]
-    expect(len(found) == 2 and has_line(found[0], "k.u|bound|100 %") and has_line(found[1], "k.u|bounds|20 %"), f"{events}")
+    expect(len(found) == 2 and has_line(found[0], "k.u|bound|100 %") and has_line(found[1], "k.u|bound|20 %"), f"{events}")
 
 
 if __name__ == "__main__":

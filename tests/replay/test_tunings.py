@@ -116,7 +116,7 @@ def test_tunings_that_cannot_be_applied():
     with closing(sqlite3.connect(copy)) as file, file:
         name = query(copy, "SELECT hash FROM configurations")[0][0]
         file.executemany("INSERT INTO tunings VALUES (1, ?, ?, '2026-11-23T10:00:00.000Z', '', '', '')", ((tick, name) for tick in range(4097)))
-    expect_refused(config, copy, "run 1|4097 configurations|4096")
+    expect_refused(config, copy, "run 1|4097|4096")
     delete(copy, "tunings", "tick = 0")
     run_well(["replay", config, "--recording", copy])
 

@@ -1,4 +1,4 @@
-/* A co-simulation without a search: see test_rig.h. */
+/* Co-simulation without a search: see test_rig.h. */
 #include "tests/support/test_rig.h"
 
 #include <assert.h>
@@ -125,7 +125,8 @@ static uint64_t count_all(const tl_test_rig *rig) {
     return sum;
 }
 
-/* Back to t_i, or there for the first time with the plant's values of t_i; and counted from here. */
+/* Rolls back to t_i; the first call after a commit delivers the plant's values of t_i instead. Counts
+ * executions from here on. */
 static void begin(tl_test_rig *rig) {
     rig->all_before = count_all(rig);
     for (size_t k = 0; k <= rig->graph.component_count; k++) {

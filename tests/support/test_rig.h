@@ -1,8 +1,8 @@
-/* A co-simulation of a test plan under its ledger, without a search: the test says which candidates there are.
+/* Co-simulation of a test plan with its ledger, without a search. The test chooses the candidates.
  *
- * Purpose: what the twin does around an evaluation, laid open: candidates one by one, with what each component executed for
- *          it and what the ledger said of it.
- * Owner:   the caller places it (it is large: make it static); tl_test_rig_end() gives everything back.
+ * Purpose: evaluates single candidates, and counts the executions of each component, and those that
+ *          the ledger predicted.
+ * Owner:   the caller; it is large, so make it static. tl_test_rig_end() frees everything.
  * Thread:  one at a time.
  */
 #ifndef TL_TESTS_SUPPORT_TEST_RIG_H
@@ -32,46 +32,48 @@ struct tl_test_rig {
     tl_ledger ledger;
     const tl_port *adjusted[TL_MAX_ADJUST];
     const tl_port *matched[TL_MAX_MATCH];
-    tl_sample sample; /* the one pushed last */
+    tl_sample sample; /* the last one pushed */
     int64_t step;     /* i */
     tl_status status; /* of the last candidate or commit */
     uint32_t walked;  /* whole steps of the last candidate */
     tl_error error;
-    uint64_t
-        before[TL_TEST_COMPONENTS + 1]; /* executions before the last candidate or commit, without those caught up */
-    uint64_t foretold[TL_TEST_COMPONENTS + 1];       /* predicted before it */
-    uint64_t all_before;                             /* executions of all components, those caught up too */
-    bool begun;                                      /* there was a candidate since the last commit */
-    void (*watch)(tl_test_rig *rig, uint32_t depth); /* called after each of a candidate's steps; NULL: nobody looks */
+    uint64_t before[TL_TEST_COMPONENTS + 1];   /* executions before the last candidate or commit, without catching up */
+    uint64_t foretold[TL_TEST_COMPONENTS + 1]; /* predicted executions before it */
+    uint64_t all_before;                       /* executions of all components, with catching up */
+    bool begun;                                /* there was a candidate since the last commit */
+    void (*watch)(tl_test_rig *rig, uint32_t depth); /* called after each step of a candidate; may be NULL */
 };
 
-/* Graph and horizon only; what is wrong is in the plan's report. For a plan whose ports are all there. */
+/* Builds graph and horizon only. Problems are in the plan's report. All ports must exist. */
 void tl_test_rig_plan(tl_test_rig *rig, tl_test_plan *plan);
 
-/* Everything, initialised at t_0 with a sample of the plant of zeros. `nodes`: of each component's cache. */
+/* Builds everything, initialised at t_0 with a plant sample of zeros. `nodes`: cache size of each
+ * component. */
 void tl_test_rig_start(tl_test_rig *rig, tl_test_plan *plan, uint32_t nodes);
 
-/* Frees all FMUs. Also after tl_test_rig_plan() only, or twice. */
+/* Frees all FMUs. May be called after tl_test_rig_plan(), and twice. */
 void tl_test_rig_end(tl_test_rig *rig);
 
-/* The next sample of the plant, all signals good. */
+/* Pushes the next sample of the plant, with all signals good. */
 void tl_test_rig_push(tl_test_rig *rig, const double *values);
 
-/* Walks one candidate over the horizon; a number that depends on all bits of the matched outputs from T_D on, 0 where it
- * fails. */
+/* Evaluates one candidate over the horizon. Returns a hash of the matched outputs from T_D on; 0 if
+ * a step fails. */
 uint64_t tl_test_rig_try(tl_test_rig *rig, const double *u);
 
-/* The same, left after so many steps. */
+/* As tl_test_rig_try(), but stops after `steps` steps. */
 uint64_t tl_test_rig_walk(tl_test_rig *rig, const double *u, uint32_t steps);
 
-/* Commits the step with the first of each variable's unknowns; the values of all ports as one number. */
+/* Commits the step with the first unknown of each variable. Returns a hash of the values of all
+ * ports. */
 uint64_t tl_test_rig_commit(tl_test_rig *rig, const double *u);
 
-/* What component k, or the plant, executed in the last candidate or commit, catching up left out, and what was predicted. */
+/* Executions of component k (or of the plant, k = component count) in the last candidate or commit,
+ * without catching up; and the predicted number. */
 uint64_t tl_test_rig_done(const tl_test_rig *rig, size_t k);
 uint64_t tl_test_rig_predicted(const tl_test_rig *rig, size_t k);
 
-/* All that was executed by the last one, catching up included; without the plant. */
+/* Executions of all components in it, with catching up, and without the plant. */
 uint64_t tl_test_rig_executions(const tl_test_rig *rig);
 
 #endif
