@@ -121,7 +121,7 @@ static void drop_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     note_state(io, sink, own, text, text);
 }
 
-static void describe_failure(const tl_gpio_place *found, int failure, char *text, size_t size) {
+static void describe_failure(const tl_gpio_found *found, int failure, char *text, size_t size) {
     const char *chip = found->chip;
     if (failure == EBUSY && found->state.used) {
         (void)snprintf(text, size, "line %u of %s is in use by \"%s\": end that program", found->offset, chip,
@@ -132,7 +132,7 @@ static void describe_failure(const tl_gpio_place *found, int failure, char *text
 }
 
 /* Finds and requests the line. Returns true, or false with the reason in `trouble`. */
-static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *found, char *trouble, size_t size) {
+static bool request(const tl_plant_io *io, input_line *own, tl_gpio_found *found, char *trouble, size_t size) {
     if (!tl_gpio_find(io->chip, &own->channel, found, trouble, size)) {
         return false;
     }
@@ -151,7 +151,7 @@ static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *found
 
 static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     char text[TEXT] = "";
-    tl_gpio_place found;
+    tl_gpio_found found;
     bool level = false;
     if (!request(io, own, &found, text, sizeof text)) {
         tl_backoff_fail(&own->backoff, tl_monotonic_now());

@@ -15,7 +15,7 @@ enum { LIST = 160 };
 typedef struct search {
     const char *chip;
     const tl_gpio_channel *channel;
-    tl_gpio_place first, second;
+    tl_gpio_found first, second;
     size_t found;
     char chips[LIST];  /* chips that were searched */
     char denied[LIST]; /* one that could not be opened, and why */
@@ -36,7 +36,7 @@ static bool is_wanted(const char *wanted, const char *path, const tl_gpio_chip *
             given.st_rdev == here.st_rdev);
 }
 
-static void add_found(search *own, const tl_gpio_place *candidate) {
+static void add_found(search *own, const tl_gpio_found *candidate) {
     if (own->found == 0) {
         own->first = *candidate;
     } else if (own->found == 1) {
@@ -45,7 +45,7 @@ static void add_found(search *own, const tl_gpio_place *candidate) {
     own->found++;
 }
 
-static void search_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *candidate) {
+static void search_lines(search *own, tl_gpio_chip *chip, tl_gpio_found *candidate) {
     const char *name = own->channel->line;
     unsigned begin = name == NULL ? own->channel->offset : 0;
     for (unsigned offset = begin; offset < own->lines; offset++) {
@@ -61,7 +61,7 @@ static void search_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *candida
 }
 
 static void search_chip(search *own, const char *file) {
-    tl_gpio_place candidate = {.offset = 0};
+    tl_gpio_found candidate = {.offset = 0};
     struct stat what;
     (void)snprintf(candidate.path, sizeof candidate.path, "/dev/%.40s", file);
     if (lstat(candidate.path, &what) != 0 ||
@@ -99,7 +99,7 @@ static void describe_not_found(const search *own, char *text, size_t size) {
     }
 }
 
-bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *candidate, char *text, size_t size) {
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *candidate, char *text, size_t size) {
     search own = {.chip = chip, .channel = channel};
     struct dirent **entries = NULL;
     int count = scandir("/dev", &entries, is_chip, alphasort);

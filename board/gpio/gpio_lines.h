@@ -96,15 +96,15 @@ void tl_gpio_line_release(tl_gpio_line *line);
  *          name, label or path. An ambiguous line is rejected; the text names both.
  */
 
-typedef struct tl_gpio_place {
+typedef struct tl_gpio_found {
     char path[64]; /* of the chip */
     char chip[96]; /* for messages: "gpiochip0 (label)" */
     unsigned offset;
     tl_gpio_line_state state;
-} tl_gpio_place;
+} tl_gpio_found;
 
 /* Returns false if there is no line or more than one: `text` has what was searched and what exists.
  */
-bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *place, char *text, size_t size);
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *place, char *text, size_t size);
 
 #endif

@@ -173,7 +173,7 @@ static void note(int level) {
     }
 }
 
-bool tl_log_has_said_error(void) {
+bool tl_log_has_error(void) {
     return __atomic_load_n(&error_logged, __ATOMIC_RELAXED);
 }
 

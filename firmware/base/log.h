@@ -57,7 +57,7 @@ bool tl_log_foreign(int level, const char *line, int patience);
 
 /* Returns whether an error was logged, by this process or by another one that it logs for. Any
  * thread. */
-bool tl_log_has_said_error(void);
+bool tl_log_has_error(void);
 
 /* Parses a line of a process that uses levels: returns its level and sets *text to the rest. For
  * another line returns TL_LOG_FOREIGN and sets *text to the whole line. */

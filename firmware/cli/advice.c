@@ -461,7 +461,7 @@ static void check_delays(warnings *list, const tl_config *config) {
     }
 }
 
-static void check_rollback(warnings *list, const tl_far_look *rollback) {
+static void check_rollback(warnings *list, const tl_late_verification *rollback) {
     char path[64];
     if (rollback->news.found) {
         (void)snprintf(path, sizeof path, "components.%.40s.rollback", rollback->news.component);
@@ -488,7 +488,7 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
     }
 }
 
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *rollback,
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     warnings list = {.file = file};

@@ -58,7 +58,7 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
 
 /* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
  * Returns the number of warnings. */
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *rollback,
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
                        const tl_read_back_report *states, FILE *file);
 
 #endif

@@ -540,7 +540,7 @@ static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *out
 
 /* Prints how rollback was tested: by the proof at the start, and later. A brief check (of a trial,
  * whose caller waits) has only the proof. */
-static void print_rollback_test(const tl_assembly *assembly, const tl_far_look *test, FILE *output) {
+static void print_rollback_test(const tl_assembly *assembly, const tl_late_verification *test, FILE *output) {
     tl_time step = assembly->config.step;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     if (facts.proved_executions != 0) {
@@ -589,7 +589,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_live_blocks blocks;
-    tl_far_look rollback = {.times = 0};
+    tl_late_verification rollback = {.times = 0};
     tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -606,7 +606,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_live_blocks_of(config, saved_size(assembly, &prognosis), &blocks);
     print_costs(assembly, &prognosis, &blocks, output);
     if (prognosis.steps != 0 && !job->brief) {
-        tl_far_look_take(assembly, prognosis.next_tick, &rollback);
+        tl_late_verification_get(assembly, prognosis.next_tick, &rollback);
     }
     print_rollback_test(assembly, &rollback, output);
     tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, &states);

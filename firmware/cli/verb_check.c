@@ -50,14 +50,14 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
 
 /* If a check failed because a component cannot be rolled back exactly: logs which other rollback
  * method is exact. Errors: TL_INTERRUPTED. */
-static tl_status log_other_methods(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
-    tl_other_way found[TL_RECORDER_COMPONENTS];
-    char text[TL_OTHER_WAY_TEXT];
+static tl_status log_other_methods(const tl_verb_job *job, const tl_component_methods *checked, tl_error *error) {
+    tl_other_method found[TL_RECORDER_COMPONENTS];
+    char text[TL_OTHER_METHOD_TEXT];
     const tl_twin_child_settings settings = tl_verb_job_settings(job, NULL);
-    tl_status status = tl_other_way_find(&settings, checked, found, error);
+    tl_status status = tl_other_method_find(&settings, checked, found, error);
     for (size_t i = 0; i < job->config.component_count && status == TL_OK; i++) {
-        if (found[i].kind != TL_OTHER_WAY_NOT_SOUGHT) {
-            tl_other_way_tell(&found[i], text);
+        if (found[i].kind != TL_OTHER_METHOD_NOT_SOUGHT) {
+            tl_other_method_describe(&found[i], text);
             tl_log(TL_LOG_NOTICE, "components.%.60s: %s", job->config.components[i].name, text);
         }
     }
@@ -69,12 +69,12 @@ static tl_status check(tl_verb_job *job) {
     job->order.reads_back = true;
     job->order.variables = job->options->variables;
     tl_twin_check found = {.warnings = 0};
-    tl_twin_ways methods = {.cannot_return = 0};
+    tl_component_methods methods = {.cannot_return = 0};
     tl_pair_verdict pair;
     tl_status status = tl_verb_job_start(job, job->output);
     if (status == TL_OK) {
         status = tl_twin_child_check(job->child, &found, &job->error);
-        tl_twin_child_ways(job->child, &methods);
+        tl_twin_child_get_methods(job->child, &methods);
     }
     if (status != TL_OK && status != TL_INTERRUPTED && methods.cannot_return != 0) {
         tl_error interrupted; /* only used if interrupted; otherwise the error of the check stays */

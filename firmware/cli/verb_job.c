@@ -88,7 +88,7 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;
     }
-    if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_said_error()) {
+    if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_error()) {
         tl_log(TL_LOG_ERROR, "the FMU process failed without a message: run `twinlock check` on the configuration");
     }
     if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {

@@ -72,7 +72,7 @@ typedef struct tl_config_signal {
     const char *column;      /* column in a recording or CSV source; default: the signal's name */
     size_t source;           /* index of its live source; SIZE_MAX: none, the signal comes from recordings only */
     void *channel;           /* of the source's driver; NULL without a source */
-    tl_time look_back;       /* ns; how far a sample looks back: see tl_plant_look (plant_input.h) */
+    tl_time look_back;       /* ns; how far a sample looks back: see tl_plant_lookup (plant_input.h) */
     bool next;               /* if there is no reading at that instant: take the next one */
     tl_between between;      /* value between two readings, when it is looked up */
     bool feeds;              /* the signal feeds an input of an FMU, or starts a stroke */

@@ -447,7 +447,7 @@ static void add_barred(tl_config_change *change, const tl_json_difference *diffe
         *barred = (tl_config_barred){.names = names};
         barred->is_installed =
             names == TL_NAMES_FMU && cJSON_IsString(difference->after) && !is_path(difference->after);
-        tl_json_way_path(barred->path, difference->way, difference->depth);
+        tl_json_steps_path(barred->path, difference->way, difference->depth);
         tl_json_show(difference->after, barred->found, sizeof barred->found);
     }
 }
@@ -481,7 +481,7 @@ static void collect_change(const tl_json_difference *difference, void *context) 
     add_last_edit(c);
     c->has_edit = true;
     c->edit.needs = needs;
-    tl_json_way_path(c->edit.path, difference->way, difference->depth);
+    tl_json_steps_path(c->edit.path, difference->way, difference->depth);
     if (difference->is_order) {
         (void)snprintf(c->edit.before, sizeof c->edit.before, "entries");
         (void)snprintf(c->edit.after, sizeof c->edit.after, "entries in another order");

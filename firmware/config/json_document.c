@@ -37,7 +37,7 @@ void tl_json_element_path(char *path, const char *parent, size_t index) {
     tl_text_for_people(joined, path, TL_JSON_PATH);
 }
 
-void tl_json_way_path(char *path, const tl_json_step *way, size_t depth) {
+void tl_json_steps_path(char *path, const tl_json_step *way, size_t depth) {
     path[0] = '\0';
     for (size_t i = 0; i < depth; i++) {
         if (way[i].key != NULL) {

@@ -51,7 +51,7 @@ void tl_json_member_path(char *path, const char *parent, const char *key);
 void tl_json_element_path(char *path, const char *parent, size_t index);
 
 /* Writes the path of `depth` steps from the root; `path` has TL_JSON_PATH bytes. */
-void tl_json_way_path(char *path, const tl_json_step *way, size_t depth);
+void tl_json_steps_path(char *path, const tl_json_step *way, size_t depth);
 
 /* ---- A JSON document: a text that json.h accepts, parsed by cJSON, with lines and paths.
  *

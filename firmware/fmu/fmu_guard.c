@@ -26,7 +26,7 @@
  *
  * Purpose: the order is: its own states; copies of its memory; its own states, followed by setting
  *          its last inputs again; replay. If a proof finds a method wrong, the next one is used
- *          (tl_fmi2_aside) and continues from the start of the proof. After the proof only one
+ *          (tl_fmi2_fallback) and continues from the start of the proof. After the proof only one
  *          change is possible: from copies back to exact own states.
  * Thread:  the thread that calls the FMUs.
  */
@@ -41,18 +41,18 @@ static fmi2Boolean *booleans_in(const tl_ports *ports, double *values) {
     return integers_in(ports, values) + ports->integer_count; /* fmi2Boolean is the same C type */
 }
 
-tl_fmu_given *tl_fmu_given_open(const tl_ports *ports) {
+tl_fmu_inputs *tl_fmu_inputs_open(const tl_ports *ports) {
     size_t bytes = tl_ports_size(ports);
-    tl_fmu_given *given = malloc(sizeof *given + bytes);
+    tl_fmu_inputs *given = malloc(sizeof *given + bytes);
     if (given != NULL) {
-        *given = (tl_fmu_given){.ports = ports, .bytes = bytes};
+        *given = (tl_fmu_inputs){.ports = ports, .bytes = bytes};
         tl_ports_read(ports, (unsigned char *)given->values);
     }
     return given;
 }
 
-void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
-                       const void *values) {
+void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                        const void *values) {
     const tl_ports *ports = given->ports;
     if (kind == TL_PROLOGUE_SET_REAL && references == ports->real_references) {
         memcpy(given->values, values, ports->real_count * sizeof(double));
@@ -63,21 +63,21 @@ void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi
     }
 }
 
-tl_fmu_given_state *tl_fmu_given_make_state(const tl_fmu_given *given) {
-    tl_fmu_given_state *state = malloc(sizeof *state + given->bytes);
+tl_fmu_inputs_state *tl_fmu_inputs_make_state(const tl_fmu_inputs *given) {
+    tl_fmu_inputs_state *state = malloc(sizeof *state + given->bytes);
     if (state != NULL) {
         state->own = NULL;
-        tl_fmu_given_keep(given, state);
+        tl_fmu_inputs_save(given, state);
     }
     return state;
 }
 
-void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state) {
+void tl_fmu_inputs_save(const tl_fmu_inputs *given, tl_fmu_inputs_state *state) {
     memcpy(state->values, given->values, given->bytes);
 }
 
-fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
-                                   fmi2Component instance) {
+fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state *state, const tl_fmi2 *fmi,
+                                 fmi2Component instance) {
     const tl_ports *ports = given->ports;
     fmi2Status status = fmi2OK;
     memcpy(given->values, state->values, given->bytes);
@@ -107,7 +107,7 @@ static bool has_fallback(const tl_fmu_guarded *self) {
 /* Only a warning if there is another rollback method. */
 static void log_failure(tl_fmu_guarded *self, const char *text) {
     tl_log_level level = has_fallback(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
-    tl_fmu_logger_say(&self->guard->logger, level, text);
+    tl_fmu_logger_log(&self->guard->logger, level, text);
 }
 
 /* The FMU has side effects that no copy contains. Logged once; not logged after the proof if the
@@ -159,7 +159,7 @@ static fmi2Status reserve_memory(fmi2Component component, size_t states) {
     tl_fmu_guarded *self = component;
     tl_error error;
     if (tl_fmu_memory_reserve(&self->guard->memory, states, &error) != TL_OK) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, error.text);
+        tl_fmu_logger_log(&self->guard->logger, TL_LOG_ERROR, error.text);
         return fmi2Error;
     }
     return fmi2OK;
@@ -282,26 +282,26 @@ static fmi2Status free_position(fmi2Component component, fmi2FMUstate *state) {
 
 static fmi2Status keep_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
-    tl_fmu_given_state *kept = *state != NULL ? *state : tl_fmu_given_make_state(self->given);
+    tl_fmu_inputs_state *kept = *state != NULL ? *state : tl_fmu_inputs_make_state(self->given);
     if (kept == NULL) {
         return fmi2Error;
     }
-    tl_fmu_given_keep(self->given, kept);
+    tl_fmu_inputs_save(self->given, kept);
     *state = kept;
     return self->guard->by_states.get_fmu_state(component, &kept->own);
 }
 
 static fmi2Status restore_and_set(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    const tl_fmu_given_state *kept = state;
+    const tl_fmu_inputs_state *kept = state;
     fmi2Status status = self->guard->by_states.set_fmu_state(component, kept->own);
-    return status <= fmi2Warning ? tl_fmu_given_give_again(self->given, kept, &self->guard->functions, component)
+    return status <= fmi2Warning ? tl_fmu_inputs_restore(self->given, kept, &self->guard->functions, component)
                                  : status;
 }
 
 static fmi2Status free_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     const tl_fmu_guarded *self = component;
-    tl_fmu_given_state *kept = *state;
+    tl_fmu_inputs_state *kept = *state;
     fmi2Status status = kept->own != NULL ? self->guard->by_states.free_fmu_state(component, &kept->own) : fmi2OK;
     free(kept);
     *state = NULL;
@@ -421,7 +421,7 @@ static fmi2Status log_fallback(tl_fmu_guarded *self, const char *finding, const 
     bool is_known = cause[0] != '\0';
     (void)tl_fail(&text, TL_FMU_FAILED, "%s%s%s%s: %s", finding, is_known ? " (" : "", cause, is_known ? ")" : "",
                   remedy);
-    tl_fmu_logger_say(&self->guard->logger, level, text.text);
+    tl_fmu_logger_log(&self->guard->logger, level, text.text);
     return fmi2OK;
 }
 
@@ -539,13 +539,13 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
 /* ---- first method ---- */
 
 static void choose_first_method(tl_fmu_guard *guard) {
-    static const tl_fmi2_aside fallback = {.keep = keep_start,
-                                           .come_back = restore_start,
-                                           .give_up_states = replace_method,
-                                           .let_go = end_proof,
-                                           .size = size_start,
-                                           .has_choice = has_choice,
-                                           .prefer_copy = prefer_copy};
+    static const tl_fmi2_fallback fallback = {.keep = keep_start,
+                                              .come_back = restore_start,
+                                              .give_up_states = replace_method,
+                                              .let_go = end_proof,
+                                              .size = size_start,
+                                              .has_choice = has_choice,
+                                              .prefer_copy = prefer_copy};
     guard->by_states = guard->functions;
     if (guard->by_memory) {
         roll_back_by_memory(guard);
@@ -578,7 +578,7 @@ static void log_changes(tl_fmu_guard *guard, unsigned *reported, unsigned change
     tl_host_state_describe(unreported, names);
     (void)snprintf(text, sizeof text, "changed %s of the whole process in %s: restored (reported once)", names,
                    where != NULL ? where : call.function);
-    tl_fmu_logger_say(&guard->logger, TL_LOG_NOTICE, text);
+    tl_fmu_logger_log(&guard->logger, TL_LOG_NOTICE, text);
 }
 
 /* Not inlined because it is rarely needed. */
@@ -656,7 +656,7 @@ static inline fmi2Status note_call(guarded *self, tl_fmu_prologue_kind kind, con
         tl_fmu_replay_note(self->replay, kind, references, count, values, status);
     }
     if (self->given != NULL) {
-        tl_fmu_given_note(self->given, kind, references, values);
+        tl_fmu_inputs_note(self->given, kind, references, values);
     }
     return status;
 }
@@ -718,7 +718,7 @@ static void note_ports(fmi2Component component, const tl_ports *inputs, const tl
      */
     if (self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL &&
         self->given == NULL) {
-        self->given = tl_fmu_given_open(inputs);
+        self->given = tl_fmu_inputs_open(inputs);
     }
 }
 
@@ -941,7 +941,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 /* Otherwise the missing state would be noticed only at a restore. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
     if (status <= fmi2Warning && *state == NULL) {
-        tl_fmu_logger_say(
+        tl_fmu_logger_log(
             &self->guard->logger, TL_LOG_ERROR,
             "returned fmi2OK without a state (NULL), which counts as fmi2Error; set \"rollback\": \"memory\" in its "
             "component");

@@ -27,35 +27,35 @@
  */
 
 /* Fields are private. */
-typedef struct tl_fmu_given {
+typedef struct tl_fmu_inputs {
     const tl_ports *ports; /* the ports that are set */
     size_t bytes;          /* size of the last values: */
     double values[];       /* reals, then integers, then Booleans */
-} tl_fmu_given;
+} tl_fmu_inputs;
 
 /* A state, and the last values that were set before it. */
-typedef struct tl_fmu_given_state {
+typedef struct tl_fmu_inputs_state {
     fmi2FMUstate own; /* the FMU's own state; NULL: not saved yet */
     double values[];
-} tl_fmu_given_state;
+} tl_fmu_inputs_state;
 
 /* Takes the present values of the ports as those that were set last. `ports` must remain valid. The
  * caller frees the result. Returns NULL if memory is out. */
-tl_fmu_given *tl_fmu_given_open(const tl_ports *ports);
+tl_fmu_inputs *tl_fmu_inputs_open(const tl_ports *ports);
 
 /* Notes the values of a call if it sets all ports of one type; ignores all other calls. */
-void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
-                       const void *values);
+void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                        const void *values);
 
 /* Allocates a state with the present values, without the FMU's own state yet. Returns NULL if
  * memory is out. */
-tl_fmu_given_state *tl_fmu_given_make_state(const tl_fmu_given *given);
+tl_fmu_inputs_state *tl_fmu_inputs_make_state(const tl_fmu_inputs *given);
 
 /* `keep` copies the present values into the state. `give_again` makes the values of the state the
  * present ones and sets them in the instance by `fmi`; it returns the status of the last call. */
-void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state);
-fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
-                                   fmi2Component instance);
+void tl_fmu_inputs_save(const tl_fmu_inputs *given, tl_fmu_inputs_state *state);
+fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state *state, const tl_fmi2 *fmi,
+                                 fmi2Component instance);
 
 /* ---- Data of the guard and of one instance. */
 
@@ -99,7 +99,7 @@ typedef struct tl_fmu_guarded {
     const unsigned short *table;             /* its value at instantiation; a difference shows another locale */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
-    tl_fmu_given *given;                     /* notes the last inputs; NULL: not noted */
+    tl_fmu_inputs *given;                    /* notes the last inputs; NULL: not noted */
     tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
     uint32_t name;
     uint32_t control;

@@ -234,7 +234,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     (void)tl_fmu_allocation_enter(heap);
 }
 
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text) {
+void tl_fmu_logger_log(tl_fmu_logger *logger, tl_log_level level, const char *text) {
     tl_fmu_call call = {.fmu = ""};
     (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
     tl_log_limited(&logger->limiter, level, "FMU %s: %s", call.fmu[0] != '\0' ? call.fmu : logger->name, text);

@@ -64,6 +64,6 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
 /* Logs a line of twinlock about the FMU, within the same limit, because this may happen in every
  * cycle. The line begins with the name of the instance in the present call, or else of the file;
  * `text` continues it: "changed …". */
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text);
+void tl_fmu_logger_log(tl_fmu_logger *logger, tl_log_level level, const char *text);
 
 #endif

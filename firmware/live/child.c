@@ -200,7 +200,7 @@ static bool is_thread_held(int tasks, const char *name) {
     return state == 'T' || state == 't' || strtol(find_field(status, "\nTracerPid:\t"), NULL, 10) != 0;
 }
 
-bool tl_onlooker_holds(pid_t process) {
+bool tl_process_is_stopped(pid_t process) {
     char path[64];
     (void)snprintf(path, sizeof path, "/proc/%ld/task", (long)process);
     DIR *tasks = opendir(path);

@@ -127,6 +127,6 @@ void tl_child_bury(tl_child *child);
  */
 
 /* Returns true if a thread of this process is traced or stopped. */
-bool tl_onlooker_holds(pid_t process);
+bool tl_process_is_stopped(pid_t process);
 
 #endif

@@ -13,14 +13,14 @@
 static const tl_time PATIENCE = 60 * TL_SECOND;
 
 typedef struct manager_process {
-    tl_live_given setup;
+    tl_live_setup setup;
     tl_live_host host;
     tl_activation_host functions;
     tl_config_manager *manager;
 } manager_process;
 
 static void open_host(manager_process *self) {
-    tl_live_given *setup = &self->setup;
+    tl_live_setup *setup = &self->setup;
     tl_live_host *host = &self->host;
     *host = (tl_live_host){.pulse = setup->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes,
                            .recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes,

@@ -211,7 +211,7 @@ static void poll_order(tl_handover_control *self, tl_time now) {
     }
 }
 
-void tl_handover_control_look(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
+void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
     if (change->stage->handovers != change->done) {
         poll_handover(change, now, ends, orders);
     } else if (!ends) {

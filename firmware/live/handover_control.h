@@ -53,7 +53,7 @@ typedef struct tl_handover_control {
 
 /* Called in each loop of the supervisor. Executes orders and handovers, and sets `orders`. `ends`:
  * all processes are ending. */
-void tl_handover_control_look(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders);
+void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders);
 
 /* Reports that the shadow has ended, or could not be started. */
 void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason);

@@ -35,7 +35,7 @@ typedef struct reader {
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
-    tl_live_given setup;
+    tl_live_setup setup;
     tl_heartbeats *beats;
     tl_live_plant *plant;
     unsigned kinds; /* kinds of sources that this process reads */
@@ -53,7 +53,7 @@ static tl_status open_plant(io *self, tl_error *error) {
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_sample_buffers_shape shape;
     tl_sample_buffers_shape_of(&self->setup.config, &shape);
-    tl_sample_buffers_open(&shape, self->setup.blocks[TL_LIVE_MAIL].bytes, buffers);
+    tl_sample_buffers_open(&shape, self->setup.blocks[TL_LIVE_SAMPLES].bytes, buffers);
     const tl_live_plant_settings settings = {.config = &self->setup.config,
                                              .kinds = self->kinds,
                                              .buffers = buffers,

@@ -75,20 +75,20 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
     const unsigned slot = job->place;
-    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST);
+    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME);
     const tl_live_access accesses[] = {
         [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
-                           .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
-        [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_EVENTS) | ONE(TL_LIVE_SUPERVISOR_EVENTS) |
-                                          ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | ONE(TL_HANDOVER) |
-                                          BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + slot) |
+                           .writes = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_EVENTS) |
+                                          ONE(TL_LIVE_SUPERVISOR_EVENTS) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
+                                          ONE(TL_HANDOVER) | BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + slot) |
                                           ONE(TL_LIVE_QUEUE + slot),
-                                 .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST)},
+                                 .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME)},
         [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
                                   .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
                                             BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
-        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
-                                      ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_PAST + slot),
+        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
+                                      ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_RESUME + slot),
                              .writes = ONE(TL_LIVE_TWIN_PULSE + slot) | ONE(TL_LIVE_QUEUE + slot)},
     };
     tl_live_access access = accesses[kind];
@@ -104,7 +104,7 @@ void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) 
     tl_sample_buffers_shape sample_memory;
     tl_sample_buffers_shape_of(config, &sample_memory);
     memset(sizes, 0, TL_LIVE_BLOCKS * sizeof sizes[0]);
-    sizes[TL_LIVE_MAIL] = tl_sample_buffers_bytes(&sample_memory);
+    sizes[TL_LIVE_SAMPLES] = tl_sample_buffers_bytes(&sample_memory);
     sizes[TL_LIVE_IO_BEATS] = sizeof(tl_heartbeats);
     sizes[TL_LIVE_RECORDER_PULSE] = sizeof(tl_live_recorder_pulse);
     sizes[TL_LIVE_IO_EVENTS] = tl_record_queue_bytes(&events);
@@ -116,7 +116,7 @@ void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) 
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         sizes[TL_LIVE_TWIN_PULSE + i] = sizeof(tl_live_twin_pulse);
         sizes[TL_LIVE_TUNING + i] = sizeof(tl_live_tuning);
-        sizes[TL_LIVE_PAST + i] = TL_LIVE_PAST_BYTES;
+        sizes[TL_LIVE_RESUME + i] = TL_LIVE_RESUME_BYTES;
         sizes[TL_LIVE_QUEUE + i] = tl_record_queue_bytes(&twin);
     }
 }
@@ -160,7 +160,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     size_t sizes[TL_LIVE_BLOCKS];
     tl_live_block_sizes(config, sizes);
     *blocks = (tl_live_blocks){
-        .sample_memory = sizes[TL_LIVE_MAIL],
+        .sample_memory = sizes[TL_LIVE_SAMPLES],
         .queue = queue_bytes_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
                  sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
     };
@@ -175,8 +175,8 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 
 /* ---- samples for a shadow ---- */
 
-static void answer_request(tl_live_samples *self, tl_live_wish request, const char *path) {
-    tl_live_past_answer *reply = self->answer;
+static void answer_request(tl_live_samples *self, tl_live_request request, const char *path) {
+    tl_live_resume_answer *reply = self->answer;
     int64_t from = __atomic_load_n(&self->pulse->past_from, __ATOMIC_RELAXED);
     size_t size = 0;
     tl_error error;
@@ -193,7 +193,7 @@ static void answer_request(tl_live_samples *self, tl_live_wish request, const ch
 }
 
 void tl_live_samples_look(tl_live_samples *self, const char *path) {
-    tl_live_wish request = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
+    tl_live_request request = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
     bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
     if (request != 0 && request != self->answered && !begun) {
         answer_request(self, request, path);

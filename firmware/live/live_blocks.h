@@ -44,7 +44,7 @@
 enum {
     TL_LIVE_KNOCKER = 3,          /* no block: control socket, of the config manager */
     TL_LIVE_JOB = 4,              /* tl_live_job */
-    TL_LIVE_MAIL = 5,             /* sample memory, written by io (sample_buffer.h) */
+    TL_LIVE_SAMPLES = 5,          /* sample memory, written by io (sample_buffer.h) */
     TL_LIVE_IO_BEATS = 6,         /* tl_heartbeats */
     TL_LIVE_RECORDER_PULSE = 8,   /* tl_live_recorder_pulse */
     TL_LIVE_CONFIG_MANAGER_PULSE, /* tl_live_config_manager_pulse */
@@ -56,8 +56,8 @@ enum {
     /* Of twin slot 0; the next number is of slot 1. */
     TL_LIVE_TWIN_PULSE,                                  /* tl_live_twin_pulse */
     TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_TWIN_SLOTS, /* tl_live_tuning */
-    TL_LIVE_PAST = TL_LIVE_TUNING + TL_TWIN_SLOTS,       /* resume block of a new twin (resume.h) */
-    TL_LIVE_QUEUE = TL_LIVE_PAST + TL_TWIN_SLOTS,        /* record queue of the twin */
+    TL_LIVE_RESUME = TL_LIVE_TUNING + TL_TWIN_SLOTS,     /* resume block of a new twin (resume.h) */
+    TL_LIVE_QUEUE = TL_LIVE_RESUME + TL_TWIN_SLOTS,      /* record queue of the twin */
     TL_LIVE_BLOCKS = TL_LIVE_QUEUE + TL_TWIN_SLOTS
 };
 
@@ -73,7 +73,7 @@ enum {
 /* Largest size in bytes of a checkpoint, and of the data that a cold start resumes from. Pages take
  * memory only when they are used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
-#define TL_LIVE_PAST_BYTES TL_RESUME_MOST
+#define TL_LIVE_RESUME_BYTES TL_RESUME_MOST
 
 /* End of a run, written by the twin for the summary. */
 typedef struct tl_live_end {
@@ -84,9 +84,9 @@ typedef struct tl_live_end {
 
 /* Request number: the number of the twin process in the upper 32 bits, a counter in the lower.
  * One integer, so that it is read atomically. */
-typedef uint64_t tl_live_wish;
+typedef uint64_t tl_live_request;
 
-static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
+static inline tl_live_request tl_live_wish_of(uint32_t twin, uint32_t number) {
     return (uint64_t)twin << 32 | number;
 }
 
@@ -106,7 +106,7 @@ typedef struct tl_live_twin_pulse {
     char digest[TL_SHA256_TEXT]; /* of the content of the FMU files; set before a request */
     uint32_t loads;              /* 1: checkpoint loaded, too few steps since; kept */
     uint64_t unreadable;         /* by the supervisor: `fmus` whose saved state ended a process */
-    tl_live_wish resume;         /* request: 1 for the newest resume data, …; shadow: samples */
+    tl_live_request resume;      /* request: 1 for the newest resume data, …; shadow: samples */
     int64_t past_from;           /* shadow: first tick of the samples; written before `resume` */
     tl_time start;               /* t_start of its run (CLOCK_MONOTONIC); 0: not known yet */
     int64_t started;             /* the same in UTC, ms; both are set before it is ready */
@@ -116,20 +116,20 @@ typedef struct tl_live_twin_pulse {
 } tl_live_twin_pulse;
 
 /* A message about resume data. */
-typedef struct tl_live_past_word {
+typedef struct tl_live_resume_word {
     int32_t severity; /* tl_severity */
     char text[TL_RESUME_TEXT];
-} tl_live_past_word;
+} tl_live_resume_word;
 
-enum { TL_LIVE_PAST_WORDS = 8 };
+enum { TL_LIVE_RESUME_WORDS = 8 };
 
 /* Answer to a request. All other fields are written before `wish`. */
-typedef struct tl_live_past_answer {
-    tl_live_wish wish;
-    uint64_t size;                               /* bytes in the resume block; 0: nothing found */
-    tl_time ended;                               /* tl_resume_history_ended() */
-    tl_live_past_word words[TL_LIVE_PAST_WORDS]; /* up to the first empty text */
-} tl_live_past_answer;
+typedef struct tl_live_resume_answer {
+    tl_live_request wish;
+    uint64_t size;                                   /* bytes in the resume block; 0: nothing found */
+    tl_time ended;                                   /* tl_resume_history_ended() */
+    tl_live_resume_word words[TL_LIVE_RESUME_WORDS]; /* up to the first empty text */
+} tl_live_resume_answer;
 
 /* Status block of the recorder. */
 typedef struct tl_live_recorder_pulse {
@@ -137,7 +137,7 @@ typedef struct tl_live_recorder_pulse {
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
     uint32_t drained;                /* newest handover whose old twin is fully recorded */
     tl_recorder_writer_state state;
-    tl_live_past_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
+    tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_pulse;
 
 /* Status block of the config manager. */
@@ -279,11 +279,11 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 
 typedef struct tl_live_samples {
     const tl_live_twin_pulse *pulse; /* of the shadow, which writes it */
-    tl_live_past_answer *answer;     /* written by the recorder */
+    tl_live_resume_answer *answer;   /* written by the recorder */
     tl_block *resume;                /* of the shadow's slot, written by the recorder */
     const char *boot;                /* tl_identity_boot() */
     /* private; the caller zeroes them */
-    tl_live_wish answered;
+    tl_live_request answered;
     bool is_filled;
 } tl_live_samples;
 

@@ -16,7 +16,7 @@ void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue) {
 }
 
 /* Without a recorder the queue is not read; events are logged anyway. */
-static void open_events(tl_live_kind kind, tl_live_given *setup) {
+static void open_events(tl_live_kind kind, tl_live_setup *setup) {
     const tl_record_queue_settings events = tl_live_event_queue();
     const tl_live_recorder_pulse *recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes;
     const bool is_io = kind == TL_LIVE_IS_IO;
@@ -26,7 +26,7 @@ static void open_events(tl_live_kind kind, tl_live_given *setup) {
     tl_live_role_open_journal(&setup->journal, &setup->queue);
 }
 
-tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *setup) {
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup) {
     tl_error error;
     tl_log_use_levels();
     tl_role_enter();

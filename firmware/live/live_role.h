@@ -38,18 +38,18 @@ int tl_config_manager_role_run(void);
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
 
 /* What io, recorder and config manager get from the supervisor. */
-typedef struct tl_live_given {
+typedef struct tl_live_setup {
     tl_block job_block;
     tl_live_job job;
     tl_config config;
     tl_block blocks[TL_LIVE_BLOCKS]; /* by block number; missing blocks are zeroed */
     tl_record_queue queue;           /* for events; unused by the recorder, like `journal` */
     tl_journal journal;
-} tl_live_given;
+} tl_live_setup;
 
 /* Called first in io, recorder and config manager: sets up the log, ends the process with its
  * parent, and maps job and blocks. Errors are logged. */
-tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *setup);
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup);
 
 /* Passes events to the log and to the record queue, which must outlive the journal. */
 void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);

@@ -125,11 +125,11 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
         status = tl_live_blocks_take(TL_LIVE_IS_TWIN, &self->job, config, self->blocks, error);
     }
     if (status == TL_OK) {
-        status = tl_live_input_open(config, &self->blocks[TL_LIVE_MAIL], &self->input, error);
+        status = tl_live_input_open(config, &self->blocks[TL_LIVE_SAMPLES], &self->input, error);
     }
     if (status == TL_OK) {
         self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.place].bytes;
-        self->resume = &self->blocks[TL_LIVE_PAST + self->job.place];
+        self->resume = &self->blocks[TL_LIVE_RESUME + self->job.place];
         self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
         open_queue(self);
     }
@@ -295,11 +295,11 @@ static void set_ready(live_twin *self) {
 
 /* Requests resume data with this number, waits for the answer, and copies it. Returns false if
  * there is no answer in time. */
-static bool request_resume(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
-    tl_live_wish request = tl_live_wish_of(self->job.number, number);
+static bool request_resume(live_twin *self, uint32_t number, tl_live_resume_answer *answer) {
+    tl_live_request request = tl_live_wish_of(self->job.number, number);
     tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_RESUME;
     __atomic_store_n(&self->pulse->resume, request, __ATOMIC_RELEASE);
-    const tl_live_past_answer *reply = &self->recorder->answer[self->job.place];
+    const tl_live_resume_answer *reply = &self->recorder->answer[self->job.place];
     while (__atomic_load_n(&reply->wish, __ATOMIC_ACQUIRE) != request) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
             return false;
@@ -308,7 +308,7 @@ static bool request_resume(live_twin *self, uint32_t number, tl_live_past_answer
         tl_clock_sleep_until(tl_clock_now(NULL) + POLL_SOON);
     }
     *answer = *reply;
-    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+    for (size_t i = 0; i < TL_LIVE_RESUME_WORDS; i++) {
         answer->words[i].text[TL_RESUME_TEXT - 1] = '\0';
     }
     return true;
@@ -393,9 +393,9 @@ static tl_status follow_queue(live_twin *self, bool *any, tl_error *error) {
 
 /* ---- data of the recorder ---- */
 
-static void report_answer(live_twin *self, const tl_live_past_answer *answer) {
-    for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
-        const tl_live_past_word *message = &answer->words[i];
+static void report_answer(live_twin *self, const tl_live_resume_answer *answer) {
+    for (size_t i = 0; i < TL_LIVE_RESUME_WORDS && answer->words[i].text[0] != '\0'; i++) {
+        const tl_live_resume_word *message = &answer->words[i];
         bool is_known = message->severity >= TL_EVENT_INFO && message->severity <= TL_EVENT_ERROR;
         report_resume(&self->journal, is_known ? (tl_severity)message->severity : TL_EVENT_WARNING, message->text);
     }
@@ -422,7 +422,7 @@ static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_er
 }
 
 static tl_status follow_recorder(live_twin *self, tl_error *error) {
-    tl_live_past_answer answer;
+    tl_live_resume_answer answer;
     bool refused = true;
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
@@ -438,7 +438,7 @@ static tl_status follow_recorder(live_twin *self, tl_error *error) {
         }
         report_answer(self, &answer);
         self->ended = answer.ended;
-        refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
+        refused = answer.size > 0 && answer.size <= TL_LIVE_RESUME_BYTES;
         if (refused) {
             status = follow_image(self, (size_t)answer.size, &refused, error);
         }
@@ -466,12 +466,12 @@ static tl_status follow_past(live_twin *self, tl_error *error) {
 
 static size_t fetch_samples(void *context, int64_t from, const void **image) {
     live_twin *self = context;
-    tl_live_past_answer answer = {.size = 0};
+    tl_live_resume_answer answer = {.size = 0};
     if (self->recorder == NULL) {
         return 0;
     }
     __atomic_store_n(&self->pulse->past_from, from, __ATOMIC_RELAXED);
-    if (!request_resume(self, ++self->request_count, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
+    if (!request_resume(self, ++self->request_count, &answer) || answer.size > TL_LIVE_RESUME_BYTES) {
         return 0;
     }
     report_answer(self, &answer);

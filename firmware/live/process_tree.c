@@ -281,7 +281,7 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         bool of_recorder; /* only if something is recorded */
         tl_block_writer writer;
     } blocks[] = {
-        {TL_LIVE_MAIL, "twinlock samples", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_SAMPLES, "twinlock samples", false, TL_BLOCK_SPARSE},
         {TL_LIVE_IO_BEATS, "twinlock io", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_IO_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_CONFIG_MANAGER_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
@@ -294,8 +294,8 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
         {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
-        {TL_LIVE_PAST, "twinlock resume", true, TL_BLOCK_SPARSE},
-        {TL_LIVE_PAST + 1, "twinlock resume", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_RESUME, "twinlock resume", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_RESUME + 1, "twinlock resume", true, TL_BLOCK_SPARSE},
     };
     const bool records = is_recorded(self);
     tl_config first = *self->settings->config; /* the configuration of the first twin */
@@ -408,7 +408,7 @@ static void report_handover(void *context, const char *text) {
 static void poll_orders(void *context, bool ends, tl_orders *orders) {
     tl_process_tree *self = context;
     const tl_twin_slot *before = live_slot(self);
-    tl_handover_control_look(&self->control, tl_clock_now(NULL), ends, orders);
+    tl_handover_control_poll(&self->control, tl_clock_now(NULL), ends, orders);
     if (orders->swap) {                                      /* at the end, the supervisor ignores it */
         set_priority(before->pid, self->realtime_thread, 0); /* a shadow has no real-time priority */
         self->realtime_thread = 0;

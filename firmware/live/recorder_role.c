@@ -33,7 +33,7 @@ static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
 
 /* It records the twin in the slot of the job. */
 typedef struct recorder {
-    tl_live_given setup;
+    tl_live_setup setup;
     tl_plant_input input; /* over the sample memory */
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
@@ -44,7 +44,7 @@ typedef struct recorder {
     tl_twin_record record; /* description of the run, except its twin */
     tl_recorder_writer *writer;
     tl_resume_history *history; /* NULL: not requested yet, or finished */
-    tl_live_wish answered;
+    tl_live_request answered;
     tl_live_samples samples;            /* for the other slot */
     char fmus[TL_SHA256_TEXT];          /* hash of the FMU files for `history` */
     tl_live_tuning_head head;           /* newest tuning that was read */
@@ -69,9 +69,9 @@ static tl_status open_memory(recorder *self, tl_error *error) {
     self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
     self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + slot);
     self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - slot);
-    self->resume = &self->setup.blocks[TL_LIVE_PAST + slot];
+    self->resume = &self->setup.blocks[TL_LIVE_RESUME + slot];
     self->stage = bytes_of(self, TL_HANDOVER);
-    return tl_live_input_open(&self->setup.config, &self->setup.blocks[TL_LIVE_MAIL], &self->input, error);
+    return tl_live_input_open(&self->setup.config, &self->setup.blocks[TL_LIVE_SAMPLES], &self->input, error);
 }
 
 /* ---- the writer ---- */
@@ -134,7 +134,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     };
     self->samples = (tl_live_samples){.pulse = self->other,
                                       .answer = &self->own->answer[1 - self->setup.job.place],
-                                      .resume = &self->setup.blocks[TL_LIVE_PAST + 1 - self->setup.job.place],
+                                      .resume = &self->setup.blocks[TL_LIVE_RESUME + 1 - self->setup.job.place],
                                       .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
@@ -143,9 +143,9 @@ static tl_status open_writer(recorder *self, tl_error *error) {
 
 /* Messages that do not fit are dropped. */
 static void add_message(void *context, tl_severity severity, const char *text) {
-    tl_live_past_answer *reply = context;
-    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
-        tl_live_past_word *message = &reply->words[i];
+    tl_live_resume_answer *reply = context;
+    for (size_t i = 0; i < TL_LIVE_RESUME_WORDS; i++) {
+        tl_live_resume_word *message = &reply->words[i];
         if (message->text[0] == '\0') {
             message->severity = (int32_t)severity;
             (void)snprintf(message->text, sizeof message->text, "%s", text);
@@ -171,15 +171,15 @@ static void open_history(recorder *self) {
 }
 
 /* Writes the next older resume data to its block. */
-static void answer_request(recorder *self, tl_live_wish request) {
-    tl_live_past_answer *reply = &self->own->answer[self->setup.job.place];
+static void answer_request(recorder *self, tl_live_request request) {
+    tl_live_resume_answer *reply = &self->own->answer[self->setup.job.place];
     memset(reply->words, 0, sizeof reply->words);
     if ((uint32_t)request == 1) {
         tl_resume_history_close(self->history);
         open_history(self);
     }
     const tl_resume *found = tl_resume_history_next(self->history);
-    reply->size = found != NULL && tl_resume_size(found) <= TL_LIVE_PAST_BYTES ? tl_resume_size(found) : 0;
+    reply->size = found != NULL && tl_resume_size(found) <= TL_LIVE_RESUME_BYTES ? tl_resume_size(found) : 0;
     if (reply->size != 0) {
         tl_resume_write(found, self->resume->bytes);
     }
@@ -189,7 +189,7 @@ static void answer_request(recorder *self, tl_live_wish request) {
 }
 
 static void poll_requests(recorder *self) {
-    tl_live_wish request = __atomic_load_n(&self->twin->resume, __ATOMIC_ACQUIRE);
+    tl_live_request request = __atomic_load_n(&self->twin->resume, __ATOMIC_ACQUIRE);
     if (request != 0 && request != self->answered) {
         answer_request(self, request);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {

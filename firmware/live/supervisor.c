@@ -584,7 +584,7 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     if (silence / TL_FMU_CALL_TIMEOUT_CALLS <= self->settings->call_limit) {
         return false;
     }
-    bool is_held = tl_onlooker_holds(living->child.pid);
+    bool is_held = tl_process_is_stopped(living->child.pid);
     if (is_held) {
         tl_child_let_be(&living->child);
     }
@@ -595,7 +595,7 @@ static void monitor_running(supervisor *self, tl_member which, tl_time now, tl_t
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
-    const char *silent = tl_heartbeats_look(living->child.beats, &living->child.seen, now, &silence);
+    const char *silent = tl_heartbeats_read(living->child.beats, &living->child.seen, now, &silence);
     if (is_to_be_killed(self, which, silent, silence)) {
         tl_child_kill(&living->child, silence, "killed: no heartbeat from \"%.40s\" for %.1f s", silent,
                       tl_seconds(silence));

@@ -26,7 +26,7 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
             .stale = tl_time_of_seconds(signal->stale_s),
             .type = signal->plan.type,
         };
-        input->looks[i] = (tl_plant_look){
+        input->looks[i] = (tl_plant_lookup){
             .back = signal->look_back,
             .next = signal->next,
             .between = signal->between,
@@ -118,7 +118,7 @@ static void take_buffers(tl_live_plant *plant, const tl_live_plant_settings *set
     for (size_t i = 0; i < config->signal_count; i++) {
         plant->buffers[i] = settings->buffers[i];
         if (is_of(config, config->signals[i].source, settings->kinds)) {
-            tl_sample_buffer_mend(&settings->buffers[i]);
+            tl_sample_buffer_repair(&settings->buffers[i]);
         }
     }
 }

@@ -256,7 +256,7 @@ static double integrate(const lookup *self, tl_reading from, tl_time end) {
 
 /* Mean over the span that starts at `at`. If there is no good value at its start, the value there
  * is used. */
-static bool take_mean(const lookup *self, const tl_plant_look *look, tl_time at, tl_reading *reading) {
+static bool take_mean(const lookup *self, const tl_plant_lookup *look, tl_time at, tl_reading *reading) {
     if (!interpolate_line(self, at, 0, reading)) {
         return false;
     }
@@ -272,7 +272,7 @@ static bool take_mean(const lookup *self, const tl_plant_look *look, tl_time at,
 /* ---- samples ---- */
 
 /* Looks up a reading at the instant, or the last one before, or the next one. */
-static bool take_last(const lookup *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
+static bool take_last(const lookup *self, const tl_plant_lookup *look, tl_time at, tl_time alike, tl_reading *reading) {
     bool any = tl_sample_buffer_at(self->buffer, at + alike, reading);
     bool is_of_it = any && is_near(reading->stamp, at) && reading->stamp >= at - alike && reading->stamp <= at + alike;
     return is_of_it || (!look->next && any) || tl_sample_buffer_from(self->buffer, at, self->until, reading);
@@ -280,7 +280,7 @@ static bool take_last(const lookup *self, const tl_plant_look *look, tl_time at,
 
 /* Looks up a signal for the sample of `instant`. */
 static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
-    const tl_plant_look *look = &input->looks[signal];
+    const tl_plant_lookup *look = &input->looks[signal];
     const tl_reading_stream *stream = input->streams[signal];
     const lookup self = {
         .buffer = stream != NULL ? &stream->smooth : &input->buffers[signal],
@@ -334,7 +334,7 @@ static bool take_newest(const tl_plant_input *input, size_t signal, tl_time unti
 /* Takes one signal of a sample with its quality. Returns false if there is no reading. */
 static bool take_signal(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike,
                         tl_reading *reading) {
-    const tl_plant_look *look = &input->looks[signal];
+    const tl_plant_lookup *look = &input->looks[signal];
     if (look->shows) {
         return take_newest(input, look->shown, instant + alike, reading) && is_near(reading->stamp, instant);
     }

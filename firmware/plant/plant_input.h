@@ -5,7 +5,7 @@
  *              buffers, so that a replay checks as a live run does.
  * Conditioned: a signal with a condition is conditioned before the look-up, each reading once as it
  *              comes.
- * Between:     tl_plant_look decides the value between two readings (plant_input.c).
+ * Between:     tl_plant_lookup decides the value between two readings (plant_input.c).
  * Memory:      the caller owns that of the sample buffers (sample_buffer.h). Trust: another process
  *              may write it; it is untrusted.
  * Thread:      one, that of the cycle; readings are posted by one thread per signal
@@ -26,14 +26,14 @@
  *        nothing came before.
  * Shows: if true, the newest reading of signal `shown` is taken instead, as it came. If readings
  *        were rejected since the last tick, the last rejected one is taken, as TL_OUTLIER. */
-typedef struct tl_plant_look {
+typedef struct tl_plant_lookup {
     tl_time back;       /* ns, ≥ 0: looked up at t − back */
     bool next;          /* prefers the next reading */
     tl_between between; /* value if there is no reading at that instant and the next one has come by t */
     tl_time span;       /* of a mean: from t − back for this time, ns, > 0 */
     bool shows;         /* shows another signal */
     size_t shown;       /* index of that signal */
-} tl_plant_look;
+} tl_plant_lookup;
 
 /* Two instants that differ by at most this count as equal: 1 µs. It covers the rounding of other
  * clocks and small delays in reading them. */
@@ -57,7 +57,7 @@ typedef struct tl_reading_stream tl_reading_stream;
 typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
-    tl_plant_look looks[TL_MAX_SIGNALS];
+    tl_plant_lookup looks[TL_MAX_SIGNALS];
     tl_condition conditions[TL_MAX_SIGNALS];
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_reading_stream *streams[TL_MAX_SIGNALS]; /* NULL: its readings are not conditioned */

@@ -20,9 +20,9 @@
 struct tl_recording {
     char path[PATH_MAX]; /* for messages */
     const tl_config *config;
-    int64_t ticks;                 /* number of ticks */
-    int64_t next;                  /* next tick */
-    tl_recording_hear *on_reading; /* NULL: no listener */
+    int64_t ticks;                       /* number of ticks */
+    int64_t next;                        /* next tick */
+    tl_recording_on_reading *on_reading; /* NULL: no listener */
     void *listener;
     tl_plant_input input;
     void *sample_memory; /* memory of its sample buffers */
@@ -576,7 +576,7 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
     return status;
 }
 
-void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context) {
+void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *hear, void *context) {
     recording->on_reading = hear;
     recording->listener = context;
 }

@@ -35,7 +35,7 @@ typedef struct tl_recording_tick {
 
 /* Receives a reading as it came, before any conditioning; only its source has set the quality.
  * `signal`: index of one of the configuration's own signals. */
-typedef void tl_recording_hear(void *context, size_t signal, const tl_reading *reading);
+typedef void tl_recording_on_reading(void *context, size_t signal, const tl_reading *reading);
 
 /* Tunings that a run took from other configurations. Valid as long as the recording. */
 typedef struct tl_recording_tunings {
@@ -98,7 +98,7 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
 /* Calls `hear` once for each reading, while ticks are read, until the recording is closed. A CSV
  * file delivers all readings. A database delivers one a tick, and for a signal that fed an input on
  * a line, the values on that line. */
-void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context);
+void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *hear, void *context);
 
 /* Number of ticks up to the end of the recording, for progress. */
 int64_t tl_recording_ticks(const tl_recording *recording);

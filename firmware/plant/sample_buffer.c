@@ -52,7 +52,7 @@ void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *rea
     __atomic_store_n(buffer->count, post + 1, __ATOMIC_RELEASE);
 }
 
-void tl_sample_buffer_mend(const tl_sample_buffer *buffer) {
+void tl_sample_buffer_repair(const tl_sample_buffer *buffer) {
     uint64_t post = __atomic_load_n(buffer->count, __ATOMIC_RELAXED);
     tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t sequence = __atomic_load_n(&slot->sequence, __ATOMIC_RELAXED);

@@ -53,7 +53,7 @@ void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *rea
 
 /* Repairs the buffer after its writer died, before the first post of a new writer. Complete posts
  * are kept; an incomplete one is dropped. */
-void tl_sample_buffer_mend(const tl_sample_buffer *buffer);
+void tl_sample_buffer_repair(const tl_sample_buffer *buffer);
 
 /* Reader, from ≤ until: returns the first reading with from ≤ stamp ≤ until, the last posted one of
  * equal stamps. If there is none, returns the newest reading before. Otherwise as

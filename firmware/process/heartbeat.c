@@ -56,7 +56,7 @@ void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code) {
 
 /* ---- in the supervisor ---- */
 
-const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
+const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
     tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
     tl_fmu_call call;
     const char *silent = NULL;

@@ -101,10 +101,10 @@ typedef struct tl_heartbeats_seen {
  * that exceeds its timeout, and sets *silence to the time since its last heartbeat, ns. Returns
  * "every thread" if a process that had heartbeats has none for longer than TL_HEARTBEAT_NONE, for
  * example because its memory was overwritten. */
-const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
+const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
 
 /* Reads the current FMU call if it had lasted for at least `least` ns at the last
- * tl_heartbeats_look(); 0: any call. Returns false if there is none. */
+ * tl_heartbeats_read(); 0: any call. Returns false if there is none. */
 bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
                             tl_fmu_call *call);
 

@@ -36,7 +36,7 @@ static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_
 typedef struct method_search {
     const tl_twin_child_settings *settings;
     tl_twin_job job; /* with the methods to test */
-    tl_other_way *found;
+    tl_other_method *found;
 } method_search;
 
 static size_t count_of(const method_search *self) {
@@ -66,7 +66,7 @@ static size_t find_culprit(const method_search *self, const tl_twin_outcome *tri
 static void mark_unknown(const method_search *self, const char *why) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
-            self->found[i].kind = TL_OTHER_WAY_UNKNOWN;
+            self->found[i].kind = TL_OTHER_METHOD_UNKNOWN;
             tl_assembly_quote(why, self->settings->config->components[i].name, self->found[i].text, TL_ERROR_TEXT);
         }
     }
@@ -86,23 +86,23 @@ static bool use_auto(method_search *self, size_t culprit) {
 }
 
 /* All rollbacks were exact with the methods of `tried`. */
-static void note_found(const method_search *self, const tl_twin_ways *tried) {
+static void note_found(const method_search *self, const tl_component_methods *tried) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
-            self->found[i].kind = TL_OTHER_WAY_FOUND;
+            self->found[i].kind = TL_OTHER_METHOD_FOUND;
             self->found[i].way = tried->of[i];
         }
     }
 }
 
-tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
-                            tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error) {
+tl_status tl_other_method_find(const tl_twin_child_settings *settings, const tl_component_methods *checked,
+                               tl_other_method found[TL_RECORDER_COMPONENTS], tl_error *error) {
     method_search self = {.settings = settings, .job = *settings->job, .found = found};
     tl_twin_outcome now = {.ways = *checked};
     tl_status status = TL_OK;
     self.job.task = TL_TASK_WAYS;
     for (size_t i = 0; i < count_of(&self); i++) {
-        found[i] = (tl_other_way){.replay_steps = settings->config->components[i].replay_steps};
+        found[i] = (tl_other_method){.replay_steps = settings->config->components[i].replay_steps};
     }
     bool failed = checked->cannot_return != 0;
     while (failed && status == TL_OK) {
@@ -112,7 +112,7 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
             return TL_OK;
         }
         if (!use_auto(&self, culprit)) {
-            found[culprit].kind = TL_OTHER_WAY_NONE;
+            found[culprit].kind = TL_OTHER_METHOD_NONE;
             return TL_OK;
         }
         status = try_task(settings, &self.job, 1, &now, error);
@@ -141,8 +141,8 @@ enum { LARGE = 10000 * 1024 };
 
 /* A state after which the set values are set again has no key of its own: only "auto" finds this
  * method. */
-static void describe_found(const tl_other_way *other, FILE *out) {
-    const tl_twin_way *method = &other->way;
+static void describe_found(const tl_other_method *other, FILE *out) {
+    const tl_component_method *method = &other->way;
     const char *key = method->is_given_again != 0 ? NULL : methods[method->rollback].key;
     const char *text = methods[method->rollback].text;
     if (method->rollback == TL_ROLLBACK_REPLAY) {
@@ -164,15 +164,15 @@ static void describe_found(const tl_other_way *other, FILE *out) {
     (void)fprintf(out, ": set \"rollback\": \"%s\" in the component", key != NULL ? key : "auto");
 }
 
-void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) {
-    FILE *out = fmemopen(text, TL_OTHER_WAY_TEXT, "w");
+void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_METHOD_TEXT]) {
+    FILE *out = fmemopen(text, TL_OTHER_METHOD_TEXT, "w");
     if (out == NULL) {
         text[0] = '\0';
         return;
     }
-    if (other->kind == TL_OTHER_WAY_FOUND) {
+    if (other->kind == TL_OTHER_METHOD_FOUND) {
         describe_found(other, out);
-    } else if (other->kind == TL_OTHER_WAY_NONE) {
+    } else if (other->kind == TL_OTHER_METHOD_NONE) {
         (void)fputs("cannot be rolled back exactly by any other method", out);
     } else {
         (void)fprintf(out, "could not be tested with another method: %s", other->text);

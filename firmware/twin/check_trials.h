@@ -21,30 +21,30 @@
  * Trials:  each is a check of all components (twin_trial.h). At most one per component.
  */
 
-typedef enum tl_other_way_kind {
-    TL_OTHER_WAY_NOT_SOUGHT, /* nothing to report */
-    TL_OTHER_WAY_UNKNOWN,    /* the trial failed; `text` gives the reason */
-    TL_OTHER_WAY_NONE,       /* no method is exact */
-    TL_OTHER_WAY_FOUND
-} tl_other_way_kind;
+typedef enum tl_other_method_kind {
+    TL_OTHER_METHOD_NOT_SOUGHT, /* nothing to report */
+    TL_OTHER_METHOD_UNKNOWN,    /* the trial failed; `text` gives the reason */
+    TL_OTHER_METHOD_NONE,       /* no method is exact */
+    TL_OTHER_METHOD_FOUND
+} tl_other_method_kind;
 
 /* Result for one component. */
-typedef struct tl_other_way {
-    tl_other_way_kind kind;
-    tl_twin_way way;          /* only for TL_OTHER_WAY_FOUND */
+typedef struct tl_other_method {
+    tl_other_method_kind kind;
+    tl_component_method way;  /* only for TL_OTHER_METHOD_FOUND */
     uint32_t replay_steps;    /* limit of a rollback by replay, in steps */
-    char text[TL_ERROR_TEXT]; /* only for TL_OTHER_WAY_UNKNOWN */
-} tl_other_way;
+    char text[TL_ERROR_TEXT]; /* only for TL_OTHER_METHOD_UNKNOWN */
+} tl_other_method;
 
-enum { TL_OTHER_WAY_TEXT = TL_ERROR_TEXT + 400 };
+enum { TL_OTHER_METHOD_TEXT = TL_ERROR_TEXT + 400 };
 
 /* Fills one entry per component. `checked`: result of the check with the configuration of
  * `settings`. Errors: TL_INTERRUPTED. */
-tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
-                            tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error);
+tl_status tl_other_method_find(const tl_twin_child_settings *settings, const tl_component_methods *checked,
+                               tl_other_method found[TL_RECORDER_COMPONENTS], tl_error *error);
 
-/* Writes a sentence that is printed after the component's name. Not for TL_OTHER_WAY_NOT_SOUGHT. */
-void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]);
+/* Writes a sentence that is printed after the component's name. Not for TL_OTHER_METHOD_NOT_SOUGHT. */
+void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_METHOD_TEXT]);
 
 /* ---- Comparison of two twins of one configuration: finds FMUs that are not deterministic or need
  * a process of their own.

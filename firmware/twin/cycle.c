@@ -180,7 +180,7 @@ static void poll_handover(tl_cycle *cycle) {
     const tl_cycle_place *slot = &cycle->settings.place;
     uint32_t to = 0;
     if (slot->stage == NULL || cycle->handover.is_ahead ||
-        !tl_handover_look(slot->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
+        !tl_handover_read(slot->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
         return;
     }
     cycle->handover.is_ahead = (to == slot->place) == cycle->is_shadow;

@@ -59,7 +59,7 @@ typedef struct tl_handover {
 } tl_handover;
 
 /* Reads the newest handover. Returns false if its number is `seen`; this costs one relaxed load. */
-static inline bool tl_handover_look(const tl_handover *stage, uint32_t seen, uint32_t *number, uint32_t *to,
+static inline bool tl_handover_read(const tl_handover *stage, uint32_t seen, uint32_t *number, uint32_t *to,
                                     int64_t *tick) {
     if (__atomic_load_n(&stage->handovers, __ATOMIC_RELAXED) == seen) {
         return false;

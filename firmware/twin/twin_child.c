@@ -406,7 +406,7 @@ static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBL
     }
 }
 
-void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
+void tl_twin_child_get_methods(const tl_twin_child *child, tl_component_methods *ways) {
     *ways = child->extra->ways;
     copy_component(child, ways->component);
     for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
@@ -422,7 +422,7 @@ tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, t
     outcome->pair = child->extra->pair;
     outcome->pair.steps = outcome->pair.steps < TL_PAIR_STEPS ? outcome->pair.steps : TL_PAIR_STEPS;
     copy_component(child, outcome->pair.component);
-    tl_twin_child_ways(child, &outcome->ways);
+    tl_twin_child_get_methods(child, &outcome->ways);
     outcome->has_ended = !child->has_ended;
     (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
     *error = (tl_error){TL_OK, ""};

@@ -47,7 +47,7 @@ typedef struct tl_twin_child_settings {
 /* Result of a comparison of two twins, or of a trial of rollback methods. */
 typedef struct tl_twin_outcome {
     tl_twin_pair_account pair; /* as far as the process came; texts are sanitised */
-    tl_twin_ways ways;
+    tl_component_methods ways;
     bool has_ended;   /* the process ended unannounced, or was killed */
     tl_status status; /* of the process or of the second twin; TL_OK: completed */
     char text
@@ -67,7 +67,7 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error);
 
 /* The rollback methods of the components after a check, as far as the process reported them. */
-void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);
+void tl_twin_child_get_methods(const tl_twin_child *child, tl_component_methods *ways);
 
 /* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);

@@ -345,7 +345,7 @@ static tl_status run_check(role *self, tl_status built, tl_error *error) {
     tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL,
                                                page, &self->extra->check);
     if (built == TL_OK) {
-        tl_twin_ways_note(&self->assembly, &self->extra->ways);
+        tl_component_methods_note(&self->assembly, &self->extra->ways);
     }
     bool done = fclose(page) == 0;
     return status != TL_OK || done
@@ -366,7 +366,7 @@ static tl_status perform_task(role *self, tl_error *error) {
         tl_assembly_free(&self->second);
         return status;
     case TL_TASK_WAYS: /* builds it in the function */
-        return tl_twin_ways_try(&self->assembly, &self->extra->ways, error);
+        return tl_component_methods_try(&self->assembly, &self->extra->ways, error);
     default:
         status = step_until_end(self, error);
         tl_account_take(self->assembly.twin, &self->extra->ended);

@@ -141,7 +141,7 @@ typedef struct tl_twin_extra {
     tl_account ended;          /* as of TL_MESSAGE_ENDED */
     tl_twin_check check;       /* for a check */
     tl_twin_pair_account pair; /* for a comparison of two twins */
-    tl_twin_ways ways;         /* for a check and a trial of rollback methods */
+    tl_component_methods ways; /* for a check and a trial of rollback methods */
     char error
         [TL_ERROR_TEXT]; /* for a failed BUILT, RESULT or ENDED; also how twins differ or a rollback is not exact */
 } tl_twin_extra;

@@ -67,17 +67,17 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
 /* ---- late verification ---- */
 
 /* Returns true if the test can continue. */
-static bool verify_once(const tl_assembly *assembly, tl_far_look *look) {
+static bool verify_once(const tl_assembly *assembly, tl_late_verification *look) {
     tl_twin_look_news news = {.found = false};
     look->status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, &look->error);
     look->news = news.found ? news : look->news;
     return look->status == TL_OK && (!news.found || news.mended);
 }
 
-void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look) {
+void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late_verification *look) {
     walker walk;
     bool ready = false;
-    *look = (tl_far_look){.first = tick, .status = TL_OK};
+    *look = (tl_late_verification){.first = tick, .status = TL_OK};
     if (assembly->config.verify_every == 0 || assembly->config.adjust_count == 0 ||
         assembly->config.event.start.signal != NULL) {
         return;
@@ -229,7 +229,7 @@ static const tl_fmu *find_fmu(const tl_assembly *assembly, size_t component) {
     return NULL;
 }
 
-void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
+void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods *ways) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     ways->cannot_return = facts.cannot_return ? 1 : 0;
     if (facts.astray != NULL) {
@@ -238,8 +238,8 @@ void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
     for (size_t i = 0; i < assembly->config.component_count && (facts.returns || facts.cannot_return); i++) {
         const tl_fmu *fmu = find_fmu(assembly, i);
         if (fmu != NULL) {
-            ways->of[i] = (tl_twin_way){.rollback = (uint32_t)tl_fmu_rollback(fmu),
-                                        .is_given_again = tl_fmu_is_given_again(fmu) ? 1 : 0};
+            ways->of[i] = (tl_component_method){.rollback = (uint32_t)tl_fmu_rollback(fmu),
+                                                .is_given_again = tl_fmu_is_given_again(fmu) ? 1 : 0};
         }
     }
 }
@@ -261,9 +261,9 @@ static tl_status begin_methods(const tl_assembly *assembly, int64_t *tick, tl_er
 }
 
 /* Returns true if all rollbacks were exact there too. */
-static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
-    tl_far_look look;
-    tl_far_look_take(assembly, tick, &look);
+static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_component_methods *ways, tl_error *error) {
+    tl_late_verification look;
+    tl_late_verification_get(assembly, tick, &look);
     bool is_exact = !look.news.found || look.news.mended;
     if (!is_exact) {
         name_component(ways->component, look.news.component);
@@ -273,7 +273,7 @@ static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_twin_ways 
 }
 
 /* Replay is not measured, because its time depends on the number of steps. */
-static void measure_method(const tl_assembly *assembly, size_t component, tl_twin_way *method) {
+static void measure_method(const tl_assembly *assembly, size_t component, tl_component_method *method) {
     tl_twin_timing timing;
     if (method->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
         return;
@@ -287,14 +287,14 @@ static void measure_method(const tl_assembly *assembly, size_t component, tl_twi
     }
 }
 
-tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
+tl_status tl_component_methods_try(tl_assembly *assembly, tl_component_methods *ways, tl_error *error) {
     int64_t tick = 0;
     tl_status status = tl_assembly_build_quietly(assembly, ways->component, error);
     if (status != TL_OK) {
         return status;
     }
     status = begin_methods(assembly, &tick, error);
-    tl_twin_ways_note(assembly, ways);
+    tl_component_methods_note(assembly, ways);
     if (status != TL_OK) {
         /* A failed step does not mean that a rollback failed. */
         if (ways->cannot_return != 0 && ways->component[0] == '\0') {
@@ -306,7 +306,7 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     if (!verify_late(assembly, tick, ways, error)) {
         return TL_OK;
     }
-    tl_twin_ways_note(assembly, ways); /* again, because a mended component now has another method */
+    tl_component_methods_note(assembly, ways); /* again, because a mended component now has another method */
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         measure_method(assembly, i, &ways->of[i]);
     }

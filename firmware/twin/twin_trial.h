@@ -30,18 +30,18 @@ enum { TL_FAR_STEPS = 1000 };
 
 #define TL_FAR_LONGEST (TL_SECOND / 2)
 
-typedef struct tl_far_look {
+typedef struct tl_late_verification {
     int64_t first;          /* its first tick */
     int64_t steps;          /* number of steps; ends at a finding that is not mended, or if an FMU fails */
     uint64_t times;         /* number of rollbacks and comparisons */
     tl_twin_look_news news; /* the last finding */
     tl_status status;       /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
     tl_error error;
-} tl_far_look;
+} tl_late_verification;
 
 /* Runs the test. `tick`: the next one of a twin that has begun and whose signals have no readings
  * yet. */
-void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look);
+void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late_verification *look);
 
 /* ---- Comparison of two twins of one configuration in one process: do the same inputs give the
  * same values, or does one disturb the other?
@@ -89,7 +89,7 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
  */
 
-typedef struct tl_twin_way {
+typedef struct tl_component_method {
     uint32_t rollback; /* tl_rollback in use */
     uint32_t
         is_given_again;   /* 1: by its state; the values set before are set again, because it does not contain them */
@@ -97,21 +97,21 @@ typedef struct tl_twin_way {
     int64_t save;         /* ns, median */
     int64_t restore;
     uint64_t bytes; /* of a state; 0: unknown */
-} tl_twin_way;
+} tl_component_method;
 
-typedef struct tl_twin_ways {
+typedef struct tl_component_methods {
     uint32_t cannot_return;           /* 1: the rollback of a component is not exact */
     char component[TL_ASSEMBLY_NAME]; /* this component, or the one that made a trial fail; "": none or unknown */
-    tl_twin_way of[TL_RECORDER_COMPONENTS];
-} tl_twin_ways;
+    tl_component_method of[TL_RECORDER_COMPONENTS];
+} tl_component_methods;
 
 /* Notes the methods of a twin that has begun. */
-void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways);
+void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods *ways);
 
 /* Builds the assembly and tests it. It must be opened, with the methods to test set in its
  * components. TL_OK: all rollbacks are exact; or, if ways->component is set, that of this component
  * is not, and error->text describes how. Only the output of FMUs is logged.
  * Errors: the twin cannot be built or cannot begin; the component's name is set if it is known. */
-tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *error);
+tl_status tl_component_methods_try(tl_assembly *assembly, tl_component_methods *ways, tl_error *error);
 
 #endif

@@ -318,17 +318,17 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
 }
 
 bool tl_component_keep_copy(tl_component *component) {
-    const tl_fmi2_aside *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->aside;
     return fallback != NULL && component->mode != TL_MODE_DEAD && fallback->keep(component->instance) <= fmi2Warning;
 }
 
 size_t tl_component_copy_size(const tl_component *component) {
-    const tl_fmi2_aside *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->aside;
     return fallback != NULL && component->mode != TL_MODE_DEAD ? fallback->size(component->instance) : 0;
 }
 
 bool tl_component_restore_copy(tl_component *component, const char *why) {
-    const tl_fmi2_aside *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->aside;
     if (fallback == NULL || component->mode == TL_MODE_DEAD) {
         return false;
     }
@@ -345,7 +345,7 @@ bool tl_component_restore_copy(tl_component *component, const char *why) {
 }
 
 bool tl_component_has_choice(const tl_component *component) {
-    const tl_fmi2_aside *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->aside;
     return fallback != NULL && component->mode == TL_MODE_STEPPING && fallback->has_choice(component->instance);
 }
 

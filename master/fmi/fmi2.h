@@ -43,7 +43,7 @@ typedef struct tl_fmi2_times {
  * `has_choice`: the copy is one of the FMU's memory, and its states are its own, which may be
  * slower. `prefer_copy`, if so and while nothing else is kept: switches to copies, until
  * `give_up_states` switches back. */
-typedef struct tl_fmi2_aside {
+typedef struct tl_fmi2_fallback {
     fmi2Status (*keep)(fmi2Component instance);
     fmi2Status (*come_back)(fmi2Component instance);
     fmi2Status (*give_up_states)(fmi2Component instance, const char *why);
@@ -51,7 +51,7 @@ typedef struct tl_fmi2_aside {
     size_t (*size)(fmi2Component instance);
     bool (*has_choice)(fmi2Component instance);
     fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
-} tl_fmi2_aside;
+} tl_fmi2_fallback;
 
 /* Not part of FMI: rollback by replay; the instance is reset and given its inputs again. Zeroed:
  * another method, or none. */
@@ -66,7 +66,7 @@ typedef struct tl_fmi2_replay {
 
 /* Not part of FMI: tells an instance, before its first step, which ports are set and read in each
  * step. */
-typedef void tl_fmi2_know_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
+typedef void tl_fmi2_note_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
 
 /* Not part of FMI: bytes of one more state, if known without calling the FMU. */
 typedef size_t tl_fmi2_state_size(fmi2Component instance);
@@ -102,8 +102,8 @@ typedef struct tl_fmi2 {
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2DoStepTYPE *do_step;
     tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
-    const tl_fmi2_aside *aside;     /* NULL: there is no such method */
-    tl_fmi2_know_ports *know_ports; /* NULL: not needed */
+    const tl_fmi2_fallback *aside;  /* NULL: there is no such method */
+    tl_fmi2_note_ports *know_ports; /* NULL: not needed */
     tl_fmi2_replay replay;
     bool
         is_unaware; /* it is rolled back without its knowledge: no earlier state is ever restored from its point of view */

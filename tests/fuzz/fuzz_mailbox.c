@@ -67,7 +67,7 @@ static void attack(unsigned what) {
         break;
     }
     default:
-        tl_sample_buffer_mend(buffer);
+        tl_sample_buffer_repair(buffer);
     }
 }
 
@@ -120,10 +120,10 @@ static void begin(void) {
                                             .maximum = 1000,
                                             .stale = how % 3 * TL_SECOND,
                                             .type = (tl_type)(how % (TL_ENUMERATION + 1))};
-        input.looks[i] = (tl_plant_look){.back = (tl_time)tl_fuzz_take() << 20,
-                                         .next = how >= 128,
-                                         .between = (tl_between)(how / 4 % 3),
-                                         .span = TL_SECOND / 100};
+        input.looks[i] = (tl_plant_lookup){.back = (tl_time)tl_fuzz_take() << 20,
+                                           .next = how >= 128,
+                                           .between = (tl_between)(how / 4 % 3),
+                                           .span = TL_SECOND / 100};
     }
     memory = calloc(1, tl_sample_buffers_bytes(&shape));
     tl_fuzz_hold(memory != NULL);

@@ -16,7 +16,7 @@ from supervised import Supervised, end_orderly
 from twinlock_test import at_least, at_most, expect, expect_line, expect_no_line, has_line, main, scratch, write_config
 
 STEPS = 150  # of a run, before it is killed
-LOADED = "loaded|checkpoint|inputs"  # parts of the event of a twin whose predecessor crashed with its checkpoint
+LOADED = "loaded a checkpoint|inputs"  # parts of the event of a twin whose predecessor crashed with its checkpoint
 OWN = """SELECT count(*)
          FROM steps s LEFT JOIN beginnings b USING (run)
          WHERE run = ? AND outcome <> 9 AND step >= coalesce(resumed_tick, 0)"""

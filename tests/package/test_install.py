@@ -91,8 +91,7 @@ def test_the_examples_are_good():
         names = [path.name for path in sorted(folder.glob("*.json")) if "emulate" not in path.read_text("utf-8")]
         for name in names[:2] + names[-1:]:
             inside("twinlock", "check", f"{EXAMPLES}/{folder.name}/{name}")
-    said = inside("twinlock", "replay", f"{EXAMPLES}/motor/lock.json")
-    expect("MSE" in said, said)
+    expect_line(inside("twinlock", "replay", f"{EXAMPLES}/motor/lock.json"), "in lock|100.0 %")
 
 
 def test_a_user_of_its_own():
@@ -164,7 +163,7 @@ def test_it_runs_as_its_user():
     script = (f"twinlock plant {EXAMPLES}/motor/live.json >/dev/null 2>&1 & plant=$!; "
               f"{command_of_the_unit('motor')} --duration 1; code=$?; kill $plant; exit $code")
     said = inside("sh", "-c", script, user="twinlock")
-    expect("MSE" in said, said)
+    expect_line(said, "motor.omega|error|rad/s")
     expect("motor bench" in inside("twinlock", "show", "/var/lib/twinlock/motor.db"), "no run in the database")
 
 

@@ -28,7 +28,7 @@ def expect_same_steps(at, kind, changes=None):
 
 
 def expect_notice(messages, kind, at):
-    found = [line for line in messages.splitlines() if has_line(line, "FMU")]
+    found = [line for line in messages.splitlines() if has_line(line, "warning|FMU") or has_line(line, "FMU|process")]
     expect(len(found) == 1 and has_line(found[0], f"notice|process|{kind}|{at}"), f"expected one notice of {kind} in {at}:\n{messages}")
 
 

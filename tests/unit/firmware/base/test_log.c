@@ -42,9 +42,9 @@ static void test_an_error_is_remembered(void) {
     tl_log(TL_LOG_WARNING, "slow");
     (void)tl_log_foreign(TL_LOG_FOREIGN, "error", 1000);
     (void)tl_log_foreign(TL_LOG_WARNING, "slow", 1000);
-    TEST_ASSERT_FALSE(tl_log_has_said_error());
+    TEST_ASSERT_FALSE(tl_log_has_error());
     (void)tl_log_foreign(TL_LOG_ERROR, "no disk", 1000);
-    TEST_ASSERT_TRUE(tl_log_has_said_error());
+    TEST_ASSERT_TRUE(tl_log_has_error());
     tl_stderr_expect("twinlock: warning: slow\nfmu: error\ntwinlock: warning: slow\ntwinlock: error: no disk\n");
 }
 

@@ -20,7 +20,7 @@
 static tl_scratch scratch;
 static tl_assembly assembly;
 static tl_prognosis prognosis;
-static tl_far_look look;
+static tl_late_verification look;
 static tl_read_back_report states;
 static char *printed;
 
@@ -31,7 +31,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
     assembly = (tl_assembly){0};
     prognosis = (tl_prognosis){.steps = 200, .step_time = 1000, .worst_time = 2000, .fitting = 60};
-    look = (tl_far_look){.times = 0};
+    look = (tl_late_verification){.times = 0};
     states = (tl_read_back_report){.is_tried = false};
     printed = NULL;
 }

@@ -30,7 +30,7 @@ static void list_difference(const tl_json_difference *difference, void *context)
     char before[TL_JSON_SHOWN];
     char after[TL_JSON_SHOWN];
     (void)context;
-    tl_json_way_path(path, difference->way, difference->depth);
+    tl_json_steps_path(path, difference->way, difference->depth);
     if (difference->is_order) {
         size_t end = strlen(listed);
         (void)snprintf(listed + end, sizeof listed - end, "%s: order\n", path);

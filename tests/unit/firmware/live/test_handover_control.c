@@ -84,7 +84,7 @@ void tearDown(void) {
 
 static void look(void) {
     orders = (tl_orders){.end = false};
-    tl_handover_control_look(&change, now, false, &orders);
+    tl_handover_control_poll(&change, now, false, &orders);
 }
 
 static void look_after(tl_time time) {
@@ -369,7 +369,7 @@ static void test_a_twin_that_does_not_do_its_part(void) {
     TEST_ASSERT_TRUE(orders.kill_twin);
     TEST_ASSERT_FALSE(orders.swap);
     orders = (tl_orders){.end = false};
-    tl_handover_control_look(&change, now, true, &orders); /* all processes are ending */
+    tl_handover_control_poll(&change, now, true, &orders); /* all processes are ending */
     TEST_ASSERT_FALSE(orders.kill_twin);
 }
 
@@ -496,7 +496,7 @@ static void test_a_recorder_follows_when_all_end(void) {
     places[0].pulse->handed_over = 1;
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
-    tl_handover_control_look(&change, now, true, &orders);
+    tl_handover_control_poll(&change, now, true, &orders);
     TEST_ASSERT_TRUE(orders.recorder);
     TEST_ASSERT_EQUAL_UINT32(1, stage.place);
 }
@@ -508,7 +508,7 @@ static void test_a_handover_that_the_end_overtakes(void) {
     places[0].pid = 0;
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
-    tl_handover_control_look(&change, now, true, &orders);
+    tl_handover_control_poll(&change, now, true, &orders);
     TEST_ASSERT_EQUAL_UINT32(0, stage.place);
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_FALSE(orders.recorder);

@@ -100,7 +100,7 @@ static void give_rest(void) {
 static tl_status take(void) {
     tl_live_job_apply(&job, &own.config);
     tl_status status = tl_live_blocks_take(TL_LIVE_IS_TWIN, &job, &own.config, blocks, &error);
-    return status == TL_OK ? tl_live_input_open(&own.config, &blocks[TL_LIVE_MAIL], &input, &error) : status;
+    return status == TL_OK ? tl_live_input_open(&own.config, &blocks[TL_LIVE_SAMPLES], &input, &error) : status;
 }
 
 /* As io would. */
@@ -122,7 +122,7 @@ static void expect(size_t signal, double value, tl_quality quality) {
 
 static void test_the_plant_of_the_run(void) {
     edit("\"name\": \"motor\"", "\"name\": \"motor\", \"$schema\": \"x\"");
-    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
+    give_mail(TL_LIVE_SAMPLES, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
     post(&sample_memory, &run.config, W, 1.0);
@@ -135,7 +135,7 @@ static void test_other_look_ups_than_the_run(void) {
          "\"connect\": [[\"plant.w\", \"motor.u\"]], \"synchronise\": {\"adjust\": {\"motor.k\": {\"step\": 1}},"
          " \"match\": {\"motor.omega\": {\"to\": \"plant.w\", \"tolerance\": 1,"
          " \"condition\": {\"low_pass_s\": 1}}}}");
-    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
+    give_mail(TL_LIVE_SAMPLES, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
     TEST_ASSERT_TRUE(own.config.signal_count > run.config.signal_count);
@@ -145,7 +145,7 @@ static void test_other_look_ups_than_the_run(void) {
 
 static void test_a_mail_of_another_size(void) {
     edit("10.0.0.9\"", "10.0.0.8\", \"period_s\": 0.001");
-    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
+    give_mail(TL_LIVE_SAMPLES, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take());
 }

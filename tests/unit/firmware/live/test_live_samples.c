@@ -13,7 +13,7 @@ enum { NEWEST = 150, ROOM = 1 << 20 };
 static tl_scratch scratch;
 static tl_course_record run;
 static tl_live_twin_pulse pulse;
-static tl_live_past_answer answer;
+static tl_live_resume_answer answer;
 static tl_block resume;
 static tl_live_samples wishes;
 static tl_resume samples;

@@ -24,16 +24,16 @@ void tearDown(void) {
 }
 
 static void test_nobody(void) {
-    TEST_ASSERT_FALSE(tl_onlooker_holds(process));
+    TEST_ASSERT_FALSE(tl_process_is_stopped(process));
 }
 
 static void test_one_that_is_stopped(void) {
     TEST_ASSERT_EQUAL_INT(0, kill(process, SIGSTOP));
     TEST_ASSERT_EQUAL_INT(process, waitpid(process, NULL, WUNTRACED));
-    TEST_ASSERT_TRUE(tl_onlooker_holds(process));
+    TEST_ASSERT_TRUE(tl_process_is_stopped(process));
     TEST_ASSERT_EQUAL_INT(0, kill(process, SIGCONT));
     TEST_ASSERT_EQUAL_INT(process, waitpid(process, NULL, WCONTINUED));
-    TEST_ASSERT_FALSE(tl_onlooker_holds(process));
+    TEST_ASSERT_FALSE(tl_process_is_stopped(process));
 }
 
 /* It goes on under the eyes of its tracer. */
@@ -41,13 +41,13 @@ static void test_one_that_is_traced(void) {
     if (ptrace(PTRACE_SEIZE, process, NULL, NULL) != 0) {
         TEST_IGNORE_MESSAGE("nobody may trace here");
     }
-    TEST_ASSERT_TRUE(tl_onlooker_holds(process));
+    TEST_ASSERT_TRUE(tl_process_is_stopped(process));
 }
 
 static void test_one_that_is_not_there(void) {
     TEST_ASSERT_EQUAL_INT(0, kill(process, SIGKILL));
     TEST_ASSERT_EQUAL_INT(process, waitpid(process, NULL, 0));
-    TEST_ASSERT_FALSE(tl_onlooker_holds(process));
+    TEST_ASSERT_FALSE(tl_process_is_stopped(process));
 }
 
 int main(void) {

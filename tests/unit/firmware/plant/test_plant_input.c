@@ -71,7 +71,7 @@ static void test_later_than_the_instant_is_not_seen(void) {
 /* ---- look-ups before the instant ---- */
 
 static void take_back(tl_time back, bool next, tl_time instant) {
-    input.looks[0] = (tl_plant_look){.back = back, .next = next};
+    input.looks[0] = (tl_plant_lookup){.back = back, .next = next};
     tl_plant_input_take(&input, 0, instant, &sample);
 }
 
@@ -271,7 +271,7 @@ enum { STEP = 10000000 };
 
 /* At the tick after the first, `back` after which something lies between readings. */
 static void take_between(tl_between between, tl_time back, tl_time instant) {
-    input.looks[0] = (tl_plant_look){.back = back, .between = between, .span = STEP};
+    input.looks[0] = (tl_plant_lookup){.back = back, .between = between, .span = STEP};
     tl_plant_input_take(&input, 1, instant, &sample);
 }
 
@@ -402,7 +402,7 @@ static void test_a_stamp_that_is_a_little_early_is_not_before_the_next_one(void)
     post(1, 0, TL_GOOD);
     post(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
     post(3, 2 * STEP, TL_GOOD);
-    input.looks[0] = (tl_plant_look){.back = STEP, .next = true};
+    input.looks[0] = (tl_plant_lookup){.back = STEP, .next = true};
     tl_plant_input_take(&input, 1, 2 * STEP, &sample);
     expect_between(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
     take_between(TL_BETWEEN_LINE, STEP, 2 * STEP);
@@ -415,8 +415,8 @@ static void test_a_stamp_that_is_a_little_early_is_not_before_the_next_one(void)
 static void open_conditioned(tl_condition condition, tl_time back) {
     input.count = 2;
     input.limits[1] = input.limits[0];
-    input.looks[0] = (tl_plant_look){.back = back, .between = TL_BETWEEN_LINE};
-    input.looks[1] = (tl_plant_look){.shows = true, .shown = 0};
+    input.looks[0] = (tl_plant_lookup){.back = back, .between = TL_BETWEEN_LINE};
+    input.looks[1] = (tl_plant_lookup){.shows = true, .shown = 0};
     input.conditions[0] = condition;
     TEST_ASSERT_TRUE(tl_plant_input_open(&input));
 }

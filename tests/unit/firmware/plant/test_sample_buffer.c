@@ -272,7 +272,7 @@ static void test_a_post_that_was_not_counted_is_found_by_the_successor(void) {
     post(2, 200);
     placed.count = 1; /* it died before it counted the second one */
     expect(300, 1, 100);
-    tl_sample_buffer_mend(buffer);
+    tl_sample_buffer_repair(buffer);
     expect(300, 2, 200);
     post(3, 300);
     expect(300, 3, 300);
@@ -288,7 +288,7 @@ static void test_a_slot_that_was_left_odd_was_never_begun(void) {
     slot->stamp = 5000;
     expect(INT64_MAX, DEPTH + 9, DEPTH + 9);
     expect(0, 11, 11);
-    tl_sample_buffer_mend(buffer);
+    tl_sample_buffer_repair(buffer);
     expect(INT64_MAX, DEPTH + 9, DEPTH + 9);
     expect(0, 11, 11);
     TEST_ASSERT_EQUAL_UINT64(0, slot->sequence);
@@ -298,13 +298,13 @@ static void test_a_slot_that_was_left_odd_was_never_begun(void) {
 }
 
 static void test_mending_what_is_whole_changes_nothing(void) {
-    tl_sample_buffer_mend(buffer);
+    tl_sample_buffer_repair(buffer);
     expect_nothing(INT64_MAX);
     for (int i = 0; i < DEPTH + 10; i++) {
         static tl_sample_buffer_slot before[DEPTH];
         post(i, i);
         memcpy(before, placed.slots, sizeof before);
-        tl_sample_buffer_mend(buffer);
+        tl_sample_buffer_repair(buffer);
         TEST_ASSERT_EQUAL_MEMORY(before, placed.slots, sizeof before);
         TEST_ASSERT_EQUAL_UINT64(i + 1, placed.count);
     }

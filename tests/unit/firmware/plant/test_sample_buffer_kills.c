@@ -64,7 +64,7 @@ static void post(const tl_sample_buffer *own) {
 /* Goes on where its predecessor was. */
 static void post_until_killed(long nanoseconds) {
     const tl_sample_buffer own = {.slots = theirs->slots, .count = &theirs->count, .depth = DEPTH};
-    tl_sample_buffer_mend(&own);
+    tl_sample_buffer_repair(&own);
     post(&own); /* first, for an emulator translates what is new to it longer than it then runs */
     be_killed_after(nanoseconds);
     for (;;) {

@@ -143,7 +143,7 @@ static void test_a_successor_is_not_led_astray(void) {
         tl_reading reading = {.quality = TL_NO_LINK};
         lie_about_all(&random);
         lie(&random, *theirs.count);
-        tl_sample_buffer_mend(&theirs);
+        tl_sample_buffer_repair(&theirs);
         const tl_reading newest = {.value = (double)seed, .stamp = INT64_MAX, .quality = TL_GOOD};
         tl_sample_buffer_post(&theirs, &newest);
         TEST_ASSERT_TRUE(tl_sample_buffer_at(&mine, INT64_MAX, &reading) || *theirs.count == 0);

@@ -32,7 +32,7 @@ void tearDown(void) {
 /* Checks once, after the time `passed`. */
 static const char *look_after(tl_time passed) {
     now += passed;
-    return tl_heartbeats_look(beats, &seen, now, &silence);
+    return tl_heartbeats_read(beats, &seen, now, &silence);
 }
 
 /* Checks each 0.1 s for `time`. Returns the first silent thread, or NULL. */

@@ -18,10 +18,10 @@
 static tl_scratch scratch;
 static tl_config config;
 static tl_twin_job order;
-static tl_twin_ways checked;
-static tl_other_way found[TL_RECORDER_COMPONENTS];
+static tl_component_methods checked;
+static tl_other_method found[TL_RECORDER_COMPONENTS];
 static tl_error error;
-static char told[TL_OTHER_WAY_TEXT];
+static char told[TL_OTHER_METHOD_TEXT];
 
 void setUp(void) {
     tl_report report = {0};
@@ -30,7 +30,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     tl_config_use_lookups(&config);
     order = (tl_twin_job){.task = TL_TASK_CHECK, .path = LOCK, .text = config.text, .folder = ""};
-    checked = (tl_twin_ways){.cannot_return = 0};
+    checked = (tl_component_methods){.cannot_return = 0};
     for (size_t i = 0; i < config.component_count; i++) {
         checked.of[i].rollback = TL_ROLLBACK_STATE;
     }
@@ -43,10 +43,10 @@ void tearDown(void) {
 
 static void find(void) {
     const tl_twin_child_settings settings = {.job = &order, .config = &config};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_other_way_find(&settings, &checked, found, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_other_method_find(&settings, &checked, found, &error), error.text);
 }
 
-static void expect_kinds(tl_other_way_kind drive, tl_other_way_kind motor) {
+static void expect_kinds(tl_other_method_kind drive, tl_other_method_kind motor) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(drive, found[0].kind, found[0].text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(motor, found[1].kind, found[1].text);
 }
@@ -54,7 +54,7 @@ static void expect_kinds(tl_other_way_kind drive, tl_other_way_kind motor) {
 static void test_nothing_to_try(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1)); /* no process can be started */
     find();
-    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_NOT_SOUGHT);
+    expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_NOT_SOUGHT);
 }
 
 /* The check reports that the configured method of the motor is not exact. */
@@ -63,7 +63,7 @@ static void test_a_component_that_is_not_rolled_back(void) {
     checked.cannot_return = 1;
     (void)snprintf(checked.component, sizeof checked.component, "motor");
     find();
-    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_FOUND);
+    expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_FOUND);
     TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_STATE, found[1].way.rollback);
     TEST_ASSERT_EQUAL_UINT32(1, found[1].way.is_measured);
 }
@@ -72,7 +72,7 @@ static void test_a_component_that_is_not_rolled_back(void) {
 static void test_no_component_is_named(void) {
     checked.cannot_return = 1;
     find();
-    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_NOT_SOUGHT);
+    expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_NOT_SOUGHT);
 }
 
 /* If no process can be started, the result is unknown. */
@@ -82,42 +82,42 @@ static void test_no_process(void) {
     checked.cannot_return = 1;
     (void)snprintf(checked.component, sizeof checked.component, "motor");
     find();
-    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_UNKNOWN);
+    expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_UNKNOWN);
 }
 
 /* ---- report ---- */
 
-static void expect_told(const tl_other_way *other, const char *parts) {
-    tl_other_way_tell(other, told);
+static void expect_told(const tl_other_method *other, const char *parts) {
+    tl_other_method_describe(other, told);
     TL_EXPECT_PARTS(parts, told);
 }
 
 static void test_report_of_each_result(void) {
-    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .replay_steps = 60};
-    other.way = (tl_twin_way){
+    tl_other_method other = {.kind = TL_OTHER_METHOD_FOUND, .replay_steps = 60};
+    other.way = (tl_component_method){
         .rollback = TL_ROLLBACK_MEMORY, .is_measured = 1, .save = 1000, .restore = 1500, .bytes = 20 << 20};
     expect_told(&other, "2.5 \302\265s|20.0 MiB|\"rollback\": \"memory\"");
-    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_STATE, .is_given_again = 1};
+    other.way = (tl_component_method){.rollback = TL_ROLLBACK_STATE, .is_given_again = 1};
     expect_told(&other, "state|\"rollback\": \"auto\"");
-    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_REPLAY};
+    other.way = (tl_component_method){.rollback = TL_ROLLBACK_REPLAY};
     expect_told(&other, "60 steps|\"rollback\": \"replay\"");
-    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE};
+    other = (tl_other_method){.kind = TL_OTHER_METHOD_NONE};
     expect_told(&other, "cannot");
     TEST_ASSERT_NULL(strstr(told, "\"rollback\""));
-    other = (tl_other_way){.kind = TL_OTHER_WAY_UNKNOWN, .text = "cause 17"};
+    other = (tl_other_method){.kind = TL_OTHER_METHOD_UNKNOWN, .text = "cause 17"};
     expect_told(&other, "not|cause 17");
     TEST_ASSERT_NULL(strstr(told, "\"rollback\""));
 }
 
 /* The longest report fits. */
 static void test_reports_are_not_cut(void) {
-    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .replay_steps = UINT32_MAX};
-    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_MEMORY,
-                              .is_measured = 1,
-                              .save = INT64_MAX / 2,
-                              .restore = INT64_MAX / 2,
-                              .bytes = UINT64_MAX};
-    tl_other_way_tell(&other, told);
+    tl_other_method other = {.kind = TL_OTHER_METHOD_FOUND, .replay_steps = UINT32_MAX};
+    other.way = (tl_component_method){.rollback = TL_ROLLBACK_MEMORY,
+                                      .is_measured = 1,
+                                      .save = INT64_MAX / 2,
+                                      .restore = INT64_MAX / 2,
+                                      .bytes = UINT64_MAX};
+    tl_other_method_describe(&other, told);
     TL_EXPECT_PARTS("17592186044416.0 MiB|\"rollback\": \"memory\"", told);
     TEST_ASSERT_LESS_THAN_size_t(sizeof told - 1, strlen(told));
 }

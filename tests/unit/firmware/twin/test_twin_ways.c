@@ -17,12 +17,12 @@
 
 static tl_scratch scratch;
 static tl_assembly assembly;
-static tl_twin_ways ways;
+static tl_component_methods ways;
 static tl_error error;
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
-    ways = (tl_twin_ways){.cannot_return = 0};
+    ways = (tl_component_methods){.cannot_return = 0};
     error = (tl_error){TL_OK, ""};
 }
 
@@ -41,7 +41,7 @@ static void read(const char *old, const char *new) {
 
 static void test_all_are_rolled_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(LOCK, &assembly));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_ways_try(&assembly, &ways, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_component_methods_try(&assembly, &ways, &error), error.text);
     TEST_ASSERT_EQUAL_STRING("", error.text);
     TEST_ASSERT_EQUAL_STRING("", ways.component);
     TEST_ASSERT_EQUAL_UINT32(0, ways.cannot_return);
@@ -59,7 +59,7 @@ static void test_all_are_rolled_back(void) {
 /* The cost of a replay depends on its length, so it is not measured. */
 static void test_replay_is_not_measured(void) {
     read("\"fmu\": \"motor.fmu\"", "\"fmu\": \"motor.fmu\", \"rollback\": \"replay\"");
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_ways_try(&assembly, &ways, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_component_methods_try(&assembly, &ways, &error), error.text);
     TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_REPLAY, ways.of[1].rollback);
     TEST_ASSERT_EQUAL_UINT32(0, ways.of[1].is_measured);
     TEST_ASSERT_EQUAL_UINT32(1, ways.of[0].is_measured);
@@ -69,7 +69,7 @@ static void test_replay_is_not_measured(void) {
 static void test_it_cannot_be_built(void) {
     read("\"motor.fmu\"", "\"nowhere.fmu\"");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    tl_status status = tl_twin_ways_try(&assembly, &ways, &error);
+    tl_status status = tl_component_methods_try(&assembly, &ways, &error);
     tl_stderr_expect("");
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
     TEST_ASSERT_EQUAL_STRING("motor", ways.component);
@@ -80,7 +80,7 @@ static void test_it_cannot_be_built(void) {
 /* A free-running twin rolls nothing back. */
 static void test_nothing_is_rolled_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/free.json", &assembly));
-    tl_twin_ways_note(&assembly, &ways);
+    tl_component_methods_note(&assembly, &ways);
     TEST_ASSERT_EQUAL_UINT32(0, ways.cannot_return);
     TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_NONE, ways.of[0].rollback);
 }

@@ -123,7 +123,7 @@ static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times
     return ways.own.get_fmu_state(instance, &ways.beginning);
 }
 
-static const tl_fmi2_aside aside = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
+static const tl_fmi2_fallback aside = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
 
 /* ---- a twin with one FMU ---- */
 
@@ -273,8 +273,8 @@ static fmi2Status keep_and_count(fmi2Component instance) {
 }
 
 static void find_steps_until_timed(void) {
-    static const tl_fmi2_aside counting = {keep_and_count, come_back,  give_up_states, let_go,
-                                           size,           has_choice, prefer_copy};
+    static const tl_fmi2_fallback counting = {keep_and_count, come_back,  give_up_states, let_go,
+                                              size,           has_choice, prefer_copy};
     fmu.functions.aside = &counting;
     lead(with);
     steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last round begins with a copy */

@@ -591,7 +591,7 @@ static bool has_choice(fmi2Component instance) {
     return false;
 }
 
-static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go, size_aside, has_choice, NULL};
+static const tl_fmi2_fallback other_way = {keep_aside, come_back, give_up_states, let_go, size_aside, has_choice, NULL};
 
 /* The first locked step, with exact or with wrong states. */
 static tl_record first_step(bool lies) {
