@@ -59,7 +59,7 @@ def test_server_dies_and_returns():
             died = last_step(database)
             wait_for_steps(live, database, died + 20)
             with Program("plant", config) as second:
-                live.wait_for("connected", times=2)
+                live.wait_for("notice|connected", times=2)
                 wait_for_quality(live, database, "omega", GOOD)
                 wait_for_lock(live, database, last_step(database))
                 told, _ = end_well(live, signal.SIGTERM)

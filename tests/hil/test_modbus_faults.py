@@ -19,8 +19,8 @@ OMEGA = 62.981  # rad/s: where config/motor's twin starts
 TOLD = {
     "silence": ("warning", "inverter|answer|0.1 s", "inverter|connected"),
     "garbage": ("warning", "inverter|Modbus server", "inverter|connected"),
-    "exception": ("info", "unit 1|0 to 2|server failure", "unit 1|0 to 2|answers"),
-    "exception_0": ("info", "unit 1|0 to 2|exception 0", "unit 1|0 to 2|answers"),
+    "exception": ("warning", "unit 1|0 to 2|server failure", "unit 1|0 to 2|answers"),
+    "exception_0": ("warning", "unit 1|0 to 2|exception 0", "unit 1|0 to 2|answers"),
     "other_unit": ("warning", "unit 6|1|any_unit_id", "inverter|connected"),
     "other_protocol": ("warning", "protocol 1|0", "inverter|connected"),
     "other_length": ("warning", "65535 bytes|9", "inverter|connected"),

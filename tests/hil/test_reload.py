@@ -236,7 +236,7 @@ def test_by_restart():
     found = [prediction for prediction, in query(live.database, "SELECT prediction FROM runs ORDER BY run")]
     expect(found == [1, 3], f"predictions {found}")
     expect_reasons(live.database, "another configuration", "SIGTERM")
-    expect(events(live.database, "version 2 %hand%a longer look") == 1, "no event with origin and reason of version 2")
+    expect(events(live.database, "version 2%hand%a longer look") == 1, "no event with origin and reason of version 2")
 
 
 def port(number_):
@@ -354,7 +354,7 @@ def test_rollback_in_place():
         result = live.versions()[2][1]
         expect(result.startswith("returned: ") and "lost" in result, result)
         live.wait_for_tick(live.database)
-        expect(events(live.database, "returned") == 1, "not one event of the rollback")
+        expect(events(live.database, "rolled back") == 1, "not one event of the rollback")
         end_orderly(live)
         expect_one_run(live)
 
@@ -453,7 +453,7 @@ def test_a_client_after_many_kills():
             at_most(time.monotonic() - asked, 5, "seconds until the client has its answer (2 on an idle machine)")
             expect(code == 0 and has_line(out, "probation"), f"{code}\n{out}{err}")
         end_orderly(live)
-        expect(1 <= count_lines(live.log(), "activator|failed") <= 3, live.log())
+        expect(1 <= count_lines(live.log(), "config manager|failed") <= 3, live.log())
 
 
 def test_the_supervisor_is_killed():

@@ -46,6 +46,16 @@ bool tl_test_has_parts(const char *message, const char *parts) {
     return true;
 }
 
+bool tl_test_has_line(const char *text, const char *parts) {
+    static char line[4096];
+    bool found = false;
+    for (const char *at = text; *at != '\0' && !found; at += strcspn(at, "\n"), at += *at == '\n' ? 1 : 0) {
+        (void)snprintf(line, sizeof line, "%.*s", (int)strcspn(at, "\n"), at);
+        found = tl_test_has_parts(line, parts);
+    }
+    return found;
+}
+
 void tl_test_expect_parts(const char *parts, const char *message, int line) {
     static char text[2048];
     if (!tl_test_has_parts(message, parts)) {

@@ -14,6 +14,9 @@
  * A part matches whole words and whole numbers only: "5" is not in "18.55". An empty list is in no message. */
 bool tl_test_has_parts(const char *message, const char *parts);
 
+/* True if one line of the text has all parts. */
+bool tl_test_has_line(const char *text, const char *parts);
+
 /* The test fails unless the message has all parts; prints both. */
 #define TL_EXPECT_PARTS(parts, message) tl_test_expect_parts(parts, message, __LINE__)
 void tl_test_expect_parts(const char *parts, const char *message, int line);

@@ -340,21 +340,10 @@ void tl_stage_expect_code(const char *plan, int code) {
     TEST_ASSERT_EQUAL_INT((int)strlen(plan), stage->starts);
 }
 
-static bool has_line(const char *log, const char *parts) {
-    char line[LINE];
-    for (const char *at = log; *at != '\0'; at += strcspn(at, "\n"), at += *at == '\n' ? 1 : 0) {
-        (void)snprintf(line, sizeof line, "%.*s", (int)strcspn(at, "\n"), at);
-        if (tl_test_has_parts(line, parts)) {
-            return true;
-        }
-    }
-    return false;
-}
-
 void tl_stage_expect_said(const char *parts) {
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    TEST_ASSERT_TRUE_MESSAGE(has_line(log, parts), log);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_has_line(log, parts), log);
     free(log);
 }
 

@@ -44,7 +44,8 @@ static void expect_log(const char *const *parts, size_t count) {
     size_t at = 0;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(log), log);
-    for (char *line = strtok(log, "\n"); line != NULL && at < count; line = strtok(NULL, "\n")) {
+    char *rest = NULL;
+    for (char *line = strtok_r(log, "\n", &rest); line != NULL && at < count; line = strtok_r(NULL, "\n", &rest)) {
         TL_EXPECT_PARTS(parts[at++], line);
     }
     TEST_ASSERT_EQUAL_size_t(count, at);

@@ -12,8 +12,6 @@
 #include "tests/support/message.h"
 #include "tests/support/read_assembly.h"
 
-enum { LINE = 512 };
-
 static tl_assembly assembly;
 static tl_summary summary;
 static tl_account account;
@@ -108,20 +106,8 @@ static void expect_number(double expected, const char *path) {
     TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(expected, number(path), path);
 }
 
-/* One line of the table has all parts. */
-static bool has_line(const char *parts) {
-    char line[LINE];
-    for (const char *at = printed; *at != '\0'; at += strcspn(at, "\n"), at += *at == '\n' ? 1 : 0) {
-        (void)snprintf(line, sizeof line, "%.*s", (int)strcspn(at, "\n"), at);
-        if (tl_test_has_parts(line, parts)) {
-            return true;
-        }
-    }
-    return false;
-}
-
 static void expect_line(const char *parts) {
-    TEST_ASSERT_TRUE_MESSAGE(has_line(parts), printed);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_has_line(printed, parts), printed);
 }
 
 static void test_sums(void) {
@@ -294,7 +280,7 @@ static void test_no_memory(void) {
 
 static bool table_has(const char *parts) {
     print_table();
-    bool found = has_line(parts);
+    bool found = tl_test_has_line(printed, parts);
     free(printed);
     printed = NULL;
     return found;
