@@ -26,7 +26,8 @@ typedef struct tl_plant_io_sink {
     /* Reports that the link went up or down; `text` names the device and the cause. Also reports
      * once if a part of it recovers, with `up` unchanged. */
     void (*link)(void *context, bool up, const char *text);
-    /* Reports once that a part fails while the link is up (one unit answers with an exception, a row
+    /* Reports once that a part fails while the link is up (one unit answers with an exception, a
+     * row
      * is malformed): a person should act. NULL: link() is called, with `up` true. */
     void (*part_failed)(void *context, const char *text);
     void *context;

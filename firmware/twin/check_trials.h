@@ -43,7 +43,8 @@ enum { TL_OTHER_METHOD_TEXT = TL_ERROR_TEXT + 400 };
 tl_status tl_other_method_find(const tl_twin_child_settings *settings, const tl_component_methods *checked,
                                tl_other_method found[TL_RECORDER_COMPONENTS], tl_error *error);
 
-/* Writes a sentence that is printed after the component's name. Not for TL_OTHER_METHOD_NOT_SOUGHT. */
+/* Writes a sentence that is printed after the component's name. Not for TL_OTHER_METHOD_NOT_SOUGHT.
+ */
 void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_METHOD_TEXT]);
 
 /* ---- Comparison of two twins of one configuration: finds FMUs that are not deterministic or need

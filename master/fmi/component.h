@@ -131,7 +131,8 @@ tl_status tl_component_check_outputs(const tl_component *component, tl_error *er
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
-/* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states are
+/* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states
+ * are
  * wrong. Returns false if there is no method for it. */
 bool tl_component_keep_copy(tl_component *component);
 

@@ -51,7 +51,8 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          that neither its states nor a copy undo, such as opening a file. The next save is
  *          refused because of that, and it must not be the first one of the run.
  * Fallback: a component whose states are wrong gets its next rollback method, if there is one
- *           (tl_fmi2_fallback), and all are proved again. If there is a full copy of it, the cause of
+ *           (tl_fmi2_fallback), and all are proved again. If there is a full copy of it, the cause
+ *           of
  *           the difference is determined (verifier.h). If a copy is as exact as its states and
  *           faster, the component uses the copy, and all are proved again.
  * Thread:  the twin's. Memory: the arena, at start-up.

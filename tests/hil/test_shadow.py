@@ -120,7 +120,7 @@ def test_taken_over_and_kept():
         expect(twins(live) != [before], "the old twin runs")
         live.wait_for_tick(live.database)
         end_orderly(live)
-        expect(events(live.database, "version 2 %hand%a longer look") == 1, "no event with origin and reason of version 2")
+        expect(events(live.database, "version 2%hand%a longer look") == 1, "no event with origin and reason of version 2")
         expect_flips(live.database, 1, 3)
         expect_repeated(live.file, live.database, 1, 1)
         expect_repeated(candidate, live.database, 2, 3)

@@ -105,7 +105,7 @@ def test_check_reports_shared_memory():
             taken = sum(shared_kib(pid) for pid in (live.pid, *live.children()))
             end_orderly(live)
         page = run_well(["check", config])
-    sizes = [float(size) for size in re.findall(r"^  \S.*?  +([0-9.]+) KiB.*`run`", page, re.M)]
+    sizes = [float(size) for size in re.findall(r"^  \S.*? +([0-9.]+) KiB.*`run`", page, re.M)]
     print(f"    {taken} KiB of {sizes}")
     expect(len(sizes) == 5, page)
     samples, queue, checkpoint, *_ = sizes  # the others are an earlier run, and a shadow

@@ -108,7 +108,8 @@ def test_other_solvers():
 
 def test_check_prints_the_stroke():
     page = run_well(["check", LOCK])
-    for parts in ("stroke|plant.move_out|plant.extended|2 s|T_F = 16", "lag|8 steps|i + 1", "evaluation|1224 executions", "no problem found"):
+    for parts in ("stroke|plant.move_out|plant.extended|2 s", "J|T_F = 16 steps", "lag|8 steps", "tick i + 1", "evaluation|1224 executions",
+                  "no problem found"):
         expect_line(page, parts)
 
 

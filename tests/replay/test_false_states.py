@@ -5,7 +5,7 @@ from twinlock_test import NOT_LOCKED, SANITIZER, Skip, expect, expect_line, expe
 
 FMU_FAILED = 70
 KINDS = {"parameters": "parameters", "events": "events", "one": "handle", "late": "late"}  # lie of the FMU: word in the message
-FIRST_ERROR = {"parameters": "keeper0.y|1 step", "events": "keeper0.y|1 step", "one": "fmi2DoStep|fmi2Error", "late": "fmi2GetFMUstate|fmi2Error|late"}
+FIRST_ERROR = {"parameters": "keeper0.y|1|step", "events": "keeper0.y|1|step", "one": "fmi2DoStep|fmi2Error", "late": "fmi2GetFMUstate|fmi2Error|late"}
 
 
 def steps_of(config, *options):
@@ -38,8 +38,8 @@ def test_memory_copies_instead():
         fmu = keeper_fmu.make_false(lie)
         code, out, err = run(["check", keeper_fmu.config(fmu)])
         expect(code == 0, f"{lie}: {code}\n{out}{err}")
-        expect_line(err, f"warning|FMU lag|own states|{kind}|memory")
-        expect_line(out, f"keeper0|{fmu}|memory")
+        expect_line(err, f"notice|FMU lag|own states|{kind}|memory")
+        expect_line(out, "rolled back|memory")
         expect_same(fmu, "memory", lie)
 
 
@@ -52,9 +52,9 @@ def test_states_and_given_values_or_replay_instead():
         expect(code == 0, f"{lie}: {code}\n{out}{err}")
         expect_line(err, "warning|FMU lag|states.txt")
         by_states = lie == "parameters"
-        expect(has_line(err, "warning|FMU lag|parameters") == by_states, f"{lie}: {err}")
+        expect(has_line(err, "notice|FMU lag|own states|parameters") == by_states, f"{lie}: {err}")
         expect(has_line(err, "warning|FMU lag|reset|replay") != by_states, f"{lie}: {err}")
-        expect_line(out, f"keeper0|{fmu}|{'state' if by_states else 'replay'}")
+        expect_line(out, f"rolled back|{'state' if by_states else 'replay'}")
         expect_same(fmu, "replay", lie)
 
 
@@ -63,7 +63,7 @@ def test_no_method():
     for verb in "check", "replay":
         code, out, err = run([verb, keeper_fmu.config(keeper_fmu.make_false("events", OPENS=15))])
         expect(code == FMU_FAILED, f"{verb}: {code}\n{out}{err}")
-        expect_line(err, 'error|keeper0.y|1 step|"rollback"')
+        expect_line(err, 'error|keeper0.y|1|step|"rollback"')
 
 
 if __name__ == "__main__":

@@ -195,7 +195,7 @@ def test_results_outlive_a_crash_in_freeing():
 # ---- states that cannot be saved ----
 
 def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
-    """It is an error with "rollback": "state" only; else the program warns and uses another method."""
+    """It is an error with "rollback": "state" only; else the program reports and uses another method."""
     only, any_way = (config(make("no_state"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
     for verb in ("check", "replay"):
         code, log, _ = end_of((verb, only))
@@ -203,7 +203,7 @@ def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
         expect_line(log, "error|hostile|fmi2GetFMUstate")
         code, log, _ = end_of((verb, any_way))
         expect(code in (0, NOT_LOCKED), f"{verb} ended with {code}\n{log}")
-        expect_line(log, "warning|FMU lag")
+        expect_line(log, "notice|FMU lag|own states|memory")
 
 
 # ---- calls that never return ----

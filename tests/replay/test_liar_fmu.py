@@ -159,7 +159,7 @@ def test_an_end_without_a_reason_is_logged():
                                      (first, "replay", (), "failed"), (first, "plant", recording(), "failed")):
         code, _, log = run((verb, config(fmu), *options))
         expect(code == 70 and log.count("twinlock: error: ") == 1, f"{verb} ended with {code}\n{log}")
-        expect_line(log, f"error|process|FMUs|{word}")
+        expect_line(log, f"error|FMU process|{word}")
 
 
 # ---- threads ----
@@ -284,7 +284,7 @@ def test_control_characters_in_a_unit_are_replaced():
 
 # ---- a log without a reader ----
 
-LEFT_OUT = "warning|lines|FMUs"
+LEFT_OUT = "warning|lines|FMU"
 
 def children(pid):
     return Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()

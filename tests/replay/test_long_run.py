@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
 """A twin of a plant that does nothing special must still be one after a long time. Its drive has an integrator behind the speed;
 a speed that is forced onto every noisy measurement lets it drift, slowly at first, and then without end."""
-import csv
 import math
 import random
 
-from twinlock_test import (at_most, edited_config, expect, main, read_config, replay_csv, replay_json, run_well, scratch,
+from twinlock_test import (at_most, edited_config, expect, main, read_config, read_table, replay_csv, replay_json, run_well, scratch,
                            write_config)
 
 SECONDS, NOISE, LEFT_ALONE = 1000, 0.3, 0.0031
@@ -23,11 +22,11 @@ def make_recording(name, torque):
     document["components"]["motor"].pop("set")
     document["recording"]["file"] = str(brake)
     run_well(["replay", write_config(document), "--csv", truth])
-    with open(truth, encoding="utf-8") as source, open(noisy, "w", encoding="utf-8") as file:
+    rows = read_table(truth)
+    with open(noisy, "w", encoding="utf-8") as file:
         file.write("t,M_brake,omega\n")
-        for row in csv.DictReader(source):
-            time = float(row["time"])
-            file.write(f"{time:.2f},{torque(time):.6f},{float(row['motor.omega']) + chance.gauss(0, NOISE)!r}\n")
+        for time, omega in zip(rows["time"], rows["motor.omega"]):
+            file.write(f"{time:.2f},{torque(time):.6f},{omega + chance.gauss(0, NOISE)!r}\n")
     return noisy
 
 
@@ -38,8 +37,7 @@ def check(name, recording, mse, algorithm="secant"):
     result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording, "--csv", steps)
     what = f"{name}, {algorithm}, {recording.stem}"
     at_most(result["match"]["motor.omega"]["mse"], mse, f"{what}: MSE, (rad/s)\u00b2")
-    with open(steps, encoding="utf-8") as file:
-        friction = [float(row["motor.d"]) for row in csv.DictReader(file)][-10000:]
+    friction = read_table(steps)["motor.d"][-10000:]
     expect(all(map(math.isfinite, friction)), f"{what}: {friction[-1]}")
     at_most(abs(sum(friction) / len(friction) - LEFT_ALONE), 0.05, f"{what}: mean friction beside nominal, N.m.s/rad")
 

@@ -76,7 +76,7 @@ static void obey(const char *word) {
     } else if (strcmp(word, "exit") == 0) {
         exit(0);
     } else if (strncmp(word, "scribble", strlen("scribble")) == 0) {
-        scribble("memfd:twinlock outbox", 0x55, 0);
+        scribble("memfd:twinlock records", 0x55, 0);
     } else if (strcmp(word, "heartless") == 0) {
         scribble("memfd:twinlock twin", 0, 0);
         hang();
