@@ -30,6 +30,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
+#include "firmware/retune/comparison.h"
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/resume.h"
@@ -617,14 +618,13 @@ static tl_status check_pace(const live_twin *self, const tl_cycle_status *status
     }
     if (!status->is_live && tl_clock_now(NULL) - since > PATIENCE_BEHIND) {
         return tl_fail(error, TL_TRY_AGAIN,
-                       "this box is too slow for two twins: the shadow has not caught up with the plant within %.0f s",
+                       TL_COMPARISON_TWO_TWINS ": the shadow has not caught up with the plant within %.0f s",
                        tl_seconds(PATIENCE_BEHIND));
     }
     bool checked = status->is_live && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_CHECK;
     return !checked || status->skipped <= status->ticks / MISSED_PART
                ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN,
-                         "this box is too slow for two twins: the shadow missed %llu of %llu ticks",
+               : tl_fail(error, TL_TRY_AGAIN, TL_COMPARISON_TWO_TWINS ": the shadow missed %llu of %llu ticks",
                          (unsigned long long)status->skipped, (unsigned long long)status->ticks);
 }
 

@@ -6,6 +6,7 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/retune/comparison.h"
 #include "firmware/twin/resume.h"
 
 /* Computing time of one part. */
@@ -124,11 +125,10 @@ static tl_status check_pace(const course_walk *self, tl_error *error) {
     if (self->computed + self->slept < FIRST_PACE || pace >= PACE) {
         return TL_OK;
     }
-    return tl_fail(
-        error, TL_TRY_AGAIN,
-        "this box is too slow for two twins: with half a processor the shadow is %.2g times as fast as the plant "
-        "(expected: at least %.1f times)",
-        pace, PACE);
+    return tl_fail(error, TL_TRY_AGAIN,
+                   TL_COMPARISON_TWO_TWINS ": with half a processor the shadow is %.2g times as fast as the plant "
+                                           "(expected: at least %.1f times)",
+                   pace, PACE);
 }
 
 static void sleep_after(course_walk *self, tl_time computed) {
