@@ -654,7 +654,7 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
         if (rests) {
             add_part(line, "  %s at nominal", name);
         } else {
-            add_part(line, "  %s corrected by %+.3g", name, record->u[i] - record->nominal[i]);
+            add_part(line, "  \316\224%s %+.3g", name, record->u[i] - record->nominal[i]);
         }
     }
     for (size_t i = 0; i < config->match_count && i < 2; i++) {

@@ -127,7 +127,7 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
  * twin's last step, or TL_OK if the stop was requested. */
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error);
 
-enum { TL_STATUS_LINE = 80 }; /* bytes with the NUL: a line of a terminal */
+enum { TL_STATUS_LINE = 78 }; /* bytes with the NUL: a line of a terminal, with room for "^C" */
 
 /* Writes the state of the twin in one line, for a terminal and the service manager. A part that
  * does not fit is left out. Main thread only. */

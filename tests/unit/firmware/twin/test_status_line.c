@@ -33,9 +33,9 @@ static void expect_words(const char *words) {
 
 static void test_what_it_says(void) {
     status.skipped = 0;
-    expect_words("    1.00 s  locked  motor.d corrected by +0.5  motor.omega 2 (plant 2.5)");
+    expect_words("    1.00 s  locked  \316\224motor.d +0.5  motor.omega 2 (plant 2.5)  0.01 ms");
     status.skipped = 3;
-    expect_words("    1.00 s  locked  3 ticks missed  motor.d corrected by +0.5  0.01 ms");
+    expect_words("    1.00 s  locked  3 ticks missed  \316\224motor.d +0.5  motor.omega 2 (plant 2.5)");
 }
 
 static void test_that_u_rests(void) {
