@@ -135,6 +135,7 @@ static void test_a_step_that_takes_too_long(void) {
 static void test_an_fmu_that_does_not_come_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     look.news.found = true;
+    (void)snprintf(look.news.component, sizeof look.news.component, "motor");
     (void)snprintf(look.news.text, sizeof look.news.text, "motor differs from its state at 0.5 s");
     expect_one("components.motor.rollback|motor differs|0.5 s");
 }
