@@ -58,7 +58,7 @@ def is_composed(part, text):
 def test_messages_are_those_of_the_sources():
     text = ""
     for folder in "firmware", "board", "master", "script":
-        for path in [*(SOURCE / folder).rglob("*.c"), *(SOURCE / folder).glob("demo")]:
+        for path in [*(SOURCE / folder).rglob("*.[ch]"), *(SOURCE / folder).glob("demo")]:
             text += re.sub(r'"\s*\n\s*"|"\s*PRI\w+\s*"', "", path.read_text(encoding="utf-8")).replace('\\"', '"')
     text = re.sub(r"%[-+.*0-9]*(?:ll|l|z)?[a-zA-Z]", "…", text).replace("%%", "%").replace("\\342\\200\\246", "…")
     looked_up = 0
