@@ -6,22 +6,23 @@
  * Link:    the driver reconnects to servers that are absent, fail or return, with back-off (from
  *          0.1 s, doubling, to at most 2 s). The link is up while any unit answers. A unit behind a
  *          gateway or on a line that is silent or answers with an exception affects only its own
- *          channels. It is asked last, with the same back-off, and so rarely that waiting for such
- *          units takes at most a fifth of the time.
+ *          channels. The driver polls silent units last, with the same back-off; waiting for them
+ *          takes at most a fifth of the time.
  * Checks:  the driver uses an answer only if transaction, protocol, length, unit, function and
- *          number of bytes are right. Otherwise it posts nothing, closes the connection so that no
- *          late bytes are taken for a later answer, and reports the problem once.
+ *          number of bytes are right. Otherwise it posts TL_NO_LINK and reports the problem once.
+ *          It closes a TCP connection, because late bytes could be taken for the next answer.
  * Bound:   a poll waits at most timeout_s to connect (before each request, if the server sends more
  *          than it was asked for) and timeout_s for each response. By TCP the first missing or
  *          wrong response ends the poll, on a line the second one. If `host` is a name, its
- *          resolution comes on top (once per try to connect) and cannot be interrupted. On a line
- *          the transmission time is added, and up to 50 ms (after a failure) until it is quiet. A
- *          response that has started can be interrupted only when it stops, after 0.2 s.
+ *          resolution comes on top (once per try to connect) and cannot be interrupted. On a line,
+ *          add the transmission time and the wait for silence: 50 ms after a failure, about
+ *          timeout_s more if bytes keep arriving. On a line, a response that has started cannot be
+ *          interrupted; it ends after at most its transmission time plus 0.2 s.
  * Line:    the driver is its only master and opens it exclusively. Parameters are 8 data bits and
- *          those of tl_modbus_line. A response has no number: one that comes after timeout_s and
- *          the following silence could be taken for that of a later request of the same kind to the
- *          same unit. So timeout_s must be longer than the slowest unit takes, and after a timeout
- *          the unit is not asked again for that time.
+ *          those of tl_modbus_line. RTU responses have no number: a late one could be taken for the
+ *          answer to a later request of the same kind to the same unit. So timeout_s must exceed
+ *          the slowest unit's response time. After a timeout, if another request was answered, the
+ *          driver does not ask this unit for timeout_s.
  * Stamp:   time of arrival of the response.
  * Source:  MODBUS Application Protocol 1.1b3, section 6.1 to 6.4; MODBUS over Serial Line 1.02,
  *          section 2.5.1.

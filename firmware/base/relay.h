@@ -1,4 +1,5 @@
-/* Relay: reads the output of another process from a pipe and passes it on as clean lines.
+/* Relay: reads the output of another process from a pipe and passes it on as lines, with control
+ *        characters escaped.
  *
  * Purpose: output of an FMU cannot control the terminal, fake a line end, or change the text
  *          direction (text.h).
@@ -8,7 +9,8 @@
  *          cannot block it. There is no limit per second: unread output stays in the pipe, and the
  *          printing process waits.
  * Owner:   the caller owns the struct; the relay owns the descriptor.
- * Thread:  any thread may read, one at a time; it passes the lines on.
+ * Thread:  any thread may call tl_relay_drain(); a mutex serialises the calls. `pass` runs in the
+ *          calling thread.
  */
 #ifndef TL_FIRMWARE_BASE_RELAY_H
 #define TL_FIRMWARE_BASE_RELAY_H
@@ -23,7 +25,7 @@ enum {
     TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* bytes of a clean line, including its NUL */
 };
 
-/* Receives one clean line without its newline. It must not call the relay. */
+/* Receives one clean line without its newline. It must not call tl_relay_*(). */
 typedef void tl_relay_line(void *context, const char *line);
 
 /* Fields are private. */
@@ -33,7 +35,7 @@ typedef struct tl_relay {
     tl_relay_line *pass;
     void *context;
     size_t used;
-    char line[TL_RELAY_LINE]; /* unprocessed */
+    char line[TL_RELAY_LINE]; /* bytes of the line that is still incomplete */
 } tl_relay;
 
 /* `descriptor`: read end of a pipe; it becomes non-blocking. `pass` NULL: lines are read and

@@ -312,13 +312,27 @@ void tl_config_describe_quality(const tl_config *config, size_t signal, double v
         if (described->source == SIZE_MAX) {
             (void)snprintf(text, TL_CONFIG_DESCRIPTION, "no value");
         } else {
-            (void)snprintf(text, TL_CONFIG_DESCRIPTION, "no connection to %.63s",
-                           config->sources[described->source].name);
+            (void)snprintf(text, TL_CONFIG_DESCRIPTION, "no value from %.63s", config->sources[described->source].name);
         }
         break;
     default:
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%s", tl_quality_name(quality));
         break;
+    }
+}
+
+const char *tl_config_quality_remedy(tl_quality quality) {
+    switch (quality) {
+    case TL_OUT_OF_RANGE:
+        return "check scale, address, word order";
+    case TL_STALE:
+        return "lower period_s, or raise stale_s";
+    case TL_NOT_A_NUMBER:
+        return "check the type; a CSV file needs numbers, or 0 and 1";
+    case TL_OUTLIER:
+        return "check the gate of its condition";
+    default:
+        return "see the message of its source";
     }
 }
 

@@ -215,6 +215,9 @@ enum { TL_CONFIG_DESCRIPTION = 256 };
 void tl_config_describe_quality(const tl_config *config, size_t signal, double value, tl_quality quality, tl_time age,
                                 char text[TL_CONFIG_DESCRIPTION]);
 
+/* What to do about it, for example "check scale, address, word order". */
+const char *tl_config_quality_remedy(tl_quality quality);
+
 /* Makes the further look-ups signals as well. For callers that take samples as `delays` require. */
 void tl_config_use_lookups(tl_config *config);
 

@@ -1,11 +1,12 @@
-/* The FMU thread: all functions of the FMUs, from loading to freeing, are called in it.
+/* The FMU thread: it makes all calls of the FMUs, from loading to freeing.
  *
- * Purpose: FMI allows calls from any thread, but some vendors rely on one. The data that an FMU
+ * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. The data
+ *          that an FMU
  *          keeps in thread-local variables or in an interpreter's thread state must be there in its
  *          next call. FMUs also expect the stack that they were tested with: TL_FMU_THREAD_STACK,
  *          the usual size of a main thread.
- * Jobs:    the thread executes one job after the other. The caller that waits for a job checks its
- *          duration, unless another process does.
+ * Jobs:    the thread executes one job after the other. While it waits, the caller checks how long
+ *          the current FMU call lasts, unless another process does.
  * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.
  *          The main thread handles the signals that request termination. SIGUSR1 wakes the FMU
  *          thread from a sleep.
@@ -42,12 +43,12 @@ void tl_fmu_thread_end(tl_fmu_thread *thread);
 /* Starts a job and does not wait for it. The job before must be done. */
 void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Starts a job and waits until it is done. If termination is requested by a signal, wakes the
- * thread so that the job can notice. */
+/* Starts a job and waits until it is done. If a signal requests termination, this function wakes
+ * the thread, so that the job notices the request. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Waits until the job is done, and wakes the thread from all its sleeps, so that the job notices
- * the request to end. */
+/* Wakes the thread from every sleep, so that the job notices a request to end. Returns when the job
+ * is done. */
 void tl_fmu_thread_hurry(tl_fmu_thread *thread);
 
 /* Starts a thread, executes a single job and ends the thread; another process checks the duration.

@@ -15,16 +15,18 @@
 
 /* ---- XML attribute texts to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
  *
- * Purpose: strict. White space around a value is allowed, as XML Schema says; any other extra
+ * Purpose: converts strictly. White space around a value is allowed, as XML Schema says; any other
+ *          extra
  *          character is an error.
  * Errors:  returns false and leaves *value unchanged.
- * Thread:  any that has a locale with a decimal point (os.h).
+ * Thread:  any, after tl_locale_use() (os.h): the locale must have a decimal point.
  */
 
 /* Accepts decimal and scientific notation, INF, -INF and NaN. A number that is too large for a
  * double becomes infinite, because some exporters write a maximum that is too large. */
 bool tl_xml_double(const char *text, double *value);
 
+/* Accepts decimal digits with an optional sign; lowest <= value <= highest. */
 bool tl_xml_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value);
 
 /* Accepts true, false, 1 and 0. */
@@ -38,8 +40,9 @@ bool tl_xml_boolean(const char *text, bool *value);
  *          annotations, later additions, ModelStructure.
  * Limits:  TL_MODEL_DESCRIPTION_BYTES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so no
  *          entities.
- * Tolerated: a variable without variability (default: continuous for Real, fixed for parameters,
- *            else discrete); an `initial` that is not allowed there; an undefined unit (it then has
+ * Tolerated: a variable without variability (default: fixed for parameters, else continuous for
+ *            Real, else discrete); an `initial` of an input or independent variable (ignored); an
+ *            undefined unit (it then has
  *            no base unit); nominal 0 (read as 1) or negative.
  * Errors:  TL_BAD_DATA with the line; TL_TRY_AGAIN if memory is out. `label` names the FMU in the
  *          text.

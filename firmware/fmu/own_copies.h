@@ -27,7 +27,7 @@
  */
 
 enum {
-    TL_ELF_SEGMENTS = 64,       /* entries of its segment table; usual: about ten */
+    TL_ELF_SEGMENTS = 64,       /* program headers of a file; usual: about ten */
     TL_ELF_ENTRIES = 4096,      /* entries of its dynamic section; usual: about thirty */
     TL_ELF_VERSIONS = 16 * 1024 /* needed or defined symbol versions, and their names */
 };
@@ -64,7 +64,7 @@ typedef enum tl_elf_kind {
     TL_ELF_OTHER    /* not a library: a symbol, a version or a path */
 } tl_elf_kind;
 
-/* A name that the file refers to. `offset` is in the string table and at least one byte follows;
+/* A name that the file refers to. `offset` counts bytes in the string table and is below its size;
  * its terminating 0 may be missing. */
 typedef struct tl_elf_reference {
     tl_elf_kind kind;
@@ -99,7 +99,8 @@ tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index);
  *          is another one. So a copy that needs its own global variables is renamed, and so are all
  *          references to it.
  * Shared:  linkers store one text for several names, and one name may begin inside another. So
- *          after each change all names of the file are read again: each must be unchanged or have
+ *          after renaming, the function reads all names of the file again: each must be unchanged
+ *          or have
  *          its new value.
  * Trust:   the file is untrusted, see above.
  * Thread:  one at a time for each file.
@@ -122,7 +123,8 @@ typedef enum tl_elf_outcome {
 /* Renames all references to libraries with these names, and the library's own name. */
 tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *renames, size_t count);
 
-/* Makes symbols that are unique in the process ordinary ones (STB_GNU_UNIQUE: C++ uses it for
+/* Changes symbols that are unique in the process (STB_GNU_UNIQUE) to STB_GLOBAL (C++ uses the
+ * former for
  * static variables of templates and inline functions). Symbols of the C++ standard library stay
  * unique: that library is shared, and some of its symbols are compared by address. Returns the
  * number of changed symbols. */
@@ -138,7 +140,8 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  *          second FMU that needs libtable.so silently gets that of the first FMU, with its
  *          variables. C++ also has symbols that are unique in the process. Both are changed in the
  *          files of the later FMU before the loader reads them.
- * Unchanged: the first FMU of the process, FMUs without shared names, and libraries of the system.
+ * Unchanged: the first FMU of the process, names that no other FMU uses, and libraries of the
+ *            system.
  *            Compiler libraries that an FMU brings are recognised by name and stay shared too
  *            (libc, libm, libgcc_s, libstdc++, libgfortran and similar).
  * Method:  a renamed library exists twice in the FMU's folder, under both names, so that it can

@@ -81,7 +81,7 @@ bool tl_child_has_ended(tl_child *child) {
     }
     child->end =
         (tl_child_end){.known = result == 0, .by_signal = info.si_code != CLD_EXITED, .number = info.si_status};
-    child->end.farewell = tl_heartbeats_get_end_cause(child->beats, &child->end.code);
+    child->end.announced_cause = tl_heartbeats_get_end_cause(child->beats, &child->end.code);
     return true;
 }
 
@@ -128,7 +128,7 @@ void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
 
 bool tl_child_kept_its_word(const tl_child *child) {
     const tl_child_end *end = &child->end;
-    return !child->killed && end->farewell != TL_END_CAUSE_NONE && end->known && !end->by_signal &&
+    return !child->killed && end->announced_cause != TL_END_CAUSE_NONE && end->known && !end->by_signal &&
            end->number == end->code;
 }
 
@@ -155,11 +155,11 @@ void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended in an unknown way");
     } else if (end->by_signal) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended by signal %d, %s", end->number, strsignal(end->number));
-    } else if (end->farewell == TL_END_CAUSE_ASKED && kept) {
+    } else if (end->announced_cause == TL_END_CAUSE_ASKED && kept) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended on a request that did not come from its supervisor");
     } else {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended %swith exit code %d",
-                       end->farewell != TL_END_CAUSE_NONE ? "" : "unexpectedly ", end->number);
+                       end->announced_cause != TL_END_CAUSE_NONE ? "" : "unexpectedly ", end->number);
     }
     if (!kept) {
         append_call(child, reason);

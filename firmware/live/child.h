@@ -17,9 +17,9 @@
 
 /* ---- Reaper: reaps a dead child in a thread of ordinary priority.
  *
- * Purpose: the final waitid() removes the process from /proc. The kernel spins there while another
- *          thread removes or reads the same entries: a thread of the dead process that has not
- *          ended, or a reader of /proc. A spin at real-time priority on the processor that the
+ * Purpose: the final waitid() removes the process from /proc. There the kernel busy-waits while
+ *          another thread (a dying thread of the child, or a reader of /proc) uses the same
+ *          entries. A spin at real-time priority on the processor that the
  *          other thread needs lasts until the kernel throttles it, or for ever. So a thread of
  *          ordinary priority waits; it lives no longer than that.
  * Before:  the caller knows already how the child ended (waitid() with WNOWAIT). Memory, files,
@@ -60,7 +60,7 @@ typedef struct tl_child_end {
     bool known;
     bool by_signal;
     int number; /* signal number, or exit code */
-    tl_end_cause farewell;
+    tl_end_cause announced_cause;
     int code; /* announced exit code */
 } tl_child_end;
 
@@ -76,7 +76,7 @@ typedef struct tl_child {
     tl_reaper reaper; /* idle when the previous process is reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
-    tl_time blamed; /* an FMU call caused the end if it lasted this long, ns */
+    tl_time blamed; /* ns; a running FMU call is reported as the cause if it lasted at least this long */
     tl_time asking; /* ns since it was last asked to end, while this process was running */
 } tl_child;
 

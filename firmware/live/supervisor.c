@@ -359,7 +359,7 @@ static void set_last_code(supervisor *self, tl_member which, const char *reason)
         end_all(self, 0);
         return;
     }
-    if (child->killed || child->end.farewell == TL_END_CAUSE_NONE) {
+    if (child->killed || child->end.announced_cause == TL_END_CAUSE_NONE) {
         report_failure(self, which, reason, false);
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
@@ -376,7 +376,7 @@ static void set_last_code(supervisor *self, tl_member which, const char *reason)
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     if (which != TL_MEMBER_RECORDER || !self->is_ending || was_asked_early(self, which) ||
-        child->end.farewell != TL_END_CAUSE_NONE) {
+        child->end.announced_cause != TL_END_CAUSE_NONE) {
         return false;
     }
     self->tries += child->killed ? 2 : 1;
@@ -388,15 +388,15 @@ static bool is_worth_another(supervisor *self, tl_member which) {
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
-    bool refused = child->end.farewell == TL_END_CAUSE_REFUSED;
+    bool refused = child->end.announced_cause == TL_END_CAUSE_REFUSED;
     return self->is_ending || (refused && never_ran) ||
-           (which == TL_MEMBER_TWIN && child->end.farewell == TL_END_CAUSE_OVER);
+           (which == TL_MEMBER_TWIN && child->end.announced_cause == TL_END_CAUSE_OVER);
 }
 
 /* The run is not supervised: the twin is not restarted. */
 static void end_alone(supervisor *self, const char *reason) {
     const tl_child *child = &twin_of(self)->child;
-    if (child->end.farewell == TL_END_CAUSE_FAILED && tl_child_kept_its_word(child)) {
+    if (child->end.announced_cause == TL_END_CAUSE_FAILED && tl_child_kept_its_word(child)) {
         end_all(self, child->end.code); /* the twin has logged the reason */
         return;
     }
@@ -438,8 +438,8 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     member *ended = self->members[which];
     tl_child_end *end = &ended->child.end;
     char reason[TL_RESTARTS_REASON];
-    if (which == TL_MEMBER_TWIN && end->farewell == TL_END_CAUSE_OVER && !self->settings->has_duration) {
-        end->farewell = TL_END_CAUSE_NONE; /* FMUs can write this announcement */
+    if (which == TL_MEMBER_TWIN && end->announced_cause == TL_END_CAUSE_OVER && !self->settings->has_duration) {
+        end->announced_cause = TL_END_CAUSE_NONE; /* FMUs can write this announcement */
     }
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;

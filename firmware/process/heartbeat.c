@@ -51,7 +51,7 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
 }
 
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code) {
-    __atomic_store_n(&beats->farewell, (uint32_t)code << END_CAUSE_BITS | (uint32_t)why, __ATOMIC_RELAXED);
+    __atomic_store_n(&beats->announced_cause, (uint32_t)code << END_CAUSE_BITS | (uint32_t)why, __ATOMIC_RELAXED);
 }
 
 /* ---- in the supervisor ---- */
@@ -95,9 +95,9 @@ bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen
 }
 
 tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code) {
-    uint32_t farewell = __atomic_load_n(&beats->farewell, __ATOMIC_RELAXED);
-    uint32_t why = farewell & ((1U << END_CAUSE_BITS) - 1);
-    *code = (int)(farewell >> END_CAUSE_BITS & 0xFFU);
+    uint32_t announced_cause = __atomic_load_n(&beats->announced_cause, __ATOMIC_RELAXED);
+    uint32_t why = announced_cause & ((1U << END_CAUSE_BITS) - 1);
+    *code = (int)(announced_cause >> END_CAUSE_BITS & 0xFFU);
     return why <= TL_END_CAUSE_FAILED ? (tl_end_cause)why : TL_END_CAUSE_NONE;
 }
 

@@ -64,14 +64,15 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
     char text[TL_CONFIG_DESCRIPTION];
     for (size_t i = 0; i < config->signal_count; i++) {
         uint32_t quality = summary->rejected[i].quality;
-        if (is_matched(config, i) && summary->samples > 0 && summary->not_good[i] >= summary->samples &&
+        if (is_matched(config, i) && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
             quality <= TL_OUTLIER) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
                                        summary->rejected[i].age, text);
             return tl_fail(error, TL_NOT_LOCKED,
                            "never in lock: plant.%s had no good value in %" PRIu64 " of %" PRIu64
-                           " samples (last: %s). Check scale, address, word order",
-                           config->signals[i].plan.name, summary->not_good[i], summary->samples, text);
+                           " samples (last: %s): %s",
+                           config->signals[i].plan.name, summary->not_good[i], summary->samples, text,
+                           tl_config_quality_remedy((tl_quality)quality));
         }
     }
     return tl_fail(error, TL_NOT_LOCKED,
@@ -344,10 +345,12 @@ static void print_inputs(const printing *page) {
     for (size_t i = 0; i < page->config->signal_count; i++) {
         uint64_t bad = page->summary->not_good[i];
         if (bad != 0 && !is_matched(page->config, i)) {
-            (void)fprintf(page->file,
-                          "  plant.%s: %" PRIu64 " of %" PRIu64
-                          " samples were not good: the last good value was held\n",
-                          page->config->signals[i].plan.name, bad, page->summary->samples);
+            const char *name = page->config->signals[i].plan.name;
+            tl_quality quality = (tl_quality)page->summary->rejected[i].quality;
+            (void)fprintf(page->file, "  plant.%s: %" PRIu64 " of %" PRIu64 " samples were not good: %s\n", name, bad,
+                          page->summary->samples,
+                          bad < page->summary->samples ? "the last good value was held"
+                                                       : tl_config_quality_remedy(quality));
         }
     }
 }

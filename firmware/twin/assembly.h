@@ -1,6 +1,6 @@
 /* Assembly: a configuration, its FMUs, and the twin built from them.
  *
- * Purpose: common start of every command that simulates; builds and frees all of it.
+ * Purpose: builds and frees all parts; every command that simulates uses it.
  * Owner:   the assembly owns all its parts until tl_assembly_free().
  * Thread:  the FMU thread (fmu_thread.h), from load or build to free. The configuration may be read
  *          earlier in another thread.
@@ -28,7 +28,7 @@ typedef struct tl_assembly_file {
 typedef struct tl_assembly {
     tl_config config;
     tl_problems problems;
-    tl_fmu *fmus; /* one per component; components with one file that runs in Python share one */
+    tl_fmu *fmus; /* one per component; components with the same Python FMU share one */
     size_t fmu_count;
     tl_plan plan;
     tl_plan_component *components; /* of the plan */
@@ -36,14 +36,16 @@ typedef struct tl_assembly {
     tl_plan_match *match;
     tl_plan_output *outputs; /* variables that `emulate` reads */
     tl_twin *twin;
-    bool trusts_states; /* set before the build: prefer the FMU's own states, if exact, even to a faster memory copy */
-    tl_tuning tuning;   /* as configured */
-    tl_arena arena;     /* for all arrays above and for `files` */
+    bool
+        trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
+    tl_tuning tuning;        /* as configured */
+    tl_arena arena;          /* for all arrays above and for `files` */
     tl_assembly_file *files; /* one per component; NULL: not opened yet */
 } tl_assembly;
 
-/* Loads the FMUs and builds the twin. The configuration must be loaded; the files may be opened
- * already. Logs every problem and returns the status of the first one. After a failure the assembly
+/* Loads the FMUs and builds the twin. The configuration must be loaded; tl_assembly_open() may have
+ * been called before. Logs every problem and returns the status of the first one. After a failure
+ * the assembly
  * must still be freed. */
 tl_status tl_assembly_build(tl_assembly *assembly);
 
@@ -81,8 +83,8 @@ void tl_assembly_free(tl_assembly *assembly);
  * Purpose: a confined process can read only listed files. The list has three sources.
  *          The configuration: the libraries, the `reads` of a component, and texts in `set` that
  *          are file names.
- *          The environment: the folders in which loader, Python and locales search. They must be
- *          absolute, and neither be a home nor contain one.
+ *          The environment: the folders in which loader, Python and locales search. Only absolute
+ *          paths count. A home, a parent of a home, or a top folder such as /opt is ignored.
  *          An installation of Python: the files that it loads.
  * Owner:   the list owns its texts until tl_twin_places_free().
  * Thread:  one thread.

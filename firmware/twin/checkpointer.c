@@ -39,7 +39,7 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
 static void stop_saving(tl_checkpointer *self, const char *why) {
     self->only_marks = true;
     tl_journal_event(self->journal, -1, TL_EVENT_WARNING, "checkpoint",
-                     "no more are saved: %s; a restarted twin repeats the inputs since the last one", why);
+                     "none are saved from now on: %s; a restarted twin repeats recorded inputs", why);
 }
 
 /* Saves to the record queue and measures the cost. Returns false if nothing was saved. */

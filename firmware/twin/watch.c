@@ -90,10 +90,11 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
     }
     tl_config_describe_quality(watch->config, signal, sample->values[signal], quality,
                                sample->instant - sample->stamps[signal], text);
-    tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant", "plant.%s: %s: not used%s; %s",
-                     plan->name, text, quality == TL_OUT_OF_RANGE ? " (check scale, address, word order)" : "",
-                     watch->had_value[signal] ? "the model gets the last good value"
-                                              : "the model gets its initial value, because there was no good one yet");
+    const char *instead = !watch->config->signals[signal].feeds ? ""
+                          : watch->had_value[signal]            ? "; the model gets the last good value"
+                                                                : "; the model gets the initial value";
+    tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant", "plant.%s: %s: not used (%s)%s",
+                     plan->name, text, tl_config_quality_remedy(quality), instead);
 }
 
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
@@ -151,7 +152,7 @@ static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *recor
     }
     watch->free_run = free_run;
     tl_journal_event(watch->journal, tick, free_run ? TL_EVENT_WARNING : TL_EVENT_INFO, "twin",
-                     free_run ? "no matched signal is good: the twin runs free on the last good values"
+                     free_run ? "no matched signal is good: u is nominal"
                               : "matched signals are good: synchronising again");
 }
 

@@ -78,7 +78,7 @@ def test_a_dead_device_causes_no_restart():
         with Supervised(config) as live:
             wait_for_run(live, database, 1)
             device.silent = True
-            live.wait_for("warning|free")
+            live.wait_for("warning|no matched signal")
             wait_for_steps(live, database, last_step(database) + 300)
             device.silent = False
             wait_for_lock(live, database, last_step(database))

@@ -281,7 +281,7 @@ def test_an_fmu_that_is_replaced():
                 file.writestr("resources/another", "one")
             other.rename(fmu)
             live.kill_one("twin")
-            live.wait_for("notice|resume|FMUs")
+            live.wait_for("notice|resume|FMU files")
             wait_for_run(live, database, 2)
             live.kill_one("twin")
             wait_for_run(live, database, 3)

@@ -80,7 +80,7 @@ def test_wrong_from_the_start():
     need_copies()
     _, database, told = run_live(keeper_fmu.make_false("parameters"), "auto", seconds=2)
     said = query(database, "SELECT text FROM events WHERE source = 'checkpoint'")
-    expect(len(said) == 1 and has_line(said[0][0], "late|states|bytes"), f"{said}")
+    expect(len(said) == 1 and has_line(said[0][0], "late|own states"), f"{said}")
     expect(told["lock"]["state"] == "locked", f"{told['lock']}")
 
 

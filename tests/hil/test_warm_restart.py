@@ -25,6 +25,7 @@ PERIOD = 0.01
 LOCKED = 220  # steps: 2 s and 20 periods
 ENOUGH = LOCKED + 30
 WITHIN = FIRST_GUESS, OPTIMISED
+FROM = {"start": "first recorded input", "inputs": "newest inputs"}  # resumed_from: part of the message
 
 
 @functools.cache
@@ -273,11 +274,11 @@ def test_damaged_checkpoints():
         execute(database, "UPDATE checkpoints SET bytes = substr(bytes, 1, 100)")
         told, _ = end_well(begin(config, database, 3), signal.SIGTERM)
         expect(told["resumed"]["from"] in ("start", "inputs"), f"{told['resumed']}")
-        expect_told(database, 3, "checkpoint|run 2|damaged", f"run 2|tick {told['resumed']['tick']}|inputs")
+        expect_told(database, 3, "checkpoint|run 2|damaged", f"run 2|tick {told['resumed']['tick']}|{FROM[told['resumed']['from']]}")
         execute(database, "UPDATE checkpoints SET format = 'twinlock 0'")
         told, _ = end_well(begin(config, database, 4), signal.SIGTERM)
         expect(told["resumed"]["from"] in ("start", "inputs"), f"{told['resumed']}")
-        expect_told(database, 4, "checkpoint|run 3|another version", f"run 3|tick {told['resumed']['tick']}|inputs")
+        expect_told(database, 4, "checkpoint|run 3|another version", f"run 3|tick {told['resumed']['tick']}|{FROM[told['resumed']['from']]}")
     expect_refused(BAD_DATA, f"error|{database}|checkpoint|run 2|damaged", "replay", config, "--recording", database, "--run", "2")
 
 
@@ -332,7 +333,7 @@ def test_an_fmu_that_refuses_its_bytes():
             execute(database, "UPDATE checkpoints SET bytes = ?, sha256 = ? WHERE tick = ?", data,
                     hashlib.sha256(data).hexdigest(), tick)
         told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
-    expect_told(database, 2, "checkpoint|tick 0|run 1|fmi2DeSerializeFMUstate", f"run 1|tick {told['resumed']['tick']}|inputs")
+    expect_told(database, 2, "checkpoint|tick 0|run 1|fmi2DeSerializeFMUstate", f"run 1|tick {told['resumed']['tick']}|{FROM['start']}")
     check_resumed(config, database, told, 2, 1, "start")
 
 
@@ -408,7 +409,7 @@ def test_runs_that_are_not_resumed():
                 execute(database, statement)
         return change
     expect_not_resumed(other_tolerance, "configuration|run 1", gap)
-    expect_not_resumed(sql("UPDATE beginnings SET fmus = 'x'"), "FMUs|run 1", gap)
+    expect_not_resumed(sql("UPDATE beginnings SET fmus = 'x'"), "FMU files|run 1", gap)
     expect_not_resumed(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "run 1|s|record.resume_s")
     expect_not_resumed(sql("UPDATE beginnings SET boot = ''"), "run 1", gap)
     expect_not_resumed(sql("UPDATE runs SET (ended, ended_reason) = (committed, 'drive: fmi2DoStep failed')"),
@@ -472,9 +473,9 @@ def test_replay_without_the_beginning():
         end_well(begin(config, database, 2, 40), signal.SIGTERM)
     execute(database, "UPDATE beginnings SET fmus = 'x' WHERE run = 2")
     replay = "replay", config, "--recording", database
-    expect_refused(BAD_DATA, "error|FMUs|run 2|run 1", *replay)
+    expect_refused(BAD_DATA, "error|FMU files|run 2|run 1", *replay)
     execute(database, "DELETE FROM checkpoints AS own WHERE own.run = 2")
-    expect_refused(BAD_DATA, f"error|{database}|beginning|run 2", *replay)
+    expect_refused(BAD_DATA, f"error|{database}|run 2|no start", *replay)
     expect_refused(BAD_DATA, f"error|{database}|run 7", *replay, "--run", "7")
     expect_refused(BAD_USAGE, "--run|\"x\"|3", *replay, "--run", "x")
     expect_refused(BAD_USAGE, "recording.csv|run 7|--run", "replay", config, "--run", "7")
