@@ -44,7 +44,7 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
         if (is_one && sample->quality[i] != TL_GOOD) {
             summary->not_good[i]++;
             summary->rejected[i].value = sample->values[i];
-            summary->rejected[i].age = sample->instant - sample->stamps[i];
+            summary->rejected[i].age = tl_sample_age(sample, i);
             summary->rejected[i].quality = sample->quality[i];
         }
     }

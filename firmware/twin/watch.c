@@ -89,7 +89,7 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
         return;
     }
     tl_config_describe_quality(watch->config, signal, sample->values[signal], quality,
-                               sample->instant - sample->stamps[signal], text);
+                               tl_sample_age(sample, signal), text);
     const char *instead = !watch->config->signals[signal].feeds ? ""
                           : watch->had_value[signal]            ? "; the model gets the last good value"
                                                                 : "; the model gets the initial value";

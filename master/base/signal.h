@@ -8,6 +8,7 @@
 #define TL_MASTER_BASE_SIGNAL_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "master/base/simtime.h"
@@ -69,6 +70,10 @@ bool tl_condition_is_needed(const tl_condition *condition);
 
 /* "good", "stale", "out of range", "not a number", "no link", "outlier". */
 const char *tl_quality_name(tl_quality quality);
+
+/* Age of a signal's reading at the instant of the sample, ns; 0 if there is no reading, or if it is
+ * later. */
+tl_time tl_sample_age(const tl_sample *sample, size_t signal);
 
 /* "Real", "Integer", "Boolean", "String", "Enumeration", as FMI 2.0 writes them. */
 const char *tl_type_name(tl_type type);

@@ -99,6 +99,19 @@ static void an_instant_is_computed_from_its_index(void) {
     TEST_ASSERT_EQUAL_INT64(-1500000000, tl_time_of_seconds(-1.5));
 }
 
+/* Stamps may be anything that a database holds. */
+static void test_the_age_of_a_reading(void) {
+    static tl_sample sample = {.instant = 1000};
+    sample.stamps[0] = TL_TIME_NEVER;
+    sample.stamps[1] = 400;
+    sample.stamps[2] = 2000;
+    sample.stamps[3] = INT64_MIN + 1;
+    TEST_ASSERT_EQUAL_INT64(0, tl_sample_age(&sample, 0));
+    TEST_ASSERT_EQUAL_INT64(600, tl_sample_age(&sample, 1));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sample_age(&sample, 2));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_sample_age(&sample, 3));
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_failure_has_a_status_and_a_text);
@@ -109,5 +122,6 @@ int main(void) {
     RUN_TEST(exit_codes_are_those_of_the_manual);
     RUN_TEST(qualities_and_types_have_names);
     RUN_TEST(an_instant_is_computed_from_its_index);
+    RUN_TEST(test_the_age_of_a_reading);
     return UNITY_END();
 }
