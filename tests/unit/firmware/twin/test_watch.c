@@ -23,6 +23,7 @@ void setUp(void) {
     memset(&sample, 0, sizeof sample);
     memset(&record, 0, sizeof record);
     signals[0].plan.name = "torque";
+    signals[0].feeds = true;
     signals[1].plan.name = "omega";
     config.signals = signals;
     config.sources = &source;
@@ -144,7 +145,7 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
     see(TL_GOOD, TL_STALE);
     expect_told("warning|plant.omega|stale_s");
     see(TL_GOOD, TL_NO_LINK);
-    expect_told("warning|plant.omega|plc|last good value");
+    expect_told("warning|plant.omega|plc|source");
     see(TL_GOOD, TL_NO_LINK);
     expect_nothing();
     see(TL_GOOD, TL_GOOD);
@@ -154,7 +155,7 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
 static void test_signals_are_watched_one_by_one(void) {
     see(TL_NOT_A_NUMBER, TL_OUT_OF_RANGE);
     TEST_ASSERT_EQUAL_UINT64(2, journal.head - journal.tail);
-    expect_two_told("warning|plant.torque|not a number", "warning|plant.omega|out of range|initial value");
+    expect_two_told("warning|plant.torque|not a number|initial value", "warning|plant.omega|out of range|scale");
     see(TL_GOOD, TL_OUT_OF_RANGE);
     expect_told("notice|plant.torque|good");
 }
@@ -272,7 +273,7 @@ static void test_free_running(void) {
     records(TL_OPTIMISED, 3);
     expect_nothing();
     records(TL_FREE_RUN, 5);
-    expect_told("warning|twin|free");
+    expect_told("warning|twin|nominal");
     records(TL_CAUGHT_UP, 2); /* missed ticks do not count */
     expect_nothing();
     records(TL_FIRST_GUESS, 5);
