@@ -50,7 +50,8 @@ def test_states_and_given_values_or_replay_instead():
         fmu = keeper_fmu.make_false(lie, OPENS=15)
         code, out, err = run(["check", keeper_fmu.config(fmu)])
         expect(code == 0, f"{lie}: {code}\n{out}{err}")
-        expect_line(err, "warning|FMU lag|states.txt")
+        if not SANITIZER:  # which has no copies of memory that the file could prevent
+            expect_line(err, "warning|FMU lag|states.txt")
         by_states = lie == "parameters"
         expect(has_line(err, "notice|FMU lag|own states|parameters") == by_states, f"{lie}: {err}")
         expect(has_line(err, "warning|FMU lag|reset|replay") != by_states, f"{lie}: {err}")
