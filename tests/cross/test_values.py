@@ -207,7 +207,7 @@ def test_the_comparison_finds_differences():
     """One bit in one value of one step, a missing row and a changed count are found."""
     table, summary = replay(host_program(), HOST / "fmus", SOURCE / "config" / "motor" / "lock.json", ())
     changed = [list(row) for row in table]
-    column = next(i for i, name in enumerate(table[0]) if name == "motor.omega")
+    column = next(i for i, name in enumerate(table[0]) if name == "motor.omega simulated")
     changed[700][column] = repr(math.nextafter(float(changed[700][column]), math.inf))
     expect(0.0 < check_tables(table, changed) < RELATIVE, "a last bit is not seen")
     changed[700][column] = repr(float(table[700][column]) * (1 + 1e-9))
