@@ -50,8 +50,8 @@ typedef struct tl_heartbeats {
     tl_thread_heartbeat hearts[TL_HEARTBEATS];
     size_t count;
     bool ready;
-    uint32_t announced_cause;  /* exit code · 256 + end cause */
-    tl_fmu_calls calls; /* for tl_fmu_calls_use() */
+    uint32_t announced_cause; /* exit code · 256 + end cause */
+    tl_fmu_calls calls;       /* for tl_fmu_calls_use() */
     tl_latest status;
 } tl_heartbeats;
 

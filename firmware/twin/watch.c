@@ -88,8 +88,8 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
         tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", plan->name);
         return;
     }
-    tl_config_describe_quality(watch->config, signal, sample->values[signal], quality,
-                               tl_sample_age(sample, signal), text);
+    tl_config_describe_quality(watch->config, signal, sample->values[signal], quality, tl_sample_age(sample, signal),
+                               text);
     const char *instead = !watch->config->signals[signal].feeds ? ""
                           : watch->had_value[signal]            ? "; the model gets the last good value"
                                                                 : "; the model gets the initial value";
