@@ -63,3 +63,13 @@ void tl_test_expect_parts(const char *parts, const char *message, int line) {
         UNITY_TEST_FAIL((UNITY_LINE_TYPE)line, text);
     }
 }
+
+void tl_test_expect_seconds(int whole, const char *text) {
+    bool found = false;
+    for (int tenth = 0; tenth < 10; tenth++) {
+        char time[16];
+        (void)snprintf(time, sizeof time, "%d.%d s", whole, tenth);
+        found = found || tl_test_has_parts(text, time);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(found, text);
+}

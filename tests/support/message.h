@@ -21,4 +21,7 @@ bool tl_test_has_line(const char *text, const char *parts);
 #define TL_EXPECT_PARTS(parts, message) tl_test_expect_parts(parts, message, __LINE__)
 void tl_test_expect_parts(const char *parts, const char *message, int line);
 
+/* The text must have a time of `whole`.0 to `whole`.9 s. */
+void tl_test_expect_seconds(int whole, const char *text);
+
 #endif

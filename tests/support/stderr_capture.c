@@ -8,6 +8,8 @@
 
 #include <unity.h>
 
+#include "tests/support/message.h"
+
 static FILE *captured;
 static int original = -1;
 
@@ -54,4 +56,16 @@ size_t tl_test_count_lines(const char *text) {
         count++;
     }
     return count;
+}
+
+void tl_stderr_expect_lines(const char *const *parts, size_t count) {
+    char *rest = NULL;
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(text), text);
+    for (size_t i = 0; i < count; i++) {
+        const char *line = strtok_r(i == 0 ? text : NULL, "\n", &rest);
+        TL_EXPECT_PARTS(parts[i], line);
+    }
+    free(text);
 }

@@ -17,6 +17,9 @@ char *tl_stderr_capture_end(void);
 /* The end of a capture that has caught just that text; else the test fails. */
 void tl_stderr_expect(const char *expected);
 
+/* The end of a capture that has caught `count` lines, each with its list of parts (message.h); else the test fails. */
+void tl_stderr_expect_lines(const char *const *parts, size_t count);
+
 /* How many lines there are in a text. */
 size_t tl_test_count_lines(const char *text);
 

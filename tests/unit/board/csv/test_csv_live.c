@@ -1,5 +1,5 @@
 /* The live CSV driver: a file that is played at the pace of its time column, and a FIFO with
- * writers that come, send malformed rows, go and come back.
+ * writers that connect, send malformed rows, leave and reconnect.
  *
  * No test depends on the speed of the machine: each waits for what it expects.
  */

@@ -155,21 +155,8 @@ void tearDown(void) {
 
 /* ---- tests ---- */
 
-/* Ends the capture and checks that each captured line has its parts. */
-static void expect_lines(const char *const *parts, size_t count) {
-    char *rest = NULL;
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(text), text);
-    for (size_t i = 0; i < count; i++) {
-        const char *line = strtok_r(i == 0 ? text : NULL, "\n", &rest);
-        TL_EXPECT_PARTS(parts[i], line);
-    }
-    free(text);
-}
-
 static void expect_line(const char *parts) {
-    expect_lines(&parts, 1);
+    tl_stderr_expect_lines(&parts, 1);
 }
 
 static void steps_pass_through(void) {
@@ -308,7 +295,7 @@ static void success_without_a_state_is_a_failure(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_save(&component, &state, &error));
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_deserialize(&component, &byte, 1, &state, &error));
     static const char *const parts[] = {"error|box1|fmi2OK|NULL", "error|box1|fmi2OK|NULL"};
-    expect_lines(parts, sizeof parts / sizeof parts[0]);
+    tl_stderr_expect_lines(parts, sizeof parts / sizeof parts[0]);
 }
 
 static void missing_functions_of_the_fmu_stay_null(void) {
@@ -332,7 +319,7 @@ static void a_message_without_environment_belongs_to_the_fmu_in_the_call(void) {
     given.logger(given.componentEnvironment, "box1", fmi2Error, "c", "known");
     static const char *const parts[] = {"error|box|no environment", "error|box|(unreadable)|no pointer",
                                         "error|box|box1|known|c"};
-    expect_lines(parts, sizeof parts / sizeof parts[0]);
+    tl_stderr_expect_lines(parts, sizeof parts / sizeof parts[0]);
 }
 
 int main(void) {

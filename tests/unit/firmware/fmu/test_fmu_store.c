@@ -713,21 +713,8 @@ static void test_a_wrong_guid(void) {
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* Ends the capture and checks that each captured line has its parts. */
-static void expect_lines(const char *const *parts, size_t count) {
-    char *rest = NULL;
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(text), text);
-    for (size_t i = 0; i < count; i++) {
-        const char *line = strtok_r(i == 0 ? text : NULL, "\n", &rest);
-        TL_EXPECT_PARTS(parts[i], line);
-    }
-    free(text);
-}
-
 static void expect_line(const char *parts) {
-    expect_lines(&parts, 1);
+    tl_stderr_expect_lines(&parts, 1);
 }
 
 static void test_messages(void) {
@@ -746,7 +733,7 @@ static void test_messages(void) {
     static const char *const parts[] = {"warning|motor|m1|omega is 5 or 2.5|logStatusWarning",
                                         "warning|motor|m1|step|c", "error|motor|100 % wrong", "error|motor|m1|dead|c",
                                         "error|(unknown)|m1|no FMU|c"};
-    expect_lines(parts, sizeof parts / sizeof parts[0]);
+    tl_stderr_expect_lines(parts, sizeof parts / sizeof parts[0]);
     tl_log_set_level(TL_LOG_DEBUG);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "shown now");

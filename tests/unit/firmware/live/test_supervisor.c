@@ -27,17 +27,6 @@ void tearDown(void) {
     tl_stage_clear();
 }
 
-/* A time of `whole`.0 to `whole`.9 s. */
-static void expect_seconds(int whole, const char *text) {
-    bool found = false;
-    for (int tenth = 0; tenth < 10; tenth++) {
-        char time[16];
-        (void)snprintf(time, sizeof time, "%d.%d s", whole, tenth);
-        found = found || tl_test_has_parts(text, time);
-    }
-    TEST_ASSERT_TRUE_MESSAGE(found, text);
-}
-
 /* The log has one line per list of parts. */
 static void expect_log(const char *const *parts, size_t count) {
     char *log = tl_stderr_capture_end();
@@ -152,7 +141,7 @@ static void test_an_fmu_that_overwrites_its_name(void) {
 static void test_an_fmu_that_hangs(void) {
     tl_stage_expect_code("f0", 0);
     TL_EXPECT_PARTS("\"cycle\"|" IN_FMU, stage->reason[1]);
-    expect_seconds(1, stage->reason[1]);
+    tl_test_expect_seconds(1, stage->reason[1]);
 }
 
 /* The reason does not name an FMU if another thread hangs. */
@@ -176,7 +165,7 @@ static void test_stopped_by_another_process(void) {
 static void test_a_hang(void) {
     tl_stage_expect_code("h0", 0);
     TL_EXPECT_PARTS("\"cycle\"", stage->reason[1]);
-    expect_seconds(1, stage->reason[1]);
+    tl_test_expect_seconds(1, stage->reason[1]);
     TEST_ASSERT_NULL(strstr(stage->reason[1], "fmi2"));
 }
 

@@ -23,17 +23,6 @@ void tearDown(void) {
     tl_stage_clear();
 }
 
-/* A time of `whole`.0 to `whole`.9 s. */
-static void expect_seconds(int whole, const char *text) {
-    bool found = false;
-    for (int tenth = 0; tenth < 10; tenth++) {
-        char time[16];
-        (void)snprintf(time, sizeof time, "%d.%d s", whole, tenth);
-        found = found || tl_test_has_parts(text, time);
-    }
-    TEST_ASSERT_TRUE_MESSAGE(found, text);
-}
-
 static void test_alone_a_failure_is_the_end(void) {
     stage->settings.alone = true;
     tl_stage_expect_code("c", 70);
@@ -55,7 +44,7 @@ static void test_alone_long_silence_is_the_end(void) {
     stage->settings.call_limit = TL_SECOND / 5;
     tl_stage_expect_code("f", 70);
     TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", stage->event);
-    expect_seconds(2, stage->event);
+    tl_test_expect_seconds(2, stage->event);
     tl_stage_expect_told(stage->event);
 }
 

@@ -75,7 +75,7 @@ static void expect_orderly_reason(const char *reason) {
     TEST_ASSERT_EQUAL_STRING(fresh.reason, reason);
 }
 
-/* The child hangs while its heartbeat goes on. The supervisor still ends in order.
+/* The child hangs while its heartbeat continues. The supervisor still ends in order.
  * Two signals at once, as from a terminal and a shell, count as one. */
 static void test_told_to_end_and_deaf(void) {
     stage->settings.state = stage->scratch.folder;

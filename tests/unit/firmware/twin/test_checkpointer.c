@@ -1,5 +1,5 @@
 /* The checkpointer: when it saves a twin, and what it reports if it does not.
- * The clock is real, the budgets are made up. */
+ * The clock is real, the budgets are invented. */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>

@@ -111,7 +111,7 @@ static bool step(void) {
     if (run.ready) {
         int64_t lead = tl_twin_get_facts(run.twin).lead;
         TEST_ASSERT_EQUAL_INT64(tick - lead, run.record.step);
-        /* a search that goes on reports nothing that depends on its time */
+        /* a search that continues reports nothing that depends on its time */
         TEST_ASSERT_FALSE(run.record.outcome == TL_SEARCHING && (run.record.flags & TL_FLAG_PLATEAU) != 0);
         records[run.record.step + 1] = run.record;
         watch.longest = run.record.used > watch.longest ? run.record.used : watch.longest;
