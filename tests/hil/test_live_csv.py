@@ -139,7 +139,7 @@ def test_file():
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
     expect_in_order(qualities(database, "omega"), [GOOD, STALE], "quality of omega")
-    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.omega|stale_s"), ("warning", "free"))
+    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.omega|stale_s"), ("warning", "no matched signal|nominal"))
     check_free_run(database)
     check_replay(config, database, rows)
 

@@ -42,7 +42,7 @@ def test_server_comes_later():
     rows = check_summary(told, database)
     expect(told["outcomes"]["free run"] >= 20, f"{told['outcomes']}")
     expect_events(database, ("warning", "inverter|Connection refused"), ("warning", "plant.omega|inverter"),
-                  ("warning", "free"), ("info", "inverter|connected"), ("info", "synchronising"))
+                  ("warning", "no matched signal|nominal"), ("info", "inverter|connected"), ("info", "synchronising"))
     expect_in_order(qualities(database, "omega"), [NO_LINK, GOOD], "quality of omega")
     check_free_run(database)
     check_replay(config, database, rows)
@@ -68,7 +68,7 @@ def test_server_dies_and_returns():
     expect_events(database, ("info", "inverter|connected"), ("warning", "inverter|Modbus server"),
                   ("info", "inverter|connected"))
     expect_events(database, ("warning", "plant.omega|inverter"), ("info", "plant.omega|good"))
-    expect_events(database, ("warning", "free"), ("info", "synchronising"))
+    expect_events(database, ("warning", "no matched signal|nominal"), ("info", "synchronising"))
     expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK, GOOD], "quality of omega")
     expect_in_order(qualities(database, "torque"), [GOOD, NO_LINK, GOOD], "quality of torque")
     check_free_run(database)

@@ -67,7 +67,7 @@ def test_campaign():
         expect(device.functions == {4}, f"function codes {device.functions} were sent")
     expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK] * len(TOLD) + [GOOD], "quality of omega")
     for severity, begin, end in TOLD.values():
-        expect_events(database, (severity, begin), ("warning", "plant.omega|inverter"), ("warning", "free"),
+        expect_events(database, (severity, begin), ("warning", "plant.omega|inverter"), ("warning", "no matched signal|nominal"),
                       ("info", end), ("info", "plant.omega|good"), ("info", "synchronising"))
     told = sum(has_line(text, "inverter|Modbus server") for _, text in events(database))
     at_most(told, 1 + 3 * len(TOLD), "events of the device")

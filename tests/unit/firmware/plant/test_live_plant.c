@@ -49,10 +49,11 @@ static tl_error error;
 /* Calls of on_link, from the threads of all sources. */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static char links[1024];
+static unsigned wrong_contexts;
 
 static void on_link(void *context, const char *source, bool good, const char *text) {
-    TEST_ASSERT_EQUAL_PTR(links, context);
     (void)pthread_mutex_lock(&lock);
+    wrong_contexts += context == links ? 0 : 1; /* no assertion: Unity is for one thread */
     size_t length = strlen(links);
     (void)snprintf(links + length, sizeof links - length, "%s %s: %s\n", source, good ? "good" : "bad", text);
     (void)pthread_mutex_unlock(&lock);
@@ -83,6 +84,7 @@ void setUp(void) {
 
 void tearDown(void) {
     tl_live_plant_close(plant);
+    TEST_ASSERT_EQUAL_UINT(0, wrong_contexts);
     free(sample_memory);
     if (server != NULL) {
         tl_plant_server_stop(server);
