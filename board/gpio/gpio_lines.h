@@ -105,6 +105,6 @@ typedef struct tl_gpio_found {
 
 /* Returns false if there is no line or more than one: `text` has what was searched and what exists.
  */
-bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *place, char *text, size_t size);
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *found, char *text, size_t size);
 
 #endif

@@ -102,7 +102,7 @@ typedef struct tl_modbus_link tl_modbus_link;
 /* Events on an open link since the last request. */
 typedef enum tl_modbus_health {
     TL_MODBUS_SOUND,
-    TL_MODBUS_GONE,     /* closed by the other end */
+    TL_MODBUS_CLOSED,   /* closed by the other end */
     TL_MODBUS_TALKATIVE /* more bytes came than were asked for */
 } tl_modbus_health;
 

@@ -132,7 +132,7 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
 static tl_modbus_health rtu_look(const tl_modbus_link *link) {
     struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
     bool there = poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
-    return there ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
+    return there ? TL_MODBUS_SOUND : TL_MODBUS_CLOSED;
 }
 
 /* True if the port failed and not the unit. */

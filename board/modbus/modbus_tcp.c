@@ -121,7 +121,7 @@ static tl_modbus_health tcp_look(const tl_modbus_link *link) {
     if (count > 0) {
         return TL_MODBUS_TALKATIVE;
     }
-    return count < 0 && (errno == EAGAIN || errno == EINTR) ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
+    return count < 0 && (errno == EAGAIN || errno == EINTR) ? TL_MODBUS_SOUND : TL_MODBUS_CLOSED;
 }
 
 static tl_modbus_outcome failed_with(int failure) {

@@ -64,7 +64,7 @@ tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdo
     if (status == TL_TRY_AGAIN) {
         (void)tl_watchdog_close(watchdog);
     } else if (status != TL_OK) { /* nothing is written to a device that is no watchdog */
-        tl_watchdog_leave(watchdog);
+        tl_watchdog_release(watchdog);
     }
     return status;
 }
@@ -81,7 +81,7 @@ bool tl_watchdog_close(tl_watchdog *watchdog) {
     return disarmed;
 }
 
-void tl_watchdog_leave(tl_watchdog *watchdog) {
+void tl_watchdog_release(tl_watchdog *watchdog) {
     if (watchdog->file >= 0) {
         (void)close(watchdog->file);
         watchdog->file = -1;

@@ -33,6 +33,6 @@ bool tl_watchdog_keepalive(const tl_watchdog *watchdog);
 bool tl_watchdog_close(tl_watchdog *watchdog);
 
 /* In a child process: closes the descriptor and leaves the watchdog to the parent. */
-void tl_watchdog_leave(tl_watchdog *watchdog);
+void tl_watchdog_release(tl_watchdog *watchdog);
 
 #endif

@@ -76,7 +76,7 @@ bool tl_shortage_is(int code) {
     return false;
 }
 
-bool tl_shortage_is_told(const char *sentence) {
+bool tl_shortage_is_reported(const char *sentence) {
     for (size_t i = 0; i < CODES; i++) {
         if (strstr(sentence, strerror(codes[i])) != NULL) {
             return true;

@@ -72,7 +72,7 @@ bool tl_shortage_is(int code);
 
 /* The same for a message of the C library that contains the text of such a code, for example from
  * dlerror(). */
-bool tl_shortage_is_told(const char *sentence);
+bool tl_shortage_is_reported(const char *sentence);
 
 /* ---- Bytes of an open file, read or written completely despite interruptions by signals.
  *

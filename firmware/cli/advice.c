@@ -463,9 +463,9 @@ static void check_delays(warnings *list, const tl_config *config) {
 
 static void check_rollback(warnings *list, const tl_late_verification *rollback) {
     char path[64];
-    if (rollback->news.found) {
-        (void)snprintf(path, sizeof path, "components.%.40s.rollback", rollback->news.component);
-        warn(list, path, "%s", rollback->news.text);
+    if (rollback->outcome.found) {
+        (void)snprintf(path, sizeof path, "components.%.40s.rollback", rollback->outcome.component);
+        warn(list, path, "%s", rollback->outcome.text);
     }
 }
 
@@ -476,7 +476,7 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
         const tl_read_back_component *found = &states->of[i];
         char path[64];
         (void)snprintf(path, sizeof path, "components.%.40s", config->components[i].name);
-        const char *words = tl_read_back_words(found->finding);
+        const char *words = tl_read_back_text(found->finding);
         if (tl_read_back_is_useless(found->finding)) {
             warn(list, path,
                  "a saved state of it %s (%.300s): start it with `run --supervise --state DIR`, which detects that and "

@@ -198,7 +198,7 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     if (method == TL_ROLLBACK_REPLAY) {
         return "rolled back by replay: reset, then all its inputs repeated";
     }
-    if (method == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
+    if (method == TL_ROLLBACK_STATE && tl_fmu_inputs_are_repeated(fmu)) {
         return "rolled back by its state; inputs and parameters set again";
     }
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
@@ -520,17 +520,17 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
 /* Prints the limits of the FMUs, and the paths that they may read in addition to those of all
  * programs. */
 static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *output) {
-    tl_twin_places places = {.count = 0};
+    tl_readable_paths places = {.count = 0};
     (void)fprintf(output,
                   "limits of the FMUs\n  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
                   memory >> 20, TL_TWIN_FOLDER_MIB, TL_TWIN_THREADS);
-    tl_twin_places_find(assembly, &places);
+    tl_readable_paths_find(assembly, &places);
     for (size_t i = 0; i < places.count; i++) {
         char clean[PATH_MAX];
         (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
         (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may also read\n" : "", clean);
     }
-    tl_twin_places_free(&places);
+    tl_readable_paths_free(&places);
     if (geteuid() == 0) {
         (void)fputs("  FMUs run as root, without capabilities: TMPDIR is closed to other users,\n"
                     "  or this container has no user for them\n",
@@ -552,7 +552,7 @@ static void print_rollback_test(const tl_assembly *assembly, const tl_late_verif
         (void)fprintf(output, "  tested %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n", test->times,
                       tl_seconds(tl_time_of_step(0, step, test->first)),
                       tl_seconds(tl_time_of_step(0, step, test->first + test->steps)),
-                      test->news.found ? "not exact" : "exact");
+                      test->outcome.found ? "not exact" : "exact");
     }
 }
 
@@ -566,7 +566,7 @@ static const char *describe_read_back(const tl_read_back_component *found) {
         return "refused";
     case TL_READ_BACK_IS_OTHER:
         return "loaded, but then gives other values";
-    case TL_READ_BACK_NOR_HERE:
+    case TL_READ_BACK_NOT_FOUND:
         return "gives other values after loading, also in the process that saved it";
     case TL_READ_BACK_UNKNOWN:
         break;
@@ -638,7 +638,7 @@ static void find_useless_states(const tl_assembly *assembly, const tl_read_back_
         const tl_read_back_component *found = &report.of[i];
         if (tl_read_back_is_useless(found->finding)) {
             (void)snprintf(why, TL_TWIN_CHECK_WHY, "a saved state of %.40s %s (%.250s)",
-                           assembly->config.components[i].name, tl_read_back_words(found->finding), found->text);
+                           assembly->config.components[i].name, tl_read_back_text(found->finding), found->text);
             break;
         }
     }

@@ -66,8 +66,8 @@ static void fill_request(reload *self) {
     request->origin = is_limited ? TL_ORIGIN_LIMITED : TL_ORIGIN_RELOAD;
     request->flags = (options->only_check ? TL_CONTROL_ONLY_CHECK : 0U) |
                      (options->restart ? TL_CONTROL_MAY_RESTART : 0U) |
-                     (options->accept_worse ? TL_CONTROL_EVEN_WORSE : 0U) |
-                     (options->until_confirmed ? TL_CONTROL_BY_PERSON : 0U) | (options->wait ? TL_CONTROL_WAIT : 0U);
+                     (options->accept_worse ? TL_CONTROL_ACCEPT_WORSE : 0U) |
+                     (options->until_confirmed ? TL_CONTROL_MUST_CONFIRM : 0U) | (options->wait ? TL_CONTROL_WAIT : 0U);
     request->shadow_s = (uint32_t)options->shadow_s;
     request->probation_s = (uint32_t)options->probation_s;
     request->require_lock = options->keep_lock > 0.0 ? options->keep_lock : -1.0;

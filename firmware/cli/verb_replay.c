@@ -69,7 +69,7 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     }
     tl_watch_init(&self->watch, config, &self->journal);
     tl_lock_monitor_init(&self->lock_monitor, config, &self->account);
-    replay->judge = &self->lock_monitor;
+    replay->lock_monitor = &self->lock_monitor;
     replay->watch = &self->watch;
     return status;
 }
@@ -113,13 +113,13 @@ static void warn(void *context, const char *text) {
 /* Prints and records the result of a run that was completed or interrupted. */
 static tl_status report_result(replayer *self, tl_status status, tl_error *error) {
     tl_recorder *recorder = self->replay.recorder;
-    tl_twin_look_news news;
+    tl_twin_verify_report outcome;
     tl_error later;
     tl_status printed = print_summary(self, &later);
     status = first_of(status, printed, &later, error);
     tl_twin_recorder_check(&self->account, warn, recorder);
-    if (tl_twin_look_at_account(&self->account, &news) && recorder != NULL) { /* already logged */
-        tl_recorder_event(recorder, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", news.text);
+    if (tl_twin_last_finding(&self->account, &outcome) && recorder != NULL) { /* already logged */
+        tl_recorder_event(recorder, -1, outcome.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", outcome.text);
     }
     if (self->report.page != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
@@ -139,7 +139,7 @@ static void log_refusal(void *context, const char *text) {
 /* Records rejected calls, and the failure of an FMU process that has ended. The process may also
  * have ended without an error, after the run. */
 static void note_child(replayer *self, tl_status status, const tl_error *error) {
-    tl_twin_child_tell(self->job->child, log_refusal, self);
+    tl_twin_child_report(self->job->child, log_refusal, self);
     bool failed = status != TL_OK && status != TL_INTERRUPTED && tl_twin_child_is_gone(self->job->child);
     if (failed && self->replay.recorder != NULL) {
         tl_recorder_event(self->replay.recorder, -1, TL_EVENT_ERROR, "twin", error->text);

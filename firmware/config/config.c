@@ -60,7 +60,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_read_compare(&root, config);
     tl_config_read_synchronise(&root, config);
     tl_config_read_delays(&root, config);
-    tl_config_place_lookups(&root, config);
+    tl_config_build_lookups(&root, config);
     tl_config_read_record(&root, config);
     tl_config_read_realtime(&root, config);
     tl_config_read_emulate(&root, config);

@@ -386,8 +386,8 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
         if (needs.names != TL_NAMES_NOTHING) {
             name(difference->after, rule->needs.names, &needs);
         }
-        if (rule->judge != NULL) {
-            rule->judge(difference->before, difference->after, &needs);
+        if (rule->check != NULL) {
+            rule->check(difference->before, difference->after, &needs);
         }
     }
     return needs;
@@ -491,11 +491,11 @@ static void collect_change(const tl_json_difference *difference, void *context) 
     }
 }
 
-tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,
+tl_status tl_config_change_find(const char *active_text, size_t active_size, const char *candidate,
                                 size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
                                 tl_error *error) {
     collection c = {.change = change, .allowed = allowed};
-    tl_json_source before = {in_force, in_force_size, "the running configuration"};
+    tl_json_source before = {active_text, active_size, "the running configuration"};
     tl_json_source after = {candidate, candidate_size, "the new configuration"};
     *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     tl_status status = tl_json_compare(&before, &after, collect_change, &c, error);

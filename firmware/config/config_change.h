@@ -45,7 +45,7 @@ typedef struct tl_change_rule {
     const char *pattern;
     tl_change_needs needs;
     /* Raises the requirements for particular values; NULL: no value needs more. */
-    void (*judge)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
+    void (*check)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
 } tl_change_rule;
 
 /* Requirements for keys of a driver: a restart, and the right to retune or to commission; or the
@@ -144,11 +144,11 @@ typedef struct tl_config_change {
     tl_config_barred bar[TL_CONFIG_BARRED];
 } tl_config_change;
 
-/* Finds all differences. `in_force` (the active configuration) and `candidate` are texts that were
+/* Finds all differences. `active_text` (the active configuration) and `candidate` are texts that were
  * read without a problem (config.h). `allowed`: names that need no right above commissioning.
  * Errors: TL_BAD_DATA if a text is not JSON; TL_TRY_AGAIN if memory is out. `change` is empty then.
  */
-tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,
+tl_status tl_config_change_find(const char *active_text, size_t active_size, const char *candidate,
                                 size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
                                 tl_error *error);
 

@@ -334,7 +334,7 @@ static void check_count(const tl_config_object *root, const tl_config *config) {
     }
 }
 
-void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
+void tl_config_build_lookups(tl_config_object *root, tl_config *config) {
     size_t room = config->signal_count + 2 * config->match_count;
     tl_config_signal *signals = tl_config_take(root->reader, room, sizeof *signals);
     config->matched_as = tl_config_take(root->reader, config->match_count, sizeof *config->matched_as);

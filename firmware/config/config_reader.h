@@ -220,7 +220,7 @@ void tl_config_read_signals(tl_config_object *root, struct tl_config *config);
 void tl_config_read_delays(tl_config_object *root, struct tl_config *config);
 
 /* Computes the look-up of each signal. Call it after all functions above. */
-void tl_config_place_lookups(tl_config_object *root, struct tl_config *config);
+void tl_config_build_lookups(tl_config_object *root, struct tl_config *config);
 
 /* recording, record, realtime, emulate */
 void tl_config_read_recording(tl_config_object *root, struct tl_config *config);

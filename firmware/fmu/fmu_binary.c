@@ -62,7 +62,7 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
     static const char python[] = "libpython";
     const char *text = reason == NULL ? path : reason;
-    if (tl_shortage_is_told(text)) {
+    if (tl_shortage_is_reported(text)) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "the library cannot be opened: %.240s; free memory or descriptors and try again", text);
     }
@@ -381,7 +381,8 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
     /* The loader may report a failed mapping without a cause. By far the most likely cause is
      * missing memory. */
-    bool shortage = reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
+    bool shortage =
+        reason != NULL && (tl_shortage_is_reported(reason) || strstr(reason, "failed to map segment") != NULL);
     const char *advice =
         "install the missing library, export the FMU with it, or name the library that has the symbol in "
         "\"libraries\" of the component";

@@ -116,7 +116,7 @@ static fmi2Status reject_copy(tl_fmu_guarded *self) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
     (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s",
-                  tl_fmu_memory_left(&self->guard->memory),
+                  tl_fmu_memory_remaining(&self->guard->memory),
                   was_exact ? "; set \"rollback\": \"state\" in its component" : "");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
     if (is_needed && !self->guard->was_left_told) {
@@ -129,7 +129,7 @@ static fmi2Status reject_copy(tl_fmu_guarded *self) {
 static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_error error;
-    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+    if (tl_fmu_memory_remaining(&self->guard->memory) != NULL) {
         return reject_copy(self);
     }
     if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
@@ -141,7 +141,7 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
 
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+    if (tl_fmu_memory_remaining(&self->guard->memory) != NULL) {
         return reject_copy(self);
     }
     tl_fmu_memory_restore(&self->guard->memory, state);
@@ -175,10 +175,10 @@ static size_t memory_size(fmi2Component component) {
 /* The FMU's own states enlarge its memory; `pass` keeps this out of the size estimate. */
 static bool keep_present(tl_fmu_guarded *self, void **present) {
     *present = NULL;
-    tl_fmu_memory_pass(&self->guard->memory, true);
+    tl_fmu_memory_freeze_estimate(&self->guard->memory, true);
     bool is_kept = save_memory(self, present) == fmi2OK;
     if (!is_kept) {
-        tl_fmu_memory_pass(&self->guard->memory, false);
+        tl_fmu_memory_freeze_estimate(&self->guard->memory, false);
     }
     return is_kept;
 }
@@ -186,7 +186,7 @@ static bool keep_present(tl_fmu_guarded *self, void **present) {
 /* Restores the memory from before keep_present(). This also removes own states created since. */
 static void restore_present(tl_fmu_guarded *self, void *present) {
     tl_fmu_memory_restore(&self->guard->memory, present);
-    tl_fmu_memory_pass(&self->guard->memory, false);
+    tl_fmu_memory_freeze_estimate(&self->guard->memory, false);
     tl_fmu_memory_forget(present);
 }
 
@@ -378,14 +378,14 @@ static fmi2Status keep_start(fmi2Component component) {
         tl_fmu_replay_wait(self->replay);
     }
     bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->gives_again &&
-                    (guard->by_memory ? tl_fmu_memory_left(&guard->memory) == NULL : true) &&
-                    save_memory(component, &guard->aside) == fmi2OK;
+                    (guard->by_memory ? tl_fmu_memory_remaining(&guard->memory) == NULL : true) &&
+                    save_memory(component, &guard->full_copy) == fmi2OK;
     return has_copy || has_fallback(self) ? fmi2OK : fmi2Error;
 }
 
 static void drop_copy(tl_fmu_guard *guard) {
-    tl_fmu_memory_forget(guard->aside);
-    guard->aside = NULL;
+    tl_fmu_memory_forget(guard->full_copy);
+    guard->full_copy = NULL;
 }
 
 static size_t size_start(fmi2Component component) {
@@ -404,8 +404,8 @@ static fmi2Status replay_from_start(tl_fmu_guarded *self) {
 static fmi2Status restore_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
-    if (guard->aside != NULL && !self->by_replay) {
-        return restore_memory(component, guard->aside);
+    if (guard->full_copy != NULL && !self->by_replay) {
+        return restore_memory(component, guard->full_copy);
     }
     fmi2Status status = guard->was_proved ? fmi2Error : replay_from_start(self);
     if (self->replay != NULL && !self->by_replay && !guard->was_proved) {
@@ -438,11 +438,11 @@ static void end_proof(fmi2Component component) {
     void *copy = NULL;
     if (guard->beginning !=
         NULL) { /* copies are being proved; this changes the FMU's memory in the same way for all later copies */
-        tl_fmu_memory_pass(&guard->memory, true);
+        tl_fmu_memory_freeze_estimate(&guard->memory, true);
         free_first_state(self);
         (void)save_memory(self, &copy);
         tl_fmu_memory_forget(copy);
-        tl_fmu_memory_pass(&guard->memory, false);
+        tl_fmu_memory_freeze_estimate(&guard->memory, false);
     }
     if (guard->gives_again && !guard->was_proved) {
         (void)log_fallback(self, "rollback by its own states is not exact", "parameters kept",
@@ -503,7 +503,7 @@ static fmi2Status replace_method(fmi2Component component, const char *cause) {
     if (guard->is_by_choice) {
         return use_states_again(self, cause);
     }
-    bool has_memory_copy = guard->aside != NULL && !guard->by_memory && !self->by_replay;
+    bool has_memory_copy = guard->full_copy != NULL && !guard->by_memory && !self->by_replay;
     if (!has_memory_copy || restore_start(component) != fmi2OK) {
         return use_inputs_or_replay(self, cause);
     }
@@ -516,7 +516,7 @@ static fmi2Status replace_method(fmi2Component component, const char *cause) {
 static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     const tl_fmu_guard *guard = self->guard;
-    return guard->aside != NULL && tl_fmu_memory_left(&guard->memory) == NULL && !guard->was_proved &&
+    return guard->full_copy != NULL && tl_fmu_memory_remaining(&guard->memory) == NULL && !guard->was_proved &&
            !guard->by_memory && !guard->gives_again && !self->by_replay;
 }
 
@@ -526,7 +526,7 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     tl_fmu_guard *guard = self->guard;
     guard->beginning = NULL;
     if (guard->by_states.get_fmu_state(component, &guard->beginning) > fmi2Warning ||
-        save_memory(component, &guard->aside) != fmi2OK) {
+        save_memory(component, &guard->full_copy) != fmi2OK) {
         free_first_state(self);
         return fmi2Error;
     }
@@ -553,7 +553,7 @@ static void choose_first_method(tl_fmu_guard *guard) {
         roll_back_by_replay(guard);
     }
     if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
-        guard->functions.aside = &fallback;
+        guard->functions.full_copy = &fallback;
     }
 }
 
@@ -574,7 +574,7 @@ static void log_changes(tl_fmu_guard *guard, unsigned *reported, unsigned change
         return;
     }
     *reported |= unreported;
-    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    (void)tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call);
     tl_host_state_describe(unreported, names);
     (void)snprintf(text, sizeof text, "changed %s of the whole process in %s: restored (reported once)", names,
                    where != NULL ? where : call.function);
@@ -592,7 +592,7 @@ static void __attribute__((noinline, cold)) restore_thread(guarded *self, const 
         (void)uselocale(self->locale);
         changes |= TL_HOST_LOCALE;
     }
-    log_changes(self->guard, &self->told, changes, where);
+    log_changes(self->guard, &self->was_reported, changes, where);
 }
 
 /* ---- around a call ---- */
@@ -628,7 +628,7 @@ static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
 /* After a call that may change any process state. */
 static fmi2Status leave_fully(guarded *self, fmi2Status status) {
     leave_heap(self);
-    log_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
+    log_changes(self->guard, &self->was_reported, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
     return status;
 }
@@ -644,7 +644,7 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     if (guard->memory.heap != NULL) {
         tl_fmu_memory_leave(&guard->memory);
     }
-    log_changes(guard, &guard->told, tl_host_state_put_back(), NULL);
+    log_changes(guard, &guard->was_reported, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
 }
 
@@ -701,7 +701,7 @@ static bool begin_recording(guarded *self) {
     }
     self->by_replay = self->guard->by_replay;
     *self->replay = (tl_fmu_replay){.most = self->guard->most,
-                                    .told = &self->guard->functions.replay,
+                                    .was_reported = &self->guard->functions.replay,
                                     .functions = &self->guard->functions,
                                     .instance = self,
                                     .reset = reset_to_start};
@@ -921,12 +921,12 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     fmi2Status status = self->set_real(instance, inputs->real_references, inputs->real_count, inputs->reals);
     if (status <= fmi2Warning) {
         *done = 1;
-        tl_fmu_call_go_on(self->name, TL_FMU_DO_STEP);
+        tl_fmu_call_continue(self->name, TL_FMU_DO_STEP);
         status = self->do_step(instance, step->now, step->size, step->final);
     }
     if (status <= fmi2Warning) {
         *done = 2;
-        tl_fmu_call_go_on(self->name, TL_FMU_GET_REAL);
+        tl_fmu_call_continue(self->name, TL_FMU_GET_REAL);
         status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
     status = leave_step(self, step->last, status);
@@ -1031,9 +1031,9 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
 }
 
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
-    tl_fmu_memory_forget(guard->aside);
-    guard->aside = NULL;
-    tl_fmu_memory_give_up_reserve(&guard->memory);
+    tl_fmu_memory_forget(guard->full_copy);
+    guard->full_copy = NULL;
+    tl_fmu_memory_free_reserve(&guard->memory);
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
         end_recording(self);

@@ -75,12 +75,12 @@ typedef struct tl_fmu_guard {
     uint32_t most; /* steps from the start that replay can roll back at most */
     bool gives_again;   /* private: own states are used, and the last inputs are set again after each restore */
     bool was_left_told; /* private: the side effects that prevent a copy were logged */
-    void *aside;        /* private: copy of the memory from the start of the proof; NULL: no copy */
+    void *full_copy;    /* private: copy of the memory from the start of the proof; NULL: no copy */
     bool was_proved;    /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
     uint32_t name;      /* name of the file in fmu_call.h, for calls without an instance */
-    unsigned told;      /* changes of the process that were already logged for the file */
-    tl_fmi2 by_states;  /* private: the table with the FMU's own state functions */
-    bool is_by_choice;  /* copies are in use because they are faster; the FMU's own states are exact too */
+    unsigned was_reported; /* changes of the process that were already logged for the file */
+    tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
+    bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;
     fmi2FMUstate
         beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
@@ -105,7 +105,7 @@ typedef struct tl_fmu_guarded {
     uint32_t control;
     const tl_fmi2 *own; /* all functions of the FMU */
     locale_t locale;
-    unsigned told; /* changes that were already logged for this instance */
+    unsigned was_reported; /* changes that were already logged for this instance */
     struct tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
     struct begun { /* arguments of its instantiation; the texts belong to the caller and must remain valid */

@@ -227,7 +227,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_log_level level = status == fmi2OK || status == fmi2Pending    ? TL_LOG_DEBUG
                          : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
                                                                       : TL_LOG_WARNING;
-    const char *caller = tl_fmu_calls_look(tl_fmu_calls_here(), &call) ? call.fmu : "(unknown)";
+    const char *caller = tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call) ? call.fmu : "(unknown)";
     tl_log_limited(logger != NULL ? &logger->limiter : &unknown_limiter, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
@@ -236,6 +236,6 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
 
 void tl_fmu_logger_log(tl_fmu_logger *logger, tl_log_level level, const char *text) {
     tl_fmu_call call = {.fmu = ""};
-    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    (void)tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call);
     tl_log_limited(&logger->limiter, level, "FMU %s: %s", call.fmu[0] != '\0' ? call.fmu : logger->name, text);
 }

@@ -114,7 +114,7 @@ tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
                                   : TL_ROLLBACK_NONE;
 }
 
-bool tl_fmu_is_given_again(const tl_fmu *fmu) {
+bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu) {
     return fmu->guard.gives_again;
 }
 

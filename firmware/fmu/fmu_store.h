@@ -62,7 +62,7 @@ tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 
 /* Returns true if the FMU is rolled back by its own states and its last inputs are set again,
  * because its states do not contain them. */
-bool tl_fmu_is_given_again(const tl_fmu *fmu);
+bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu);
 
 /* Returns the durations of both methods if memory is used because it is faster than the FMU's own
  * states, which are exact too. Else returns NULL. */

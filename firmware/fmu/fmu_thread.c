@@ -143,7 +143,7 @@ static bool is_done_soon(tl_fmu_thread *thread) {
  * The signal may arrive just before the thread sleeps, so the caller repeats it. */
 static void interrupt_sleep(const tl_fmu_thread *thread) {
     tl_fmu_call call;
-    if (!tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+    if (!tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
         (void)pthread_kill(thread->handle, SIGUSR1);
     }
 }
@@ -159,7 +159,7 @@ static void wait_for_job(tl_fmu_thread *thread) {
     }
 }
 
-void tl_fmu_thread_hurry(tl_fmu_thread *thread) {
+void tl_fmu_thread_set_short_wait(tl_fmu_thread *thread) {
     do {
         tl_fmu_thread_watch(thread);
         interrupt_sleep(thread);
@@ -199,7 +199,7 @@ tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {
 
 void tl_fmu_thread_watch(tl_fmu_thread *thread) {
     if (thread->watch == TL_FMU_WATCHED_HERE) {
-        tl_fmu_call_timeout_look(&thread->timeout);
+        tl_fmu_call_timeout_poll(&thread->timeout);
     } else {
         tl_interrupt_reclaim(); /* an FMU in a long call may have installed its own signal handlers */
     }

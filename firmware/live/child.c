@@ -30,7 +30,7 @@ static void *reap_child(void *context) {
     return NULL;
 }
 
-void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
+void tl_reaper_start(tl_reaper *reaper, pid_t dead) {
     pid_t *copy = malloc(sizeof *copy); /* owned by the thread, which may outlive the caller */
     int result = ENOMEM;
     if (copy != NULL) {
@@ -48,15 +48,15 @@ void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
     }
 }
 
-bool tl_reaper_rests(tl_reaper *reaper) {
+bool tl_reaper_is_idle(tl_reaper *reaper) {
     if (reaper->works && pthread_tryjoin_np(reaper->thread, NULL) == 0) {
         reaper->works = false;
     }
     return !reaper->works;
 }
 
-void tl_reaper_leave(tl_reaper *reaper) {
-    if (!tl_reaper_rests(reaper)) {
+void tl_reaper_stop(tl_reaper *reaper) {
+    if (!tl_reaper_is_idle(reaper)) {
         (void)pthread_detach(reaper->thread);
         reaper->works = false;
     }
@@ -98,12 +98,12 @@ void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) {
     }
 }
 
-void tl_child_let_be(tl_child *child) {
+void tl_child_release(tl_child *child) {
     memset(child->seen.silence, 0, sizeof child->seen.silence);
     child->seen.no_heart = 0;
 }
 
-void tl_child_ask(tl_child *child, int signal) {
+void tl_child_request_end(tl_child *child, int signal) {
     child->asked = true;
     child->signal = signal;
     child->asking = 0;
@@ -111,12 +111,12 @@ void tl_child_ask(tl_child *child, int signal) {
 }
 
 tl_time tl_child_passed(tl_time passed) {
-    return passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
+    return passed < TL_HEARTBEAT_POLL ? passed : TL_HEARTBEAT_POLL;
 }
 
 /* Needed for a child that ignores the signal, hangs with a live heartbeat, or has a timeout longer
  * than the grace period. */
-void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
+void tl_child_kill_late(tl_child *child, tl_time passed, tl_time grace) {
     if (!child->asked) {
         return;
     }
@@ -126,7 +126,7 @@ void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
     }
 }
 
-bool tl_child_kept_its_word(const tl_child *child) {
+bool tl_child_ended_as_asked(const tl_child *child) {
     const tl_child_end *end = &child->end;
     return !child->killed && end->announced_cause != TL_END_CAUSE_NONE && end->known && !end->by_signal &&
            end->number == end->code;
@@ -148,14 +148,14 @@ static void append_call(const tl_child *child, char reason[TL_RESTARTS_REASON]) 
 
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     const tl_child_end *end = &child->end;
-    bool kept = tl_child_kept_its_word(child);
+    bool kept = tl_child_ended_as_asked(child);
     if (child->killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", child->fault);
     } else if (!end->known) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended in an unknown way");
     } else if (end->by_signal) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended by signal %d, %s", end->number, strsignal(end->number));
-    } else if (end->announced_cause == TL_END_CAUSE_ASKED && kept) {
+    } else if (end->announced_cause == TL_END_CAUSE_REQUESTED && kept) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended on a request that did not come from its supervisor");
     } else {
         (void)snprintf(reason, TL_RESTARTS_REASON, "ended %swith exit code %d",
@@ -166,9 +166,9 @@ void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     }
 }
 
-void tl_child_bury(tl_child *child) {
+void tl_child_reap(tl_child *child) {
     if (child->end.known) {
-        tl_reaper_take(&child->reaper, child->pid);
+        tl_reaper_start(&child->reaper, child->pid);
     }
     child->pid = 0;
 }

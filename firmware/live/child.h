@@ -37,13 +37,13 @@ typedef struct tl_reaper {
 /* Reaps a child that has ended. The reaper must be idle; the caller must not use the process id any
  * more. If no thread can be created, that is logged, and the dead child stays in the process list
  * until its parent ends. */
-void tl_reaper_take(tl_reaper *reaper, pid_t dead);
+void tl_reaper_start(tl_reaper *reaper, pid_t dead);
 
 /* Returns true if the reaper is idle. Does not wait. */
-bool tl_reaper_rests(tl_reaper *reaper);
+bool tl_reaper_is_idle(tl_reaper *reaper);
 
 /* Detaches the thread, because this process ends. */
-void tl_reaper_leave(tl_reaper *reaper);
+void tl_reaper_stop(tl_reaper *reaper);
 
 /* ---- Child: a process with a role, monitored by its heartbeats until it has ended.
  *
@@ -92,28 +92,28 @@ bool tl_child_has_ended(tl_child *child);
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
 /* Resets the measured silence: the timeouts of all heartbeats start again. */
-void tl_child_let_be(tl_child *child);
+void tl_child_release(tl_child *child);
 
 /* Sends `signal` to ask the child to end, also repeatedly, and restarts its grace period. */
-void tl_child_ask(tl_child *child, int signal);
+void tl_child_request_end(tl_child *child, int signal);
 
-/* Returns `passed` (ns), limited to TL_HEARTBEAT_LOOK, so that the time in which this process was
+/* Returns `passed` (ns), limited to TL_HEARTBEAT_POLL, so that the time in which this process was
  * stopped does not count. */
 tl_time tl_child_passed(tl_time passed);
 
 /* Kills a child that was asked to end if it is still running after `grace` ns. `passed`: ns since
  * the last call. */
-void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
+void tl_child_kill_late(tl_child *child, tl_time passed, tl_time grace);
 
 /* After its end: writes the reason, to follow "the twin failed: ". */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
 /* After its end: returns true if the child announced its end and then ended with the announced exit
  *                code. */
-bool tl_child_kept_its_word(const tl_child *child);
+bool tl_child_ended_as_asked(const tl_child *child);
 
 /* Gives the child to the reaper; its process id is 0 afterwards. */
-void tl_child_bury(tl_child *child);
+void tl_child_reap(tl_child *child);
 
 /* ---- Debugger check: distinguishes a stopped or traced process from a hung one.
  *

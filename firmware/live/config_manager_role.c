@@ -24,7 +24,7 @@ static void open_host(manager_process *self) {
     tl_live_host *host = &self->host;
     *host = (tl_live_host){.pulse = setup->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes,
                            .recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes,
-                           .stage = setup->blocks[TL_HANDOVER].bytes,
+                           .handover_block = setup->blocks[TL_HANDOVER].bytes,
                            .candidate = setup->blocks[TL_LIVE_CANDIDATE].bytes,
                            .path = setup->config.path,
                            .text = setup->config.text,
@@ -46,14 +46,14 @@ static tl_status open_manager(manager_process *self, tl_error *error) {
                                              .memory_limit = self->setup.job.memory_limit,
                                              .unconfined = self->setup.job.unconfined,
                                              .host = &self->functions};
-    return tl_config_manager_open(TL_LIVE_KNOCKER, self->setup.job.state, &settings, &self->manager, error);
+    return tl_config_manager_open(TL_LIVE_CLIENT, self->setup.job.state, &settings, &self->manager, error);
 }
 
 int tl_config_manager_role_run(void) {
     static manager_process self; /* one per process */
     tl_error error;
     tl_role_open_program();
-    tl_status status = tl_live_role_begin(TL_LIVE_IS_ACTIVATOR, &self.setup);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_CONFIG_MANAGER, &self.setup);
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
@@ -65,7 +65,7 @@ int tl_config_manager_role_run(void) {
         tl_heartbeats_set_ready(&self.host.pulse->beats);
         for (bool goes_on = true; goes_on && tl_interrupt_requested() == NULL;) {
             goes_on = tl_config_manager_work(self.manager);
-            tl_live_host_look(&self.host);
+            tl_live_host_poll(&self.host);
             tl_thread_heartbeat_beat(heartbeat);
             tl_journal_drain(&self.setup.journal);
         }

@@ -10,15 +10,15 @@ static const tl_time TICKS_BEFORE =
 /* ---- state ---- */
 
 static tl_twin_slot *live_slot(const tl_handover_control *self) {
-    return &self->places[self->stage->place];
+    return &self->places[self->handover_block->slot_index];
 }
 
 static tl_twin_slot *shadow_slot(const tl_handover_control *self) {
-    return &self->places[1 - self->stage->place];
+    return &self->places[1 - self->handover_block->slot_index];
 }
 
 static bool is_recorder_behind(const tl_handover_control *self) {
-    return self->recorder != NULL && self->recorder_handovers != self->stage->handovers;
+    return self->recorder != NULL && self->recorder_handovers != self->handover_block->handovers;
 }
 
 static bool has_drained(const tl_handover_control *self) {
@@ -30,11 +30,11 @@ static bool has_drained(const tl_handover_control *self) {
 
 static void finish_order(tl_handover_control *self, uint32_t number) {
     self->waiting = 0;
-    __atomic_store_n(&self->stage->order, number, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->handover_block->order, number, __ATOMIC_RELEASE);
 }
 
 static void show_shadow(tl_handover_control *self, tl_live_shadow shadow, const char *why) {
-    tl_handover *block = self->stage;
+    tl_handover *block = self->handover_block;
     (void)snprintf(block->why, sizeof block->why, "%.*s", TL_HANDOVER_WHY - 1, why);
     __atomic_store_n(&block->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
 }
@@ -79,7 +79,7 @@ static void load_candidate(tl_handover_control *self, uint32_t number, const tl_
     slot->start = run->pulse->start;
     slot->started = run->pulse->started;
     self->wants_shadow = true;
-    show_shadow(self, TL_LIVE_SHADOW_LIVES, "");
+    show_shadow(self, TL_LIVE_SHADOW_RUNS, "");
     finish_order(self, number);
 }
 
@@ -116,11 +116,11 @@ static int64_t tick_of_handover(const tl_handover_control *self, tl_time start, 
 }
 
 static void announce_handover(tl_handover_control *self, int64_t tick, tl_time now) {
-    tl_handover *block = self->stage;
+    tl_handover *block = self->handover_block;
     const tl_twin_slot *to = shadow_slot(self);
     const tl_time step = self->step;
     char text[160];
-    __atomic_store_n(&block->to, 1 - block->place, __ATOMIC_RELAXED);
+    __atomic_store_n(&block->to, 1 - block->slot_index, __ATOMIC_RELAXED);
     __atomic_store_n(&block->tick, tick, __ATOMIC_RELAXED);
     __atomic_store_n(&block->handovers, block->handovers + 1, __ATOMIC_RELEASE);
     self->until = to->start + tick * step + tl_handover_ahead(step);
@@ -152,7 +152,7 @@ static void order_handover(tl_handover_control *self, uint32_t number, tl_time n
     const char *refusal = find_refusal(self);
     int64_t tick = refusal == NULL ? tick_of_handover(self, shadow_slot(self)->start, now) : -1;
     if (tick < 0) {
-        show_shadow(self, (tl_live_shadow)self->stage->shadow, /* unchanged */
+        show_shadow(self, (tl_live_shadow)self->handover_block->shadow, /* unchanged */
                     refusal != NULL ? refusal : "the live twin reports invalid ticks");
     } else {
         announce_handover(self, tick, now);
@@ -162,22 +162,23 @@ static void order_handover(tl_handover_control *self, uint32_t number, tl_time n
 
 /* Live twin and shadow have swapped. */
 static void swap_slots(tl_handover_control *self, tl_orders *orders) {
-    tl_handover *block = self->stage;
+    tl_handover *block = self->handover_block;
     tl_twin_slot *before = live_slot(self);
     bool is_dead = before->pid == 0;
     before->start = shadow_slot(self)->start;
     before->started = shadow_slot(self)->started;
     self->done = block->handovers;
     self->wants_shadow = !is_dead;
-    show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
+    show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_RUNS,
                 is_dead ? "the former live twin ended before the handover" : "");
-    __atomic_store_n(&block->place, 1 - block->place, __ATOMIC_RELEASE);
+    __atomic_store_n(&block->slot_index, 1 - block->slot_index, __ATOMIC_RELEASE);
     orders->swap = true;
 }
 
 static void poll_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
     const tl_twin_slot *before = live_slot(self);
-    bool has_handed_over = __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->stage->handovers;
+    bool has_handed_over =
+        __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->handover_block->handovers;
     bool is_dead = before->pid == 0 && !ends; /* at the end of all, this is no failure */
     if (has_handed_over || is_dead) {
         swap_slots(self, orders);
@@ -193,7 +194,7 @@ static void poll_order(tl_handover_control *self, tl_time now) {
     const tl_live_order *order = &self->orders->order;
     uint32_t number = __atomic_load_n(&order->number, __ATOMIC_ACQUIRE);
     tl_live_needs needs = order->needs;
-    if (number == self->stage->order) {
+    if (number == self->handover_block->order) {
         return;
     }
     switch (order->verb) {
@@ -212,7 +213,7 @@ static void poll_order(tl_handover_control *self, tl_time now) {
 }
 
 void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
-    if (change->stage->handovers != change->done) {
+    if (change->handover_block->handovers != change->done) {
         poll_handover(change, now, ends, orders);
     } else if (!ends) {
         poll_order(change, now);

@@ -31,7 +31,7 @@
 
 /* The caller sets the first fields and zeroes the rest. */
 typedef struct tl_handover_control {
-    tl_handover *stage;
+    tl_handover *handover_block;
     tl_twin_slot *places; /* TL_TWIN_SLOTS; the run's own configuration is loaded into the first */
     const tl_live_config_manager_pulse *orders;
     const tl_block *candidate;
@@ -43,7 +43,7 @@ typedef struct tl_handover_control {
     bool holds;                                    /* set by the caller too: safe hold */
     /* private */
     bool wants_shadow;
-    uint32_t done;               /* newest completed handover; during one it differs from `stage` */
+    uint32_t done;               /* newest completed handover; during one it differs from `handover_block` */
     tl_time until;               /* then a twin that has not done its part is killed */
     uint32_t waiting;            /* number of the waiting order */
     tl_time since;               /* start of its wait */

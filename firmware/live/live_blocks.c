@@ -74,7 +74,7 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 #define BOTH(number) (3U << (number))
 
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
-    const unsigned slot = job->place;
+    const unsigned slot = job->slot_index;
     const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME);
     const tl_live_access accesses[] = {
         [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
@@ -84,9 +84,11 @@ tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
                                           ONE(TL_HANDOVER) | BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + slot) |
                                           ONE(TL_LIVE_QUEUE + slot),
                                  .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME)},
-        [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
-                                  .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
-                                            BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
+        [TL_LIVE_IS_CONFIG_MANAGER] = {.reads =
+                                           BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
+                                       .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) |
+                                                 ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | BOTH(TL_LIVE_TUNING) |
+                                                 ONE(TL_LIVE_CANDIDATE)},
         [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
                                       ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_RESUME + slot),
                              .writes = ONE(TL_LIVE_TWIN_PULSE + slot) | ONE(TL_LIVE_QUEUE + slot)},
@@ -189,10 +191,10 @@ static void answer_request(tl_live_samples *self, tl_live_request request, const
     reply->size = size;
     self->answered = request;
     self->is_filled = self->is_filled || size != 0;
-    __atomic_store_n(&reply->wish, request, __ATOMIC_RELEASE);
+    __atomic_store_n(&reply->live_request, request, __ATOMIC_RELEASE);
 }
 
-void tl_live_samples_look(tl_live_samples *self, const char *path) {
+void tl_live_samples_read(tl_live_samples *self, const char *path) {
     tl_live_request request = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
     bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
     if (request != 0 && request != self->answered && !begun) {

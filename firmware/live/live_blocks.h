@@ -42,7 +42,7 @@
  * Descriptor 0 is /dev/null; 1 and 2 are the log. For processes with FMUs, twin_role.h gives the
  * numbers of job and start socket. */
 enum {
-    TL_LIVE_KNOCKER = 3,          /* no block: control socket, of the config manager */
+    TL_LIVE_CLIENT = 3,           /* no block: control socket, of the config manager */
     TL_LIVE_JOB = 4,              /* tl_live_job */
     TL_LIVE_SAMPLES = 5,          /* sample memory, written by io (sample_buffer.h) */
     TL_LIVE_IO_BEATS = 6,         /* tl_heartbeats */
@@ -66,7 +66,7 @@ enum {
     TL_LIVE_QUEUE_TWIN, /* of twin slot 0; the next index is of slot 1 */
     TL_LIVE_QUEUE_IO = TL_TWIN_SLOTS,
     TL_LIVE_QUEUE_SUPERVISOR,
-    TL_LIVE_QUEUE_ACTIVATOR,
+    TL_LIVE_QUEUE_CONFIG_MANAGER,
     TL_LIVE_QUEUES
 };
 
@@ -86,7 +86,7 @@ typedef struct tl_live_end {
  * One integer, so that it is read atomically. */
 typedef uint64_t tl_live_request;
 
-static inline tl_live_request tl_live_wish_of(uint32_t twin, uint32_t number) {
+static inline tl_live_request tl_live_request_of(uint32_t twin, uint32_t number) {
     return (uint64_t)twin << 32 | number;
 }
 
@@ -123,9 +123,9 @@ typedef struct tl_live_resume_word {
 
 enum { TL_LIVE_RESUME_WORDS = 8 };
 
-/* Answer to a request. All other fields are written before `wish`. */
+/* Answer to a request. All other fields are written before `live_request`. */
 typedef struct tl_live_resume_answer {
-    tl_live_request wish;
+    tl_live_request live_request;
     uint64_t size;                                   /* bytes in the resume block; 0: nothing found */
     tl_time ended;                                   /* tl_resume_history_ended() */
     tl_live_resume_word words[TL_LIVE_RESUME_WORDS]; /* up to the first empty text */
@@ -181,7 +181,7 @@ typedef struct tl_live_job {
     char state[PATH_MAX];                     /* config manager: folder of the versions; "": none */
     char allowed[PATH_MAX];                   /* config manager: administrator's list of names */
     uint64_t memory_limit;                    /* config manager: of an FMU process; 0: default */
-    uint32_t place;                           /* slot: own; recorder: of its twin; else: live twin */
+    uint32_t slot_index;                      /* slot: own; recorder: of its twin; else: live twin */
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
     /* for the start of a twin: */
     uint32_t number;    /* of this process in its slot, from 1 */
@@ -222,7 +222,12 @@ void tl_live_job_apply(const tl_live_job *job, tl_config *config);
  * Thread:  any.
  */
 
-typedef enum tl_live_kind { TL_LIVE_IS_IO, TL_LIVE_IS_RECORDER, TL_LIVE_IS_ACTIVATOR, TL_LIVE_IS_TWIN } tl_live_kind;
+typedef enum tl_live_kind {
+    TL_LIVE_IS_IO,
+    TL_LIVE_IS_RECORDER,
+    TL_LIVE_IS_CONFIG_MANAGER,
+    TL_LIVE_IS_TWIN
+} tl_live_kind;
 
 /* Bit masks by block number. */
 typedef struct tl_live_access {
@@ -289,6 +294,6 @@ typedef struct tl_live_samples {
 
 /* Answers the newest request from the database at `path`, unless it was answered before. Frees the
  * pages of the resume block when the shadow does not need them any more. */
-void tl_live_samples_look(tl_live_samples *self, const char *path);
+void tl_live_samples_read(tl_live_samples *self, const char *path);
 
 #endif

@@ -13,7 +13,7 @@
 
 /* Returns the slot of the live twin. */
 static uint32_t live_slot(const tl_live_host *self) {
-    uint32_t slot = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    uint32_t slot = __atomic_load_n(&self->handover_block->slot_index, __ATOMIC_ACQUIRE);
     return slot < TL_TWIN_SLOTS ? slot : 0;
 }
 
@@ -63,7 +63,7 @@ static void read_view(void *context, tl_activation_view *view) {
     view->waits = twin->holds == TL_LIVE_WAITS;
     read_status(twin, &view->figures);
     /* The reason is written before the number of the next process, which counts the failures. */
-    (void)tl_latest_read(&self->stage->failure, reason, sizeof reason);
+    (void)tl_latest_read(&self->handover_block->failure, reason, sizeof reason);
     (void)tl_clean_text(reason, strnlen(reason, sizeof reason), view->figures.failure, TL_RUN_FAILURE);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
@@ -174,20 +174,20 @@ static bool write_tuning(void *context, const tl_version *version, const char *w
     return true;
 }
 
-static tl_activation_news poll_tuning(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_answer poll_tuning(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
     tl_live_tuning_answer answer;
     if (!tl_live_tuning_answered(&twin_of_run(self)->tuned, self->given, &answer)) {
         return TL_ACTIVATION_WAITS;
     }
     (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_ACTIVATION_WHY - 1, answer.why);
-    return answer.refused != 0 ? TL_ACTIVATION_REFUSED : TL_ACTIVATION_TAKEN;
+    return answer.refused != 0 ? TL_ACTIVATION_REFUSED : TL_ACTIVATION_STARTED;
 }
 
 /* ---- shadow and handover ---- */
 
 static bool is_order_done(const tl_live_host *self) {
-    return __atomic_load_n(&self->stage->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
+    return __atomic_load_n(&self->handover_block->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
 }
 
 static void write_order(tl_live_host *self, tl_live_verb verb) {
@@ -226,15 +226,15 @@ static bool order_handover(void *context) {
     if (!is_order_done(self)) {
         return false;
     }
-    self->pulse->handovers = self->stage->handovers;
+    self->pulse->handovers = self->handover_block->handovers;
     write_order(self, TL_LIVE_HAND_OVER);
     return true;
 }
 
 /* Works also for a handover that an earlier config manager has ordered. */
-static tl_activation_news poll_handover(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_answer poll_handover(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
-    const tl_handover *block = self->stage;
+    const tl_handover *block = self->handover_block;
     if (!is_order_done(self)) {
         return TL_ACTIVATION_WAITS;
     }
@@ -242,12 +242,13 @@ static tl_activation_news poll_handover(void *context, char why[TL_ACTIVATION_WH
         (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_HANDOVER_WHY - 1, block->why);
         return TL_ACTIVATION_REFUSED;
     }
-    return live_slot(self) == __atomic_load_n(&block->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN : TL_ACTIVATION_WAITS;
+    return live_slot(self) == __atomic_load_n(&block->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_STARTED
+                                                                            : TL_ACTIVATION_WAITS;
 }
 
 static void read_shadow(void *context, tl_activation_shadow *shadow) {
     const tl_live_host *self = context;
-    uint32_t state = __atomic_load_n(&self->stage->shadow, __ATOMIC_ACQUIRE);
+    uint32_t state = __atomic_load_n(&self->handover_block->shadow, __ATOMIC_ACQUIRE);
     memset(shadow, 0, sizeof *shadow);
     read_status(twin_of_run(self), &shadow->beside);
     find_active_hash(self, 1 - live_slot(self), shadow->hash);
@@ -255,8 +256,8 @@ static void read_shadow(void *context, tl_activation_shadow *shadow) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
     } else if (state == TL_LIVE_SHADOW_ENDED) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
-        (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_HANDOVER_WHY - 1, self->stage->why);
-    } else if (state == TL_LIVE_SHADOW_LIVES) {
+        (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_HANDOVER_WHY - 1, self->handover_block->why);
+    } else if (state == TL_LIVE_SHADOW_RUNS) {
         read_status(self->twins[1 - live_slot(self)], &shadow->work);
         shadow->phase = shadow->work.phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
                         : shadow->work.phase == TL_RUN_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
@@ -276,7 +277,7 @@ static void report_event(void *context, tl_severity severity, const char *text) 
     tl_journal_event(self->journal, -1, severity, "retune", "%s", text);
 }
 
-void tl_live_host_look(tl_live_host *host) {
+void tl_live_host_poll(tl_live_host *host) {
     if (host->wants_none) {
         end_shadow(host);
     }
@@ -286,12 +287,12 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
     return (tl_activation_host){
         .context = host,
         .look = read_view,
-        .in_force = copy_active_hash,
+        .active_text = copy_active_hash,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
         .judge_by = set_tolerances,
         .tune = write_tuning,
-        .was_taken = poll_tuning,
+        .tuning_result = poll_tuning,
         .begin_shadow = order_shadow,
         .look_at_shadow = read_shadow,
         .end_shadow = end_shadow,

@@ -26,7 +26,7 @@ typedef struct tl_live_host {
     const tl_live_twin_pulse *twins[TL_TWIN_SLOTS];
     tl_live_tuning *tunings[TL_TWIN_SLOTS];
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
-    const tl_handover *stage;
+    const tl_handover *handover_block;
     tl_live_candidate *candidate;
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
     const char *path;                         /* of the configuration; relative names start there */
@@ -42,6 +42,6 @@ typedef struct tl_live_host {
 tl_activation_host tl_live_host_functions(tl_live_host *host);
 
 /* Called regularly: gives an order that had to wait. */
-void tl_live_host_look(tl_live_host *host);
+void tl_live_host_poll(tl_live_host *host);
 
 #endif

@@ -20,7 +20,7 @@ static void open_events(tl_live_kind kind, tl_live_setup *setup) {
     const tl_record_queue_settings events = tl_live_event_queue();
     const tl_live_recorder_pulse *recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes;
     const bool is_io = kind == TL_LIVE_IS_IO;
-    const size_t number = is_io ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_ACTIVATOR;
+    const size_t number = is_io ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_CONFIG_MANAGER;
     tl_record_queue_open(&events, setup->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_CONFIG_MANAGER_EVENTS].bytes,
                          recorder != NULL ? &recorder->state.taken[number] : NULL, &setup->queue);
     tl_live_role_open_journal(&setup->journal, &setup->queue);
@@ -48,7 +48,7 @@ int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {
     if (code != 0) {
         tl_heartbeats_announce(beats, was_ready ? TL_END_CAUSE_FAILED : TL_END_CAUSE_REFUSED, code);
     } else {
-        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_END_CAUSE_ASKED : TL_END_CAUSE_OVER, 0);
+        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_END_CAUSE_REQUESTED : TL_END_CAUSE_OVER, 0);
     }
     return code;
 }

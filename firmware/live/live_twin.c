@@ -103,11 +103,11 @@ static void open_queue(live_twin *self) {
     const tl_record_queue_settings settings = tl_live_twin_queue(self->config);
     const tl_live_recorder_pulse *recorder = self->recorder;
     tl_run_tuning configured = {.number = 0};
-    tl_record_queue_open(&settings, self->blocks[TL_LIVE_QUEUE + self->job.place].bytes,
-                         recorder != NULL ? &recorder->state.taken[TL_LIVE_QUEUE_TWIN + self->job.place] : NULL,
+    tl_record_queue_open(&settings, self->blocks[TL_LIVE_QUEUE + self->job.slot_index].bytes,
+                         recorder != NULL ? &recorder->state.taken[TL_LIVE_QUEUE_TWIN + self->job.slot_index] : NULL,
                          &self->queue);
     tl_record_queue_hide_unused(&self->queue);
-    tl_live_tuning_hide_text(&self->blocks[TL_LIVE_TUNING + self->job.place]);
+    tl_live_tuning_hide_text(&self->blocks[TL_LIVE_TUNING + self->job.slot_index]);
     memcpy(configured.hash, self->config->hash, sizeof configured.hash);
     tl_config_tuning(self->config, &configured.values);
     tl_record_queue_name_configuration(&self->queue, &configured);
@@ -129,8 +129,8 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
         status = tl_live_input_open(config, &self->blocks[TL_LIVE_SAMPLES], &self->input, error);
     }
     if (status == TL_OK) {
-        self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.place].bytes;
-        self->resume = &self->blocks[TL_LIVE_RESUME + self->job.place];
+        self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.slot_index].bytes;
+        self->resume = &self->blocks[TL_LIVE_RESUME + self->job.slot_index];
         self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
         open_queue(self);
     }
@@ -297,11 +297,11 @@ static void set_ready(live_twin *self) {
 /* Requests resume data with this number, waits for the answer, and copies it. Returns false if
  * there is no answer in time. */
 static bool request_resume(live_twin *self, uint32_t number, tl_live_resume_answer *answer) {
-    tl_live_request request = tl_live_wish_of(self->job.number, number);
+    tl_live_request request = tl_live_request_of(self->job.number, number);
     tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_RESUME;
     __atomic_store_n(&self->pulse->resume, request, __ATOMIC_RELEASE);
-    const tl_live_resume_answer *reply = &self->recorder->answer[self->job.place];
-    while (__atomic_load_n(&reply->wish, __ATOMIC_ACQUIRE) != request) {
+    const tl_live_resume_answer *reply = &self->recorder->answer[self->job.slot_index];
+    while (__atomic_load_n(&reply->live_request, __ATOMIC_ACQUIRE) != request) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
             return false;
         }
@@ -534,19 +534,19 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .queue = &self->queue,
         .journal = &self->journal,
         .beats = &self->pulse->beats,
-        .tuning = self->blocks[TL_LIVE_TUNING + self->job.place].bytes,
+        .tuning = self->blocks[TL_LIVE_TUNING + self->job.slot_index].bytes,
         .answer = &self->pulse->tuned,
         .resumed = self->resumed,
         .missing = self->missing,
         .unreadable = self->unreadable,
-        .place = {.stage = self->blocks[TL_HANDOVER].bytes,
-                  .place = self->job.place,
-                  .handovers = self->job.handovers,
-                  .handed_over = &self->pulse->handed_over,
-                  .is_shadow = self->is_shadow,
-                  .tick = self->next,
-                  .start = self->job.start,
-                  .started = self->job.started},
+        .slot_index = {.handover_block = self->blocks[TL_HANDOVER].bytes,
+                       .slot_index = self->job.slot_index,
+                       .handovers = self->job.handovers,
+                       .handed_over = &self->pulse->handed_over,
+                       .is_shadow = self->is_shadow,
+                       .tick = self->next,
+                       .start = self->job.start,
+                       .started = self->job.started},
     };
 }
 
@@ -694,9 +694,9 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
 }
 
 static void put_end(live_twin *self, tl_status status, const tl_error *error) {
-    const tl_handover *stage = self->blocks[TL_HANDOVER].bytes;
-    bool again = stage != NULL && __atomic_load_n(&stage->again, __ATOMIC_ACQUIRE) != 0;
-    const char *signal = again ? TL_LIVE_BEGUN_ANEW : tl_interrupt_requested();
+    const tl_handover *handover_block = self->blocks[TL_HANDOVER].bytes;
+    bool again = handover_block != NULL && __atomic_load_n(&handover_block->again, __ATOMIC_ACQUIRE) != 0;
+    const char *signal = again ? TL_LIVE_RESTARTED : tl_interrupt_requested();
     const char *reason = status != TL_OK ? error->text : signal != NULL ? signal : "end of duration";
     (void)tl_record_queue_put_end(&self->queue, reason);
 }
@@ -722,7 +722,7 @@ static tl_status run_live(live_twin *self) {
         error = status == TL_OK ? of_cycle : error;
         status = status == TL_OK ? closed : status;
     }
-    tl_process_keep(NULL, NULL);
+    tl_process_set_saver(NULL, NULL);
     if (begun && (self->job.how.hold || self->has_run)) {
         put_end(self, status, &error);
     }
@@ -776,7 +776,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     tl_live_role_open_journal(&self.journal, &self.queue);
     self.is_shadow = self.job.is_shadow;
     tl_journal_set_apart(&self.journal, self.is_shadow);
-    tl_process_keep(record_exit, &self);
+    tl_process_set_saver(record_exit, &self);
     if (!self.job.how.hold) {
         identify_files(&self);
         status = build_twin(&self);

@@ -50,13 +50,13 @@ typedef struct tl_process_tree {
     tl_time began;
 } tl_process_tree;
 
-static inline tl_handover *handover_block(const tl_process_tree *self) {
+static inline tl_handover *handover_words(const tl_process_tree *self) {
     return self->blocks[TL_HANDOVER].bytes;
 }
 
 /* Slot of the live twin. */
 static inline tl_twin_slot *live_slot(tl_process_tree *self) {
-    return &self->slots[handover_block(self)->place];
+    return &self->slots[handover_words(self)->slot_index];
 }
 
 /* Slot of the supervisor's twin, or of its shadow. During a handover it may differ from that of the
@@ -89,7 +89,7 @@ static void put_event(tl_process_tree *self, tl_severity severity, const char *s
 
 /* Called in the output thread of the twin process. For a shadow, only the log has it. */
 static void put_refusal_of(tl_process_tree *self, uint32_t slot, const char *text) {
-    if (__atomic_load_n(&handover_block(self)->place, __ATOMIC_ACQUIRE) == slot) {
+    if (__atomic_load_n(&handover_words(self)->slot_index, __ATOMIC_ACQUIRE) == slot) {
         put_event(self, TL_EVENT_WARNING, "twin", text);
     }
 }
@@ -136,7 +136,7 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot
     tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
     (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
-    self->job.place = slot;
+    self->job.slot_index = slot;
     size_t size = 0;
     unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->slots[slot].text, &size);
     tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
@@ -148,7 +148,8 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot
         descriptors[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
         descriptors[2] = fcntl(descriptors[1], F_DUPFD_CLOEXEC, 0);
         descriptors[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
-        descriptors[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
+        descriptors[TL_LIVE_CLIENT] =
+            kind == TL_LIVE_IS_CONFIG_MANAGER ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
         bool is_short = descriptors[0] < 0 || descriptors[2] < 0 || descriptors[TL_LIVE_JOB] < 0;
         (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
                         : tl_role_start(&settings, &role, error));
@@ -175,7 +176,7 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
 static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *slot, bool is_shadow,
                                const tl_start *start) {
     tl_live_job job = self->job;
-    job.place = (uint32_t)(slot - self->slots);
+    job.slot_index = (uint32_t)(slot - self->slots);
     job.number = slot->pulse->number;
     job.unconfined = slot->unconfined;
     job.is_shadow = is_shadow;
@@ -184,7 +185,7 @@ static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *
         job.start = slot->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
     }
     job.started = is_shadow ? slot->started : 0;
-    job.handovers = handover_block(self)->handovers;
+    job.handovers = handover_words(self)->handovers;
     job.how = *start;
     return job;
 }
@@ -193,7 +194,7 @@ static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *
 static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *slot, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     size_t live_size = 0;
-    const char *of_run = job->is_shadow ? self->slots[1 - job->place].text : "";
+    const char *of_run = job->is_shadow ? self->slots[1 - job->slot_index].text : "";
     unsigned char *live = tl_live_job_pack(job, self->settings->config->path, of_run, &live_size);
     if (live == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
@@ -210,12 +211,12 @@ static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *slot, const
     tl_twin_process_settings settings = {
         .job = &twin_job,
         .fmus = slot->fmus,
-        .which = job->place,
+        .which = job->slot_index,
         .title = title,
         .calls = &slot->pulse->beats.calls,
         .memory_limit = self->settings->memory_limit,
         .tasks = self->settings->tasks,
-        .hear = job->place == 0 ? put_refusal : put_refusal_of_other,
+        .on_event = job->slot_index == 0 ? put_refusal : put_refusal_of_other,
         .context = self,
     };
     pass_descriptors(self, TL_LIVE_IS_TWIN, job, settings.given);
@@ -258,13 +259,13 @@ static pid_t begin_member(void *context, tl_member which, const tl_start *start,
         }
         return pid;
     case TL_MEMBER_IO:
-        return start_plain(self, TL_LIVE_IS_IO, handover_block(self)->place, error);
+        return start_plain(self, TL_LIVE_IS_IO, handover_words(self)->slot_index, error);
     case TL_MEMBER_ACTIVATOR:
         self->was_manager_started = true;
         for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
             memcpy(self->job.hash[i], self->slots[i].hash, sizeof self->job.hash[i]);
         }
-        return start_plain(self, TL_LIVE_IS_ACTIVATOR, handover_block(self)->place, error);
+        return start_plain(self, TL_LIVE_IS_CONFIG_MANAGER, handover_words(self)->slot_index, error);
     default:
         tl_handover_control_begin_recorder(&self->control);
         self->job.handovers = self->control.recorder_handovers;
@@ -363,7 +364,7 @@ static uint64_t note_end(void *context, tl_member which, bool by_others, char re
     if (which == TL_MEMBER_TWIN) {
         char why[TL_HANDOVER_WHY] = "";
         (void)snprintf(why, sizeof why, "%.*s", TL_HANDOVER_WHY - 1, reason);
-        tl_latest_publish(&handover_block(self)->failure, why, sizeof why);
+        tl_latest_publish(&handover_words(self)->failure, why, sizeof why);
     }
     if (which == TL_MEMBER_SHADOW) {
         note_end_of_shadow(self, &member_slot(self, which)->pulse->beats, reason);
@@ -413,23 +414,24 @@ static void poll_orders(void *context, bool ends, tl_orders *orders) {
         set_priority(before->pid, self->realtime_thread, 0); /* a shadow has no real-time priority */
         self->realtime_thread = 0;
         tl_log_relay_watch(&self->log, &live_slot(self)->pulse->beats);
-        self->twin_slot = ends ? self->twin_slot : handover_block(self)->place;
+        self->twin_slot = ends ? self->twin_slot : handover_words(self)->slot_index;
     }
     if (ends) {
         tl_saved_states_stop(&self->states);
     }
     update_priority(self);
     orders->end = __atomic_load_n(&manager_status(self)->restart, __ATOMIC_ACQUIRE) != 0;
-    orders->activator = self->listener >= 0 && (!self->was_manager_started || tl_control_is_knocked_at(self->listener));
+    orders->activator =
+        self->listener >= 0 && (!self->was_manager_started || tl_control_has_connection(self->listener));
     if (orders->end && !ends) {
         self->again = true;
-        __atomic_store_n(&handover_block(self)->again, 1, __ATOMIC_RELEASE);
+        __atomic_store_n(&handover_words(self)->again, 1, __ATOMIC_RELEASE);
     }
 }
 
 static tl_wait wait_for_states(void *context) {
     tl_process_tree *self = context;
-    tl_wait wait = tl_saved_states_look(&self->states);
+    tl_wait wait = tl_saved_states_check(&self->states);
     if (self->states.files != 0 && !self->has_reported_states) {
         char text[TL_EVENT_TEXT]; /* shorter than a line of the log */
         tl_log(TL_LOG_WARNING, "%s: no checkpoints are saved; a restarted twin repeats recorded inputs instead",
@@ -473,7 +475,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                ignored.text);
     }
     if (status == TL_OK) {
-        self->control = (tl_handover_control){.stage = handover_block(self),
+        self->control = (tl_handover_control){.handover_block = handover_words(self),
                                               .places = self->slots,
                                               .orders = manager_status(self),
                                               .candidate = &self->blocks[TL_LIVE_CANDIDATE],
@@ -579,11 +581,11 @@ static void report_lost(tl_process_tree *self) {
     const tl_record_queue_taken *taken = recorder_status(self)->state.taken;
     uint64_t rest = 0;
     for (uint32_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        rest += tl_twin_slot_count_rest(&self->slots[i], &taken[TL_LIVE_QUEUE_TWIN + i]);
+        rest += tl_twin_slot_count_remaining(&self->slots[i], &taken[TL_LIVE_QUEUE_TWIN + i]);
     }
-    rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_QUEUE_IO]);
-    rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
-                                       &taken[TL_LIVE_QUEUE_SUPERVISOR]);
+    rest += tl_record_queue_count_remaining(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_QUEUE_IO]);
+    rest += tl_record_queue_count_remaining(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
+                                            &taken[TL_LIVE_QUEUE_SUPERVISOR]);
     if (rest > 0) {
         tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: the recorder failed before it had written all", rest,
                rest == 1 ? "sample, step or event is" : "samples, steps and events are");

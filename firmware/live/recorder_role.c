@@ -39,7 +39,7 @@ typedef struct recorder {
     const tl_live_twin_pulse *twin;
     const tl_live_twin_pulse *other; /* in the other slot */
     tl_block *resume;
-    const tl_handover *stage;
+    const tl_handover *handover_block;
     tl_thread_heartbeat *heartbeat;
     tl_twin_record record; /* description of the run, except its twin */
     tl_recorder_writer *writer;
@@ -65,12 +65,12 @@ static void *bytes_of(const recorder *self, size_t block) {
 
 /* The sample buffers provide the samples that the twin does not pass on. */
 static tl_status open_memory(recorder *self, tl_error *error) {
-    const uint32_t slot = self->setup.job.place;
+    const uint32_t slot = self->setup.job.slot_index;
     self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
     self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + slot);
     self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - slot);
     self->resume = &self->setup.blocks[TL_LIVE_RESUME + slot];
-    self->stage = bytes_of(self, TL_HANDOVER);
+    self->handover_block = bytes_of(self, TL_HANDOVER);
     return tl_live_input_open(&self->setup.config, &self->setup.blocks[TL_LIVE_SAMPLES], &self->input, error);
 }
 
@@ -79,7 +79,7 @@ static tl_status open_memory(recorder *self, tl_error *error) {
 /* Reads the newest tuning before any entries that refer to it. An invalid one is skipped, because
  * no twin applies it either. */
 static void read_tuning(recorder *self) {
-    const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->setup.job.place);
+    const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->setup.job.slot_index);
     uint32_t number = tl_live_tuning_number(block);
     tl_error error;
     if (number == self->checked || number % 2 != 0) {
@@ -101,19 +101,19 @@ static void read_tuning(recorder *self) {
 /* True if no handover was announced since this process started. */
 static bool has_no_handover(void *context) {
     const recorder *self = context;
-    return __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE) == self->setup.job.handovers;
+    return __atomic_load_n(&self->handover_block->handovers, __ATOMIC_ACQUIRE) == self->setup.job.handovers;
 }
 
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_record_queue_settings events = tl_live_event_queue();
-    const size_t queue = TL_LIVE_QUEUE_TWIN + self->setup.job.place;
+    const size_t queue = TL_LIVE_QUEUE_TWIN + self->setup.job.slot_index;
     tl_recorder_writer_queue queues[TL_LIVE_QUEUES] = {
         [TL_LIVE_QUEUE_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
         [TL_LIVE_QUEUE_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
-        [TL_LIVE_QUEUE_ACTIVATOR] = {"config manager", events, bytes_of(self, TL_LIVE_CONFIG_MANAGER_EVENTS)},
+        [TL_LIVE_QUEUE_CONFIG_MANAGER] = {"config manager", events, bytes_of(self, TL_LIVE_CONFIG_MANAGER_EVENTS)},
     };
     queues[queue] = (tl_recorder_writer_queue){"twin", tl_live_twin_queue(&self->setup.config),
-                                               bytes_of(self, TL_LIVE_QUEUE + self->setup.job.place)};
+                                               bytes_of(self, TL_LIVE_QUEUE + self->setup.job.slot_index)};
     tl_twin_recorder_describe(&self->setup.config, self->setup.job.database, &self->record);
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
@@ -124,7 +124,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .queues = queues,
         .queue_count = TL_LIVE_QUEUES,
         .ring = queue,
-        .hand_over = TL_LIVE_TAKEN_OVER,
+        .hand_over = TL_LIVE_HANDED_OVER,
         .goes_on = has_no_handover,
         .context = self,
         .state = &self->own->state,
@@ -133,8 +133,8 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .is_last = true,
     };
     self->samples = (tl_live_samples){.pulse = self->other,
-                                      .answer = &self->own->answer[1 - self->setup.job.place],
-                                      .resume = &self->setup.blocks[TL_LIVE_RESUME + 1 - self->setup.job.place],
+                                      .answer = &self->own->answer[1 - self->setup.job.slot_index],
+                                      .resume = &self->setup.blocks[TL_LIVE_RESUME + 1 - self->setup.job.slot_index],
                                       .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
@@ -165,14 +165,14 @@ static void open_history(recorder *self) {
         .boot = self->record.boot,
         .components = self->setup.config.component_count + 1,
         .tell = add_message,
-        .context = &self->own->answer[self->setup.job.place],
+        .context = &self->own->answer[self->setup.job.slot_index],
     };
     self->history = tl_resume_history_open(&settings);
 }
 
 /* Writes the next older resume data to its block. */
 static void answer_request(recorder *self, tl_live_request request) {
-    tl_live_resume_answer *reply = &self->own->answer[self->setup.job.place];
+    tl_live_resume_answer *reply = &self->own->answer[self->setup.job.slot_index];
     memset(reply->words, 0, sizeof reply->words);
     if ((uint32_t)request == 1) {
         tl_resume_history_close(self->history);
@@ -185,7 +185,7 @@ static void answer_request(recorder *self, tl_live_request request) {
     }
     reply->ended = tl_resume_history_ended(self->history);
     self->answered = request;
-    __atomic_store_n(&reply->wish, request, __ATOMIC_RELEASE);
+    __atomic_store_n(&reply->live_request, request, __ATOMIC_RELEASE);
 }
 
 static void poll_requests(recorder *self) {
@@ -226,10 +226,10 @@ static bool needs_another(const recorder *self) {
 /* Another twin is live and writes to the other record queue; the queue of this recorder gets no
  * more data of its run. */
 static bool has_handed_over(const recorder *self) {
-    uint32_t handovers = __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE);
-    uint32_t slot = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    uint32_t handovers = __atomic_load_n(&self->handover_block->handovers, __ATOMIC_ACQUIRE);
+    uint32_t slot = __atomic_load_n(&self->handover_block->slot_index, __ATOMIC_ACQUIRE);
     return handovers != self->setup.job.handovers &&
-           (handovers != self->setup.job.handovers + 1 || slot != self->setup.job.place);
+           (handovers != self->setup.job.handovers + 1 || slot != self->setup.job.slot_index);
 }
 
 /* Reports to the supervisor that another recorder can continue with the other queue. */
@@ -240,7 +240,7 @@ static void report_drained(recorder *self) {
 static void write_now(recorder *self) {
     bool over = has_handed_over(self); /* first: all data before that is read now */
     if (over) {
-        tl_recorder_writer_leave(self->writer);
+        tl_recorder_writer_finish_ring(self->writer);
     }
     read_tuning(self);
     tl_recorder_writer_write(self->writer);
@@ -266,9 +266,9 @@ static void record_run(recorder *self) {
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_thread_heartbeat_beat(self->heartbeat);
         poll_requests(self);
-        if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
-            self->setup.job.place) { /* the other twin is a shadow */
-            tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
+        if (__atomic_load_n(&self->handover_block->slot_index, __ATOMIC_ACQUIRE) ==
+            self->setup.job.slot_index) { /* the other twin is a shadow */
+            tl_live_samples_read(&self->samples, tl_recorder_writer_path(self->writer));
         }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             write_now(self);

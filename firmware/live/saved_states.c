@@ -103,7 +103,7 @@ static void begin_trial(tl_saved_states *states) {
 
 /* Without an answer no result is saved: the run will report the error of the FMUs. */
 static void end_trial(tl_saved_states *states, tl_worker_state state) {
-    bool is_known = state == TL_WORKER_DONE && tl_worker_take_why(states->worker.result.bytes, states->why);
+    bool is_known = state == TL_WORKER_DONE && tl_worker_read_reason(states->worker.result.bytes, states->why);
     if (states->worker.is_late) {
         (void)snprintf(states->why, sizeof states->why, "the test of the saved states did not end within %.0f s",
                        tl_seconds(LIMIT));
@@ -128,7 +128,7 @@ static void report_wait(tl_saved_states *states) {
     states->is_told = true;
 }
 
-tl_wait tl_saved_states_look(tl_saved_states *states) {
+tl_wait tl_saved_states_check(tl_saved_states *states) {
     if (states->is_due && !states->worker.is_started) {
         begin_trial(states);
     }

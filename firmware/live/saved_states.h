@@ -52,7 +52,7 @@ void tl_saved_states_open(const char *folder, tl_saved_states *states);
 
 /* Starts the test if necessary, and polls it without blocking. Returns whether the twin must wait:
  * TL_WAIT_LONG after 10 s. Logs a notice after 3 s. */
-tl_wait tl_saved_states_look(tl_saved_states *states);
+tl_wait tl_saved_states_check(tl_saved_states *states);
 
 /* Kills the test without a result. Does nothing if none is running. */
 void tl_saved_states_stop(tl_saved_states *states);

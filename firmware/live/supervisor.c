@@ -364,7 +364,7 @@ static void set_last_code(supervisor *self, tl_member which, const char *reason)
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
     }
-    if (!tl_child_kept_its_word(child)) {
+    if (!tl_child_ended_as_asked(child)) {
         tl_log(TL_LOG_WARNING, "%s failed after it had finished its work: %s", member_names[which], reason);
         end_all(self, is_told ? FMU_FAILED : 0);
     }
@@ -396,7 +396,7 @@ static bool is_final(const supervisor *self, tl_member which) {
 /* The run is not supervised: the twin is not restarted. */
 static void end_alone(supervisor *self, const char *reason) {
     const tl_child *child = &twin_of(self)->child;
-    if (child->end.announced_cause == TL_END_CAUSE_FAILED && tl_child_kept_its_word(child)) {
+    if (child->end.announced_cause == TL_END_CAUSE_FAILED && tl_child_ended_as_asked(child)) {
         end_all(self, child->end.code); /* the twin has logged the reason */
         return;
     }
@@ -415,7 +415,7 @@ static void note_end_of_shadow(supervisor *self) {
     tl_child_describe(&ended->child, ended->reason);
     (void)self->settings->ended(self->settings->context, TL_MEMBER_SHADOW, was_killed_by_others(&ended->child),
                                 ended->reason);
-    tl_child_bury(&ended->child);
+    tl_child_reap(&ended->child);
     ended->state = ABSENT;
 }
 
@@ -423,9 +423,9 @@ static void note_end_of_shadow(supervisor *self) {
 static void note_end_of_manager(supervisor *self, tl_time now) {
     member *ended = self->members[TL_MEMBER_ACTIVATOR];
     char reason[TL_RESTARTS_REASON];
-    bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
+    bool is_orderly = tl_child_ended_as_asked(&ended->child) && ended->child.end.code == 0;
     tl_child_describe(&ended->child, reason);
-    tl_child_bury(&ended->child);
+    tl_child_reap(&ended->child);
     ended->state = ABSENT;
     ended->failures = is_orderly ? 0 : ended->failures + 1;
     if (!is_orderly && !self->is_ending) {
@@ -446,9 +446,9 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     tl_child_describe(&ended->child, reason);
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
-    if (ended->is_changed && tl_child_kept_its_word(&ended->child) &&
+    if (ended->is_changed && tl_child_ended_as_asked(&ended->child) &&
         end->code == 0) { /* it was asked to end for a replacement */
-        tl_child_bury(&ended->child);
+        tl_child_reap(&ended->child);
         begin_pause(ended, now, 0);
         return;
     }
@@ -468,7 +468,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     } else {
         count_failure(self, which, now, reason);
     }
-    tl_child_bury(&ended->child);
+    tl_child_reap(&ended->child);
     if (which == TL_MEMBER_TWIN) { /* the next start reports the reason */
         self->bad_holds += self->held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
@@ -486,7 +486,7 @@ static void hurry_end(supervisor *self, int signal) {
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         member *asked = self->members[which];
         if (asked->state == RUNNING && asked->child.asked) {
-            tl_child_ask(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
+            tl_child_request_end(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
         }
     }
 }
@@ -499,7 +499,7 @@ static void stop_run(supervisor *self, int signal) {
         self->stopped = now;
         end_all(self, 0);
         if (twin_of(self)->state == RUNNING && shadow_of(self)->state != RUNNING) {
-            tl_child_ask(&twin_of(self)->child, signal);
+            tl_child_request_end(&twin_of(self)->child, signal);
         }
     } else if (now - self->stopped >= AGAIN && !self->hurries) {
         hurry_end(self, signal);
@@ -524,7 +524,7 @@ static void retry_from_hold(supervisor *self) {
         tl_restarts_retry(&self->restarts);
         tl_log(TL_LOG_NOTICE, "safe hold ends: retry %u of the twin", self->restarts.tries);
         holding->is_changed = true;
-        tl_child_ask(&holding->child, SIGTERM);
+        tl_child_request_end(&holding->child, SIGTERM);
     }
 }
 
@@ -586,7 +586,7 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     }
     bool is_held = tl_process_is_stopped(living->child.pid);
     if (is_held) {
-        tl_child_let_be(&living->child);
+        tl_child_release(&living->child);
     }
     return !is_held;
 }
@@ -604,20 +604,20 @@ static void monitor_running(supervisor *self, tl_member which, tl_time now, tl_t
     if (check_damage(self, which, now, passed)) {
         return;
     }
-    tl_child_press(&living->child, passed, grace_of(self, which));
+    tl_child_kill_late(&living->child, passed, grace_of(self, which));
     living->lived += passed;
     if (!is_twin) {
         return;
     }
     send_keepalive(self, now);
-    if (living->child.asked && !tl_fmu_calls_is_asked(&living->child.beats->calls)) {
+    if (living->child.asked && !tl_fmu_calls_end_is_requested(&living->child.beats->calls)) {
         (void)kill(living->child.pid, living->child.signal);
     }
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_ready(self, now, passed);
         if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may start */
             living->is_changed = true;
-            tl_child_ask(&living->child, SIGTERM);
+            tl_child_request_end(&living->child, SIGTERM);
         }
     }
 }
@@ -625,7 +625,7 @@ static void monitor_running(supervisor *self, tl_member which, tl_time now, tl_t
 /* Starts it after its pause; at the end of all only a recorder, which has data to write. */
 static void monitor_paused(supervisor *self, tl_member which, tl_time now) {
     member *paused = self->members[which];
-    bool is_reaped = tl_reaper_rests(&paused->child.reaper);
+    bool is_reaped = tl_reaper_is_idle(&paused->child.reaper);
     bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
     tl_time pause = self->is_ending && paused->pause > PAUSE_IN_END ? PAUSE_IN_END : paused->pause;
     bool needs_keepalive = now - paused->ended < paused->pause + REAPING && paused->failures < MOST_WITHOUT_PROCESS;
@@ -677,7 +677,8 @@ static bool continue_end(supervisor *self, tl_time now) {
         bool is_young = end_order[i] == TL_MEMBER_RECORDER && self->ran && next->lived < GRACE_AGAIN &&
                         !tl_heartbeats_is_ready(next->child.beats);
         if (next->state == RUNNING && !next->child.asked && !is_young) {
-            tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
+            tl_child_request_end(&next->child,
+                                 self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
         if (twin_of(self)->state == ABSENT) { /* else its heartbeats decide about it */
             send_keepalive(self, now);
@@ -694,11 +695,11 @@ static void update_ordered(supervisor *self, tl_member which, bool wanted, tl_ti
     member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;
     if (which == TL_MEMBER_SHADOW && ordered->state == RUNNING && !shall_be && !ordered->child.asked) {
-        tl_child_ask(&ordered->child, SIGTERM);
+        tl_child_request_end(&ordered->child, SIGTERM);
         return;
     }
     bool is_due = ordered->state == ABSENT || (ordered->state == PAUSED && now - ordered->ended >= PAUSE_OF_CLIENT);
-    if (is_due && shall_be && tl_reaper_rests(&ordered->child.reaper)) {
+    if (is_due && shall_be && tl_reaper_is_idle(&ordered->child.reaper)) {
         begin_member(self, which, now);
     }
 }
@@ -724,9 +725,9 @@ static void change_recorder(supervisor *self, tl_time now) {
     member *recorder = self->members[TL_MEMBER_RECORDER];
     if (recorder->state == RUNNING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
         recorder->is_changed = true;
-        tl_child_ask(&recorder->child, SIGTERM);
+        tl_child_request_end(&recorder->child, SIGTERM);
     } else if (recorder->state == ABSENT && recorder->child.pid != 0) {
-        tl_child_bury(&recorder->child);
+        tl_child_reap(&recorder->child);
         begin_pause(recorder, now, 0);
     }
 }
@@ -758,7 +759,7 @@ static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
         member *member_ = self->members[which];
-        is_about = is_about || (member_->state == PAUSED && !tl_reaper_rests(&member_->child.reaper)) ||
+        is_about = is_about || (member_->state == PAUSED && !tl_reaper_is_idle(&member_->child.reaper)) ||
                    (member_->state == RUNNING && !tl_heartbeats_is_ready(member_->child.beats));
     }
     return is_about;
@@ -857,7 +858,7 @@ static void close_all(supervisor *self) {
                self->settings->watchdog, self->watchdog.timeout_s);
     }
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        tl_reaper_leave(&self->members[which]->child.reaper);
+        tl_reaper_stop(&self->members[which]->child.reaper);
     }
     (void)munlockall(); /* the caller may need large memory */
     tl_restarts_close(&self->restarts);

@@ -112,13 +112,13 @@ tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *can
 
 /* ---- unread data ---- */
 
-uint64_t tl_twin_slot_count_rest(const tl_twin_slot *slot, const tl_record_queue_taken *taken) {
+uint64_t tl_twin_slot_count_remaining(const tl_twin_slot *slot, const tl_record_queue_taken *taken) {
     tl_block queue = {.descriptor = -1};
     tl_error error;
     uint64_t count = 0;
     if (slot->queue->size != 0 &&
         tl_block_take(tl_block_reader(slot->queue), slot->queue->size, TL_BLOCK_WE_WRITE, &queue, &error) == TL_OK) {
-        count = tl_record_queue_rest_count(&slot->queue_settings, queue.bytes, taken);
+        count = tl_record_queue_count_remaining(&slot->queue_settings, queue.bytes, taken);
     }
     tl_block_close(&queue);
     return count;

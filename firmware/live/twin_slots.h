@@ -54,7 +54,7 @@ tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *can
 
 /* Returns the number of samples, steps and events in the record queue that were not read. The twin
  * must have ended. */
-uint64_t tl_twin_slot_count_rest(const tl_twin_slot *slot, const tl_record_queue_taken *taken);
+uint64_t tl_twin_slot_count_remaining(const tl_twin_slot *slot, const tl_record_queue_taken *taken);
 
 /* Frees the text and the record queue. An empty slot is allowed. */
 void tl_twin_slot_move_out(tl_twin_slot *slot);

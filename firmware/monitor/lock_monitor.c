@@ -24,7 +24,7 @@ static void assess_stay(tl_bound_stay *stay) {
         stay->turn = TL_BOUND_REACHED;
     } else if (stay->is_told && stay->share < LITTLE) {
         stay->is_told = false;
-        stay->turn = TL_BOUND_LEFT;
+        stay->turn = TL_BOUND_REMAINING;
     }
 }
 
@@ -56,7 +56,7 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there) {
 
 void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_account *account) {
     *recovery = (tl_recovery){.pause = 0};
-    tl_lock_monitor_init(&recovery->judge, config, account);
+    tl_lock_monitor_init(&recovery->lock_monitor, config, account);
 }
 
 /* A twin that was in lock for TL_LOCK_LEARNS parts has recovered, so the pause starts again from
@@ -70,16 +70,16 @@ static void reset_pause(tl_recovery *recovery, const tl_lock_tally *tally) {
 }
 
 bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_lock_change **change) {
-    const tl_lock_tally *tally = &recovery->judge.tally;
-    *change = tl_lock_monitor_step(&recovery->judge, record);
+    const tl_lock_tally *tally = &recovery->lock_monitor.tally;
+    *change = tl_lock_monitor_step(&recovery->lock_monitor, record);
     if (tally->windows == recovery->windows) {
         return false;
     }
     recovery->windows = tally->windows;
     recovery->passed++;
     reset_pause(recovery, tally);
-    bool is_due = recovery->judge.astray && recovery->passed >= recovery->pause &&
-                  recovery->judge.config->event.start.signal == NULL;
+    bool is_due = recovery->lock_monitor.astray && recovery->passed >= recovery->pause &&
+                  recovery->lock_monitor.config->event.start.signal == NULL;
     if (is_due) {
         uint32_t longer = 2 * recovery->pause;
         recovery->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;

@@ -29,7 +29,7 @@ enum { TL_BOUND_BLOCKS = 10 };
 
 #define TL_BOUND_BLOCK (6 * TL_SECOND)
 
-typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_LEFT } tl_bound_turn;
+typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_REMAINING } tl_bound_turn;
 
 /* Zeroed initially. */
 typedef struct tl_bound_stay {
@@ -181,7 +181,7 @@ enum { TL_LOCK_PAUSE_FIRST = 20, TL_LOCK_PAUSE_LAST = 6000 };
 
 /* Fields are private. */
 typedef struct tl_recovery {
-    tl_lock_monitor judge;
+    tl_lock_monitor lock_monitor;
     uint64_t windows; /* windows at the last update */
     uint32_t pause;   /* parts until the next reset is allowed; 0: no reset yet, or it is forgotten */
     uint32_t passed;  /* parts since the last reset */

@@ -87,14 +87,14 @@ void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most);
 
 /* From now on uses the outlier limit of this estimate instead of the readings'. For a second pass
  * over a recording. */
-void tl_noise_meter_know(tl_noise_meter *meter, const tl_noise_found *found);
+void tl_noise_meter_use(tl_noise_meter *meter, const tl_noise_found *found);
 
 /* Adds the next good reading. Ignores it if its stamp is not later than the one before, or more
  * than 40 years later, or if its value is not finite. Returns true if the reading two before this
  * one was checked; then sets *is_outlier for it. */
 bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool *is_outlier);
 
-void tl_noise_meter_tell(const tl_noise_meter *meter, tl_noise_found *found);
+void tl_noise_meter_get(const tl_noise_meter *meter, tl_noise_found *found);
 
 /* Returns true if the tolerance is certainly below three times the noise. Certainly: by 15 %, the
  * accuracy of the estimate. */

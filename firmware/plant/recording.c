@@ -576,8 +576,8 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
     return status;
 }
 
-void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *hear, void *context) {
-    recording->on_reading = hear;
+void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *on_event, void *context) {
+    recording->on_reading = on_event;
     recording->listener = context;
 }
 

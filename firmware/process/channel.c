@@ -58,7 +58,7 @@ tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_ph
                    sender_name, rule->name, phase_names[phase], length, sizes->bytes[type], side_names[rule->sender]);
 }
 
-void tl_protocol_go_on(tl_protocol_phases *phases, tl_message type) {
+void tl_protocol_continue(tl_protocol_phases *phases, tl_message type) {
     const struct rule *rule = &rules[type];
     phases->of[rule->sender] = rule->next;
     /* The parent follows the child's phase, unless the child is ending. */
@@ -203,7 +203,7 @@ bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload)
     if (type != TL_MESSAGE_TICK && type != TL_MESSAGE_RESULT) {
         channel->urgent = channel->offered;
     }
-    tl_protocol_go_on(&channel->phases, type);
+    tl_protocol_continue(&channel->phases, type);
     return true;
 }
 
@@ -265,7 +265,7 @@ static void fetch_ahead(const tl_channel *channel) {
     }
 }
 
-tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *payload) {
+tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *payload) {
     if (!is_broken(channel) && channel->other_pushed == channel->taken && count_messages(channel) == 0 &&
         !is_broken(channel)) {
         return TL_CHANNEL_NOTHING;
@@ -282,7 +282,7 @@ tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *pay
         memcpy(payload, target->payload, length);
     }
     *type = (tl_message)kind;
-    tl_protocol_go_on(&channel->phases, *type);
+    tl_protocol_continue(&channel->phases, *type);
     channel->taken++;
     __atomic_store_n(&channel->own->taken, channel->taken, __ATOMIC_RELEASE);
     fetch_ahead(channel);
@@ -318,7 +318,8 @@ static int wait_for_bell(const tl_channel *channel, uint32_t bell, tl_time until
     return result == 0 || errno == EAGAIN ? 0 : errno;
 }
 
-static tl_channel_news wait_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until, bool *is_over) {
+static tl_channel_answer wait_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until,
+                                   bool *is_over) {
     uint32_t bell = __atomic_load_n(&channel->other->bell, __ATOMIC_SEQ_CST);
     uint32_t sleep = channel->own->sleep + 1;
     int code = 0;
@@ -345,15 +346,15 @@ static tl_channel_news wait_once(tl_channel *channel, uint32_t messages, uint32_
     return served ? TL_CHANNEL_SOMETHING : TL_CHANNEL_NOTHING;
 }
 
-tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until) {
+tl_channel_answer tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until) {
     bool is_over = false;
-    tl_channel_news news = TL_CHANNEL_NOTHING;
+    tl_channel_answer outcome = TL_CHANNEL_NOTHING;
     assert(messages + room > 0 && messages <= TL_CHANNEL_DEPTH && room <= TL_CHANNEL_DEPTH);
     publish_counters(channel);
-    while (news == TL_CHANNEL_NOTHING && !is_over) { /* a change of the bell without a reason has no effect */
-        news = wait_once(channel, messages, room, until, &is_over);
+    while (outcome == TL_CHANNEL_NOTHING && !is_over) { /* a change of the bell without a reason has no effect */
+        outcome = wait_once(channel, messages, room, until, &is_over);
     }
-    return news;
+    return outcome;
 }
 
 void tl_channel_nudge(tl_channel *channel) {

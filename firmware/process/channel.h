@@ -70,7 +70,7 @@ tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_ph
                             uint32_t type, uint32_t length, tl_error *error);
 
 /* Advances the phases after an allowed message was sent or received. */
-void tl_protocol_go_on(tl_protocol_phases *phases, tl_message type);
+void tl_protocol_continue(tl_protocol_phases *phases, tl_message type);
 
 /* Returns the size of the longest message of a side, bytes. */
 uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender);
@@ -102,12 +102,12 @@ typedef struct tl_channel_settings {
     size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for other uses */
 } tl_channel_settings;
 
-typedef enum tl_channel_news {
+typedef enum tl_channel_answer {
     TL_CHANNEL_NOTHING, /* no message before the time-out */
     TL_CHANNEL_SOMETHING,
     TL_CHANNEL_NUDGED, /* tl_channel_nudge() was called, or a signal arrived */
     TL_CHANNEL_BROKEN
-} tl_channel_news;
+} tl_channel_answer;
 
 struct tl_channel_control;
 
@@ -161,7 +161,7 @@ void tl_channel_push(tl_channel *channel);
 
 /* Reads the next message without blocking. Returns SOMETHING, NOTHING or BROKEN. `payload` must
  * have the size of the other side's longest message. */
-tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *payload);
+tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *payload);
 
 /* Pushes, then sleeps until `messages` can be received or `room` slots are free. 0 disables a
  * condition; at least one must be above 0, and both are at most TL_CHANNEL_DEPTH. Returns:
@@ -170,7 +170,7 @@ tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *pay
  *            be there.
  * NUDGED:    tl_channel_nudge() was called, or a signal arrived.
  * BROKEN:    the channel is broken. */
-tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
+tl_channel_answer tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
 
 /* Makes the present or next tl_channel_wait() of this side return. Any other thread of this side
  * may call it while the channel is open; signal handlers must not. */

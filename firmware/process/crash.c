@@ -80,7 +80,7 @@ static bool is_overflow(int number, const siginfo_t *info) {
 static void describe_crash(crash_line *line, const char *signal, bool overflow) {
     tl_fmu_call call;
     const char *cause = overflow ? "stack overflow (its thread has 8 MiB)" : signal;
-    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
         add_text(line, "FMU ");
         add_text(line, call.fmu);
         add_text(line, " crashed in ");

@@ -44,15 +44,15 @@ void tl_fmu_calls_use(tl_fmu_calls *block) {
     tl_fmu_calls_block = block == NULL ? &own : block;
 }
 
-const tl_fmu_calls *tl_fmu_calls_here(void) {
+const tl_fmu_calls *tl_fmu_calls_in_use(void) {
     return tl_fmu_calls_block;
 }
 
-void tl_fmu_calls_note_asked(void) {
+void tl_fmu_calls_note_end_request(void) {
     __atomic_store_n(&tl_fmu_calls_block->asked, 1, __ATOMIC_RELAXED);
 }
 
-bool tl_fmu_calls_is_asked(const tl_fmu_calls *block) {
+bool tl_fmu_calls_end_is_requested(const tl_fmu_calls *block) {
     return __atomic_load_n(&block->asked, __ATOMIC_RELAXED) != 0;
 }
 
@@ -73,7 +73,7 @@ uint32_t tl_fmu_calls_name(const char *name) {
     return used;
 }
 
-bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
+bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call) {
     uint32_t now = __atomic_load_n(&block->now, __ATOMIC_RELAXED);
     uint32_t function = now & ((1U << TL_FMU_CALL_FUNCTION_BITS) - 1);
     uint32_t fmu = now >> TL_FMU_CALL_FUNCTION_BITS;

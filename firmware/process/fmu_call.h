@@ -7,7 +7,7 @@
  *          process maps too.
  * Thread:  only the thread that calls FMUs writes. Any thread, signal handler, or process that maps
  *          the block may read. Wait-free.
- * Trust:   an FMU process may write anything into the block, so tl_fmu_calls_look() checks the
+ * Trust:   an FMU process may write anything into the block, so tl_fmu_calls_poll() checks the
  *          index and cleans the name (text.h).
  */
 #ifndef TL_FIRMWARE_PROCESS_FMU_CALL_H
@@ -74,46 +74,46 @@ typedef struct tl_fmu_call {
 void tl_fmu_calls_use(tl_fmu_calls *block);
 
 /* Returns the block in use. */
-const tl_fmu_calls *tl_fmu_calls_here(void);
+const tl_fmu_calls *tl_fmu_calls_in_use(void);
 
 /* Returns the number of an FMU of this name, for example a component's name. The same name gives
  * the same number. */
 uint32_t tl_fmu_calls_name(const char *name);
 
 /* Notes that the process has received the signal to end. */
-void tl_fmu_calls_note_asked(void);
+void tl_fmu_calls_note_end_request(void);
 
 /* Mark the begin and the end of an FMU call. If a call begins before the previous one has ended, it
  * replaces that one. Inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
 /* Continues the present call with another function under the same number, because counting costs
  * more than storing the function. */
-static inline void tl_fmu_call_go_on(uint32_t fmu, tl_fmu_function function);
+static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 
 /* ---- readers ---- */
 
 /* Reads the current call. Returns false if no FMU is being called. Safe in a signal handler. */
-bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call);
+bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call);
 
 /* Returns false if the process has not yet noted the signal to end. An FMU may have ignored or
  * caught it: send it again. */
-bool tl_fmu_calls_is_asked(const tl_fmu_calls *block);
+bool tl_fmu_calls_end_is_requested(const tl_fmu_calls *block);
 
 /* ---- inline ---- */
 
-extern tl_fmu_calls *tl_fmu_calls_block; /* private: use tl_fmu_calls_here() */
+extern tl_fmu_calls *tl_fmu_calls_block; /* private: use tl_fmu_calls_in_use() */
 
 enum { TL_FMU_CALL_FUNCTION_BITS = 8 };
 
-static inline void tl_fmu_call_go_on(uint32_t fmu, tl_fmu_function function) {
+static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function) {
     __atomic_store_n(&tl_fmu_calls_block->now, fmu << TL_FMU_CALL_FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
 }
 
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
     uint32_t *begun = &tl_fmu_calls_block->begun;
     __atomic_store_n(begun, __atomic_load_n(begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
-    tl_fmu_call_go_on(fmu, function);
+    tl_fmu_call_continue(fmu, function);
 }
 
 static inline void tl_fmu_call_end(void) {

@@ -50,10 +50,10 @@ bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_cal
     return false;
 }
 
-void tl_fmu_call_timeout_look(tl_fmu_call_timeout *patience) {
+void tl_fmu_call_timeout_poll(tl_fmu_call_timeout *patience) {
     char text[256];
     tl_fmu_call call;
-    bool is_called = tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    bool is_called = tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call);
     const tl_fmu_call_timeout_view view = {
         .now = tl_clock_now(NULL),
         .call = is_called ? &call : NULL,
@@ -61,7 +61,7 @@ void tl_fmu_call_timeout_look(tl_fmu_call_timeout *patience) {
         .times = tl_interrupt_times(),
     };
     if (view.asked != NULL) {
-        tl_fmu_calls_note_asked();
+        tl_fmu_calls_note_end_request();
     }
     if (tl_fmu_call_timeout_is_over(patience, &view, text, sizeof text)) {
         tl_process_give_up(text);

@@ -54,6 +54,6 @@ bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_cal
 
 /* In the FMU process: checks the current call and the received signals. Reinstalls our signal
  * handlers during a long call. If a limit is exceeded, the process ends here. */
-void tl_fmu_call_timeout_look(tl_fmu_call_timeout *patience);
+void tl_fmu_call_timeout_poll(tl_fmu_call_timeout *patience);
 
 #endif

@@ -61,9 +61,9 @@ const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *s
     tl_fmu_call call;
     const char *silent = NULL;
     bool has_heartbeat = false;
-    passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
+    passed = passed > TL_HEARTBEAT_POLL ? TL_HEARTBEAT_POLL : passed;
     seen->looked = now;
-    bool same = tl_fmu_calls_look(&beats->calls, &call) && call.begun == seen->call;
+    bool same = tl_fmu_calls_poll(&beats->calls, &call) && call.begun == seen->call;
     seen->lasted = same ? seen->lasted + passed : 0;
     seen->call = call.begun;
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
@@ -90,7 +90,7 @@ const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *s
 
 bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
                             tl_fmu_call *call) {
-    bool is_running = tl_fmu_calls_look(&beats->calls, call);
+    bool is_running = tl_fmu_calls_poll(&beats->calls, call);
     return is_running && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
 }
 

@@ -5,7 +5,7 @@
  *          the counters. The block also contains whether the process is ready, a status line, the
  *          current FMU call (fmu_call.h), and, before the process ends, the end cause.
  * Clock:   heartbeats are counted, without a time stamp. The supervisor adds up the time without a
- *          change, at most TL_HEARTBEAT_LOOK per poll. So a clock that is set, a suspended machine
+ *          change, at most TL_HEARTBEAT_POLL per poll. So a clock that is set, a suspended machine
  *          or a late supervisor causes no false alarm.
  * Memory:  the caller's, zeroed at first: a block (block.h) that the monitored process writes. It
  *          has room for TL_HEARTBEATS threads.
@@ -31,7 +31,7 @@ enum {
 };
 
 /* The most time between two polls that counts as silence. */
-#define TL_HEARTBEAT_LOOK (TL_SECOND / 5)
+#define TL_HEARTBEAT_POLL (TL_SECOND / 5)
 
 /* A process that had a heartbeat may have none for so long. The main thread's heartbeat never
  * stops. */
@@ -58,11 +58,11 @@ typedef struct tl_heartbeats {
 /* Why a process ends. An FMU can end the process too, with any exit code, so only an announced
  * cause is trusted. */
 typedef enum tl_end_cause {
-    TL_END_CAUSE_NONE,    /* nothing was announced */
-    TL_END_CAUSE_ASKED,   /* a signal requested it */
-    TL_END_CAUSE_OVER,    /* the duration has elapsed */
-    TL_END_CAUSE_REFUSED, /* it could not start: an error in a configuration, an FMU or a source */
-    TL_END_CAUSE_FAILED   /* it was ready and then failed */
+    TL_END_CAUSE_NONE,      /* nothing was announced */
+    TL_END_CAUSE_REQUESTED, /* a signal requested it */
+    TL_END_CAUSE_OVER,      /* the duration has elapsed */
+    TL_END_CAUSE_REFUSED,   /* it could not start: an error in a configuration, an FMU or a source */
+    TL_END_CAUSE_FAILED     /* it was ready and then failed */
 } tl_end_cause;
 
 /* ---- in the monitored process; the functions of one heartbeat do nothing if it is NULL ---- */

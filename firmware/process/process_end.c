@@ -80,7 +80,7 @@ static void on_exit_called(int code, void *unused) {
     if (ending != 0) {
         flush_and_end();
     }
-    if (tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+    if (tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
         (void)snprintf(
             reason, sizeof reason,
             "FMU %s called exit(%d) in %s, which ends the whole process; export it again, or contact its maker",
@@ -125,7 +125,7 @@ void tl_process_give_up(const char *why) {
     flush_and_end();
 }
 
-void tl_process_keep(tl_process_keeper *keeper, void *context) {
+void tl_process_set_saver(tl_process_keeper *keeper, void *context) {
     __atomic_store_n(&end_keeper, NULL, __ATOMIC_RELEASE);
     keeper_context = context;
     __atomic_store_n(&end_keeper, keeper, __ATOMIC_RELEASE);

@@ -63,7 +63,7 @@ void tl_refusal_answer(int listener, const tl_refusal *refusal) {
 
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls) {
     tl_fmu_call call;
-    bool in_call = tl_fmu_calls_look(calls, &call);
+    bool in_call = tl_fmu_calls_poll(calls, &call);
     const char *fmu = in_call ? call.fmu : "";
     for (size_t i = 0; i < refusals->count; i++) {
         const tl_fmu_refused *known = &refusals->entries[i];
@@ -88,6 +88,6 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     return true;
 }
 
-const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told) {
-    return *told < refusals->count ? refusals->entries[(*told)++].said : NULL;
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported) {
+    return *was_reported < refusals->count ? refusals->entries[(*was_reported)++].said : NULL;
 }

@@ -71,6 +71,6 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
 
 /* Returns the next message that was not yet reported, or NULL. *told counts reported messages; 0 at
  * first. The text stays valid as long as `refusals`. */
-const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told);
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported);
 
 #endif

@@ -27,7 +27,7 @@ typedef enum outcome {
 typedef struct step_row {
     tl_control_step step; /* as clients see it */
     unsigned
-        methods; /* bits of tl_activation_way: only candidates with one of these execute the step; 0: every change */
+        methods; /* bits of tl_activation_method: only candidates with one of these execute the step; 0: every change */
     outcome (*begin)(tl_activation *self);       /* NULL: nothing to do */
     outcome (*poll)(tl_activation *self);        /* NULL: nothing to wait for */
     tl_time limit;                               /* 0: none, or that of the worker process */
@@ -58,7 +58,7 @@ static tl_activation_view view_now(const tl_activation *self) {
 }
 
 static void find_running_hash(const tl_activation *self, char hash[TL_SHA256_TEXT]) {
-    self->settings.host->in_force(self->settings.host->context, hash);
+    self->settings.host->active_text(self->settings.host->context, hash);
 }
 
 /* True if the run does not use the version that is active on disk, because a change was
@@ -112,7 +112,7 @@ static void TL_PRINTF(3, 4) report_step(const tl_activation *self, tl_control_st
     (void)vsnprintf(reply.as.progress.text, sizeof reply.as.progress.text, format, arguments);
     va_end(arguments);
     reply.as.progress.step = (uint32_t)step;
-    reply.as.progress.left_s = tl_activation_left_s(self);
+    reply.as.progress.left_s = tl_activation_remaining_s(self);
     send_reply(self, &reply);
 }
 
@@ -250,13 +250,13 @@ static outcome begin_authorisation(tl_activation *self) {
 /* ---- validate ---- */
 
 /* Adds the settings that all jobs share. */
-static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_time limit, tl_relay_line *hear) {
+static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_time limit, tl_relay_line *on_event) {
     tl_error error;
     tl_worker_settings settings = {.plant = self->settings.plant,
                                    .job = *job,
                                    .limit = limit,
                                    .be = self->settings.be,
-                                   .hear = hear,
+                                   .on_event = on_event,
                                    .context = self};
     settings.job.text[TL_WORKER_PATH] = self->settings.path;
     settings.job.text[TL_WORKER_CANDIDATE] = self->text;
@@ -283,7 +283,7 @@ static char *read_text(const tl_activation *self, uint64_t number, tl_error *err
         (void)tl_fail(error, status, "%.700s; restart the run: it starts with the newest readable version", cause.text);
         return NULL;
     }
-    bool is_mended = tl_versions_mend(self->settings.versions, number, text, size, error) == TL_OK;
+    bool is_mended = tl_versions_repair(self->settings.versions, number, text, size, error) == TL_OK;
     record_event(self, is_mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "version %" PRIu64 ": its file was damaged%s%s",
                  number,
                  is_mended ? ", and is restored from the run's memory; check the disk" : " and cannot be rewritten: ",
@@ -323,10 +323,10 @@ static outcome begin_validation(tl_activation *self) {
         report_step(self, TL_CONTROL_VALIDATE, "%s", fault);
     }
     const tl_worker_job job = {.kind = TL_WORKER_VALIDATOR,
-                               .text = {[TL_WORKER_IN_FORCE] = before,
+                               .text = {[TL_WORKER_ACTIVE] = before,
                                         [TL_WORKER_KEPT] = kept,
                                         [TL_WORKER_COMMISSIONED] = commissioned,
-                                        [TL_WORKER_ON_THE_BOX] = file,
+                                        [TL_WORKER_FULL_CHECK] = file,
                                         [TL_WORKER_LIST] = list,
                                         [TL_WORKER_LIST_PATH] = list_path}};
     outcome started = start_worker(self, &job, VALIDATION_LIMIT, NULL);
@@ -339,7 +339,7 @@ static outcome begin_validation(tl_activation *self) {
 }
 
 /* In safe hold there is no twin that could change its tuning, or be compared with a shadow. */
-static tl_activation_way choose_method(const tl_activation *self) {
+static tl_activation_method choose_method(const tl_activation *self) {
     if (self->verdict.kind == TL_CHANGE_RESTART || view_now(self).holds) {
         return TL_ACTIVATION_BY_RESTART;
     }
@@ -413,7 +413,7 @@ static outcome poll_validation(tl_activation *self) {
     }
     /* A rollback or an interrupted change must not wait for a test of another twin, so a handover
      * becomes a restart. */
-    tl_activation_way way = choose_method(self);
+    tl_activation_method way = choose_method(self);
     self->way = way == TL_ACTIVATION_BY_HANDOVER ? TL_ACTIVATION_BY_RESTART : way;
     return DONE;
 }
@@ -446,7 +446,7 @@ static void take_trial_line(void *context, const char *line) {
     tl_activation *self = context;
     const char *text = line;
     int level = tl_log_level_of(line, &text);
-    self->told = self->waited;
+    self->was_reported = self->waited;
     if (report_problem(self, text)) {
         self->problems++;
     } else if (level == TL_LOG_ERROR && self->heard[0] == '\0') {
@@ -656,13 +656,13 @@ static void report_comparison(void *context, const char *text) {
 
 static outcome begin_comparison(tl_activation *self) {
     const tl_comparison *comparison = &self->rehearsal.comparison;
-    bool insists = (self->request.flags & TL_CONTROL_EVEN_WORSE) != 0;
+    bool insists = (self->request.flags & TL_CONTROL_ACCEPT_WORSE) != 0;
     char why[TL_COMPARISON_TEXT];
-    tl_comparison_tell(comparison, report_comparison, self);
-    switch (tl_comparison_judge(comparison, required_lock(self), why)) {
+    tl_comparison_report(comparison, report_comparison, self);
+    switch (tl_comparison_evaluate(comparison, required_lock(self), why)) {
     case TL_COMPARISON_GOOD:
         break;
-    case TL_COMPARISON_NO_ROOM:
+    case TL_COMPARISON_NO_MEMORY:
         return use_restart(self, why);
     case TL_COMPARISON_BAD:
         return refuse_candidate(self, TL_CONTROL_INVALID, "%s", why);
@@ -692,20 +692,20 @@ static tl_status activate_version(tl_activation *self, tl_error *error) {
     const tl_control_request *request = &self->request;
     const tl_probation_terms terms = {.given_s = length_of_probation(self),
                                       .require_lock = required_lock(self),
-                                      .must_confirm = (request->flags & TL_CONTROL_BY_PERSON) != 0};
+                                      .must_confirm = (request->flags & TL_CONTROL_MUST_CONFIRM) != 0};
     const tl_run_status now = view_now(self).figures;
     char *file = tl_box_read_file(self->settings.path); /* the current configuration file */
     bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && (file == NULL || strcmp(file, self->text) != 0);
     free(file);
-    const tl_version_news news = {.text = self->text,
-                                  .size = self->size,
-                                  .who = request->who,
-                                  .why = request->why,
-                                  .origin = is_by_hand ? TL_ORIGIN_HAND : (tl_change_origin)request->origin,
-                                  .right = (tl_change_right)self->verdict.right,
-                                  .kind = (tl_change_kind)self->verdict.kind};
+    const tl_version_candidate answer_code = {.text = self->text,
+                                              .size = self->size,
+                                              .who = request->who,
+                                              .why = request->why,
+                                              .origin = is_by_hand ? TL_ORIGIN_HAND : (tl_change_origin)request->origin,
+                                              .right = (tl_change_right)self->verdict.right,
+                                              .kind = (tl_change_kind)self->verdict.kind};
     uint64_t number = 0;
-    tl_status status = tl_versions_add(self->settings.versions, &news, &number, error);
+    tl_status status = tl_versions_add(self->settings.versions, &answer_code, &number, error);
     if (status == TL_OK) {
         tl_probation_begin(&self->probation, &terms, &now,
                            self->way == TL_ACTIVATION_IN_PLACE ? &now : NULL); /* another run counts from 0 */
@@ -756,7 +756,7 @@ static outcome begin_activation(tl_activation *self) {
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
         status = activate_version(self, &error);
     } else if (self->cause == TL_ACTIVATION_RETURN) {
-        status = tl_versions_settle(self->settings.versions, TL_VERSION_RETURNED, self->reason, &error);
+        status = tl_versions_end_probation(self->settings.versions, TL_VERSION_RETURNED, self->reason, &error);
     }
     if (status != TL_OK) {
         return fail_change(self, error.text);
@@ -794,7 +794,7 @@ static outcome undo_activation(tl_activation *self, const char *why) {
         record_event(self, TL_EVENT_ERROR, "%s", text);
         return restart_run(self);
     }
-    if (tl_versions_settle(self->settings.versions, TL_VERSION_RETURNED, text, &error) != TL_OK) {
+    if (tl_versions_end_probation(self->settings.versions, TL_VERSION_RETURNED, text, &error) != TL_OK) {
         record_event(self, TL_EVENT_ERROR, "%s", error.text);
     }
     (void)fail_change(self, text);
@@ -805,8 +805,8 @@ static outcome poll_answer(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     char why[TL_ACTIVATION_WHY] = "";
     switch (self->way == TL_ACTIVATION_BY_HANDOVER ? host->has_handed_over(host->context, why)
-                                                   : host->was_taken(host->context, why)) {
-    case TL_ACTIVATION_TAKEN:
+                                                   : host->tuning_result(host->context, why)) {
+    case TL_ACTIVATION_STARTED:
         return DONE;
     case TL_ACTIVATION_REFUSED:
         return undo_activation(self, why);
@@ -939,11 +939,11 @@ static void report_disk(tl_activation *self, bool is_written, const char *why) {
 static bool keep_version(tl_activation *self) {
     tl_error error;
     bool is_written =
-        tl_versions_settle(self->settings.versions, TL_VERSION_KEPT, self->probation.why, &error) == TL_OK;
+        tl_versions_end_probation(self->settings.versions, TL_VERSION_KEPT, self->probation.why, &error) == TL_OK;
     report_disk(self, is_written, error.text);
     if (!is_written) {
         self->pause = PAUSE;
-        self->probation.result = TL_PROBATION_GOES_ON; /* so that later failures still count */
+        self->probation.result = TL_PROBATION_CONTINUES; /* so that later failures still count */
         return false;
     }
     record_event(self, TL_EVENT_INFO, "version %" PRIu64 " is kept: %s", self->settings.versions->active,
@@ -960,11 +960,12 @@ static tl_probation_result pass_probation(tl_activation *self) {
     const tl_activation_view now = view_now(self);
     tl_probation_result result = tl_probation_feed(&self->probation, now.waits ? 0 : self->passed, &now.figures);
     self->pause = self->pause > self->passed ? self->pause - self->passed : 0;
-    if (result == TL_PROBATION_GOES_ON) {
+    if (result == TL_PROBATION_CONTINUES) {
         self->unsaved += self->passed;
         if (self->unsaved >= SAVING) {
             self->unsaved = 0;
-            bool is_written = tl_versions_pass(self->settings.versions, &self->probation.account, &error) == TL_OK;
+            bool is_written =
+                tl_versions_save_probation(self->settings.versions, &self->probation.account, &error) == TL_OK;
             report_disk(self, is_written, error.text);
         }
     }
@@ -1055,7 +1056,7 @@ static void run_steps(tl_activation *self, outcome result) {
         const step_row *row = &rows[self->row];
         self->step = row->step;
         self->waited = 0;
-        self->told = 0;
+        self->was_reported = 0;
         result = row->begin == NULL ? RUNNING : row->begin(self);
         self->looked = tl_clock_now(NULL);
     }
@@ -1066,7 +1067,7 @@ static void run_steps(tl_activation *self, outcome result) {
 
 /* During a change, the probation of the active version may end, and the run may enter safe hold. */
 static outcome poll_run(tl_activation *self) {
-    tl_probation_result result = is_on_probation(self) ? pass_probation(self) : TL_PROBATION_GOES_ON;
+    tl_probation_result result = is_on_probation(self) ? pass_probation(self) : TL_PROBATION_CONTINUES;
     if (self->step != TL_CONTROL_SHADOW) {
         return RUNNING; /* other steps are short */
     }
@@ -1080,7 +1081,7 @@ static outcome poll_run(tl_activation *self) {
     return view_now(self).holds ? use_restart(self, "the run is in safe hold") : RUNNING;
 }
 
-void tl_activation_look(tl_activation *activation) {
+void tl_activation_poll(tl_activation *activation) {
     const step_row *row = &rows[activation->row];
     tl_time now = tl_clock_now(NULL);
     tl_time before = activation->waited;
@@ -1107,8 +1108,8 @@ void tl_activation_look(tl_activation *activation) {
                                                              : undo_activation(activation, row->late));
     } else if (row->slow != NULL && activation->waited > SILENCE && before <= SILENCE) {
         report_step(activation, row->step, "%s", row->slow);
-    } else if (row->progress != NULL && activation->waited - activation->told >= PROGRESS) {
-        activation->told = activation->waited;
+    } else if (row->progress != NULL && activation->waited - activation->was_reported >= PROGRESS) {
+        activation->was_reported = activation->waited;
         row->progress(activation);
     }
 }
@@ -1134,11 +1135,11 @@ bool tl_activation_is_busy(const tl_activation *activation) {
     return activation->step != TL_CONTROL_IDLE && activation->step != TL_CONTROL_PROBATION;
 }
 
-uint32_t tl_activation_left_s(const tl_activation *activation) {
+uint32_t tl_activation_remaining_s(const tl_activation *activation) {
     return is_on_probation(activation) ? (uint32_t)((activation->probation.account.left_ms + 999) / 1000) : 0;
 }
 
-void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size) {
+void tl_activation_start(tl_activation *activation, const tl_control_request *request, const char *text, size_t size) {
     activation->request = *request;
     if (request->why[strspn(request->why, " \t\r\n")] == '\0') {
         activation->request.why[0] = '\0'; /* only blanks */
@@ -1166,8 +1167,8 @@ bool tl_activation_cancel(tl_activation *activation, const char *who) {
     return true;
 }
 
-bool tl_activation_is_lost_before(const tl_activation *activation) {
-    return is_on_probation(activation) && tl_probation_is_lost_before(&activation->probation);
+bool tl_activation_was_lost_before(const tl_activation *activation) {
+    return is_on_probation(activation) && tl_probation_was_lost_before(&activation->probation);
 }
 
 static tl_probation_result end_by_user(tl_activation *self, tl_probation_result result, const char *action,
@@ -1203,7 +1204,7 @@ void tl_activation_refuse(tl_activation *activation, const char *who) {
 void tl_activation_end(tl_activation *activation) {
     tl_error error;
     if (activation->step == TL_CONTROL_PROBATION) {
-        (void)tl_versions_pass(activation->settings.versions, &activation->probation.account, &error);
+        (void)tl_versions_save_probation(activation->settings.versions, &activation->probation.account, &error);
     }
     clear_change(activation);
 }

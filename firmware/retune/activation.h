@@ -43,11 +43,11 @@ typedef struct tl_activation_view {
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
-typedef enum tl_activation_news {
-    TL_ACTIVATION_WAITS,  /* for the twin, or until the recorder has recorded the previous tuning */
-    TL_ACTIVATION_TAKEN,  /* the twin uses it since a tick; all later twins will use it too */
-    TL_ACTIVATION_REFUSED /* the twin rejected it */
-} tl_activation_news;
+typedef enum tl_activation_answer {
+    TL_ACTIVATION_WAITS,   /* for the twin, or until the recorder has recorded the previous tuning */
+    TL_ACTIVATION_STARTED, /* the twin uses it since a tick; all later twins will use it too */
+    TL_ACTIVATION_REFUSED  /* the twin rejected it */
+} tl_activation_answer;
 
 /* A candidate whose twin is to run as a shadow. */
 typedef struct tl_activation_candidate {
@@ -81,7 +81,7 @@ typedef struct tl_activation_host {
 
     /* Writes the hash of the configuration that the run uses now, or will use from its next tick
      * on. */
-    void (*in_force)(void *context, char hash[TL_SHA256_TEXT]);
+    void (*active_text)(void *context, char hash[TL_SHA256_TEXT]);
 
     /* Copies the text of the configuration with this hash from the run's memory, with a final NUL.
      * `text` has TL_CONTROL_MOST + 1 bytes. Returns false if the memory does not contain it. */
@@ -101,7 +101,7 @@ typedef struct tl_activation_host {
     bool (*tune)(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning);
 
     /* Returns the result of the newest tuning. `why`: the reason of a rejection. */
-    tl_activation_news (*was_taken)(void *context, char why[TL_ACTIVATION_WHY]);
+    tl_activation_answer (*tuning_result)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* Orders a shadow with this candidate; it replaces any other shadow. Returns false while an
      * earlier order is pending; then the caller retries. */
@@ -117,7 +117,7 @@ typedef struct tl_activation_host {
 
     /* Returns the result of the handover: taken, or refused because there was no shadow. `why`: the
      * reason. After it, in_force() and tunings refer to the new twin. */
-    tl_activation_news (*has_handed_over)(void *context, char why[TL_ACTIVATION_WHY]);
+    tl_activation_answer (*has_handed_over)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* Ends the run. A new run starts with the version that is active on disk. */
     void (*restart)(void *context);
@@ -129,11 +129,11 @@ typedef struct tl_activation_host {
 /* ---- Activation. */
 
 /* How a change is applied to the run. */
-typedef enum tl_activation_way {
+typedef enum tl_activation_method {
     TL_ACTIVATION_IN_PLACE,    /* the running twin changes its tuning */
     TL_ACTIVATION_BY_HANDOVER, /* another twin takes over between two ticks */
     TL_ACTIVATION_BY_RESTART
-} tl_activation_way;
+} tl_activation_method;
 
 /* Probation if the request does not specify it: 300 s, in lock for 95 % of the steps. */
 enum { TL_ACTIVATION_PROBATION_S = 300, TL_ACTIVATION_LOCK_PERCENT = 95 };
@@ -198,7 +198,7 @@ typedef struct tl_activation {
     tl_activation_settings settings;
     tl_activation_row row;
     tl_control_step step; /* of `row`, as clients see it */
-    tl_activation_way way;
+    tl_activation_method way;
     tl_activation_cause cause;
     bool is_wanted;      /* a rollback that a client requested */
     bool has_other_fmus; /* the text is the active one, but an FMU's file differs from the loaded one */
@@ -217,7 +217,7 @@ typedef struct tl_activation {
     char leaving[TL_SHA256_TEXT]; /* hash of the run's configuration before a handover */
     tl_time passed;               /* ns since the previous poll, */
     tl_time waited;               /* ns since the step began, */
-    tl_time told;                 /* and ns since its last message */
+    tl_time was_reported;         /* and ns since its last message */
     tl_probation probation;
     tl_time unsaved;   /* ns since the probation was saved */
     tl_time pause;     /* ns until the end of the probation is retried */
@@ -235,18 +235,18 @@ bool tl_activation_is_idle(const tl_activation *activation);
 bool tl_activation_is_busy(const tl_activation *activation);
 
 /* Seconds that remain of the probation; 0: none. */
-uint32_t tl_activation_left_s(const tl_activation *activation);
+uint32_t tl_activation_remaining_s(const tl_activation *activation);
 
 /* Begins a change to a candidate: `size` bytes of `text`, which are copied. Every result is sent to
  * the client. The activation must not be busy. */
-void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
+void tl_activation_start(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
 
 /* Cancels a candidate that is not active yet. Returns false if there is none. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 
 /* True if the lock is lost by the tolerances of the version that the probation would return to.
  * Then confirming requires the right to commission. */
-bool tl_activation_is_lost_before(const tl_activation *activation);
+bool tl_activation_was_lost_before(const tl_activation *activation);
 
 /* Keeps the version on probation. Returns false if there is none. *is_done: the decision is saved
  * on disk. */
@@ -257,7 +257,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 void tl_activation_refuse(tl_activation *activation, const char *who);
 
 /* Polls the current step and begins the next one. May be called at any rate. */
-void tl_activation_look(tl_activation *activation);
+void tl_activation_poll(tl_activation *activation);
 
 /* Ends the current worker. The next config manager continues from the state on disk. */
 void tl_activation_end(tl_activation *activation);

@@ -173,7 +173,8 @@ static double percent_unseen(const tl_comparison *comparison) {
 /* The lock is evaluated only if a signal was good in at least half of the steps. */
 static const double MOST_PERCENT = 50.0;
 
-void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context) {
+void tl_comparison_report(const tl_comparison *comparison, void (*say)(void *context, const char *text),
+                          void *context) {
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
     char text[TL_COMPARISON_TEXT];
@@ -234,7 +235,7 @@ static tl_comparison_result report_overload(const char *label, const tl_run_stat
                    "%s missed %" PRIu64 " deadlines and %" PRIu64 " of %" PRIu64 " ticks"
                    ": " TL_COMPARISON_TWO_TWINS,
                    label, figures->deadline_misses, figures->skipped, figures->ticks);
-    return TL_COMPARISON_NO_ROOM;
+    return TL_COMPARISON_NO_MEMORY;
 }
 
 /* ---- worse ---- */
@@ -291,8 +292,8 @@ static bool is_any_worse(const tl_comparison *comparison, double require_lock, c
 
 /* ---- result ---- */
 
-tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
-                                         char why[TL_COMPARISON_TEXT]) {
+tl_comparison_result tl_comparison_evaluate(const tl_comparison *comparison, double require_lock,
+                                            char why[TL_COMPARISON_TEXT]) {
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
     double in_lock_now = tl_lock_tally_percent(&twin->lock);

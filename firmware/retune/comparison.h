@@ -48,7 +48,7 @@ uint64_t tl_forecast_memory_left(void);
  *          tolerance.
  *          The lock is worse if, by the tolerances of the version before, the shadow was in lock
  *          for less than required, and for less than the run's twin.
- *          The client may activate a worse candidate (TL_CONTROL_EVEN_WORSE).
+ *          The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Skipped: deadlines that the shadow misses are reported only, because it has no priority yet. It
  *          is refused if it skipped more than a quarter of its ticks.
  * Failure: if the run's twin was restarted meanwhile, the comparison is invalid.
@@ -67,8 +67,8 @@ typedef struct tl_comparison {
 
 typedef enum tl_comparison_result {
     TL_COMPARISON_GOOD,
-    TL_COMPARISON_NO_ROOM, /* the box is too slow for two twins */
-    TL_COMPARISON_BAD,     /* the candidate is refused */
+    TL_COMPARISON_NO_MEMORY, /* the box is too slow for two twins */
+    TL_COMPARISON_BAD,       /* the candidate is refused */
     TL_COMPARISON_WORSE /* an output is worse, or the lock by the tolerances of the version that a probation would return to */
 } tl_comparison_result;
 
@@ -80,12 +80,12 @@ void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, c
 
 /* Calls `say` with a line for each output and for each twin, and with one if the shadow's lock
  * cannot be evaluated. */
-void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
+void tl_comparison_report(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
 
 /* Returns the result. `require_lock`: percent of the steps; 0: not required. `why`: the reason; ""
  * if TL_COMPARISON_GOOD. */
-tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
-                                         char why[TL_COMPARISON_TEXT]);
+tl_comparison_result tl_comparison_evaluate(const tl_comparison *comparison, double require_lock,
+                                            char why[TL_COMPARISON_TEXT]);
 
 /* Writes "in lock 97 %", or that the lock is not evaluated yet; also of a running shadow. */
 void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]);

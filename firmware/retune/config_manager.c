@@ -75,7 +75,7 @@ static void send_state(tl_config_manager *self, client_slot *client) {
     memcpy(state->hash, active->hash, sizeof state->hash);
     state->version = active->number;
     state->step = (uint32_t)self->activation.step;
-    state->left_s = tl_activation_left_s(&self->activation);
+    state->left_s = tl_activation_remaining_s(&self->activation);
     const char *lock = view.holds                 ? "hold"
                        : !view.figures.twin_alive ? ""
                                                   : tl_lock_state_name(view.figures.lock.state);
@@ -153,7 +153,7 @@ static void start_change(tl_config_manager *self, client_slot *client, const cha
         self->awaited = self->versions.active;
     }
     self->listener = client;
-    tl_activation_take(&self->activation, &self->request, text, size);
+    tl_activation_start(&self->activation, &self->request, text, size);
 }
 
 static void take_candidate(tl_config_manager *self, client_slot *client) {
@@ -181,7 +181,7 @@ static void poll_waiter(tl_config_manager *self) {
 
 static void confirm_version(tl_config_manager *self, client_slot *client) {
     bool is_done = false;
-    if (self->request.right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+    if (self->request.right < TL_RIGHT_COMMISSION && tl_activation_was_lost_before(&self->activation)) {
         finish_request(self, client, TL_CONTROL_FORBIDDEN,
                        "by the previous version's tolerances, the lock is lost: confirming needs the right commission");
     } else if (!tl_activation_confirm(&self->activation, self->request.who, &is_done)) {
@@ -249,11 +249,11 @@ static void answer_request(tl_config_manager *self, client_slot *client) {
 
 static void poll_client(tl_config_manager *self, client_slot *client, tl_time now) {
     switch (tl_control_receive(&client->peer, &self->request, self->text, &self->size)) {
-    case TL_CONTROL_ASKED:
+    case TL_CONTROL_REQUEST:
         answer_request(self, client);
         break;
     case TL_CONTROL_GARBAGE:
-    case TL_CONTROL_GONE:
+    case TL_CONTROL_CLOSED:
         close_client(self, client);
         break;
     case TL_CONTROL_NOTHING:
@@ -274,7 +274,7 @@ static void wait_for_work(tl_config_manager *self) {
         is_full = is_full && waited[i].fd >= 0;
     }
     waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->socket, .events = POLLIN};
-    (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_CONFIG_MANAGER_LOOK / (TL_SECOND / 1000)));
+    (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_CONFIG_MANAGER_POLL / (TL_SECOND / 1000)));
 }
 
 bool tl_config_manager_work(tl_config_manager *manager) {
@@ -293,7 +293,7 @@ bool tl_config_manager_work(tl_config_manager *manager) {
             poll_client(manager, client, now);
         }
     }
-    tl_activation_look(&manager->activation);
+    tl_activation_poll(&manager->activation);
     poll_waiter(manager);
     if (is_busy || !tl_activation_is_idle(&manager->activation)) {
         manager->worked_at = now;

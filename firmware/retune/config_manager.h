@@ -6,7 +6,7 @@
  * Trust:   it parses no configuration and loads no FMU; workers do both (worker.h). It trusts the
  *          right that a client claims, because only root, the plant's own user and the socket's
  *          group can connect.
- * Waiting: for clients and workers together, at most TL_CONFIG_MANAGER_LOOK.
+ * Waiting: for clients and workers together, at most TL_CONFIG_MANAGER_POLL.
  * Thread:  one, the main thread of its process.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONFIG_MANAGER_H
@@ -18,7 +18,7 @@
 #include "firmware/retune/activation.h"
 #include "firmware/retune/control.h"
 
-#define TL_CONFIG_MANAGER_LOOK (TL_SECOND / 20)
+#define TL_CONFIG_MANAGER_POLL (TL_SECOND / 20)
 
 typedef struct tl_config_manager tl_config_manager;
 
@@ -28,7 +28,7 @@ typedef struct tl_config_manager tl_config_manager;
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **manager, tl_error *error);
 
-/* Waits for work, at most TL_CONFIG_MANAGER_LOOK, and does it. Returns false if there is no work,
+/* Waits for work, at most TL_CONFIG_MANAGER_POLL, and does it. Returns false if there is no work,
  * and was none for some seconds. */
 bool tl_config_manager_work(tl_config_manager *manager);
 

@@ -116,20 +116,20 @@ static bool copy_text(int descriptor, char *text, size_t *length) {
 /* Receives a packet; ASKED if it has exactly `size` bytes. `text`: gets the memory that came with
  * it, with a final NUL; it has TL_CONTROL_MOST + 1 bytes. NULL: no memory is accepted. *length:
  * bytes of the text; 0: there is none. */
-static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
+static tl_control_answer tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
     int found = -1;
     *length = 0;
     ssize_t got = tl_packet_take(socket, bytes, size, &found);
     if (got < 0 && errno != EBADMSG) {
         bool is_later = errno == EAGAIN || errno == EINTR;
-        return is_later ? TL_CONTROL_NOTHING : TL_CONTROL_GONE;
+        return is_later ? TL_CONTROL_NOTHING : TL_CONTROL_CLOSED;
     }
     bool is_whole = got == (ssize_t)size;
     if (found >= 0) {
         is_whole = is_whole && text != NULL && copy_text(found, text, length);
         (void)close(found);
     }
-    return got == 0 ? TL_CONTROL_GONE : is_whole ? TL_CONTROL_ASKED : TL_CONTROL_GARBAGE;
+    return got == 0 ? TL_CONTROL_CLOSED : is_whole ? TL_CONTROL_REQUEST : TL_CONTROL_GARBAGE;
 }
 
 /* ---- control server ---- */
@@ -185,7 +185,7 @@ tl_status tl_control_listen(const char *path, int *listener, tl_error *error) {
     return TL_OK;
 }
 
-bool tl_control_is_knocked_at(int listener) {
+bool tl_control_has_connection(int listener) {
     struct pollfd waited = {.fd = listener, .events = POLLIN};
     return listener >= 0 && poll(&waited, 1, 0) > 0;
 }
@@ -232,15 +232,15 @@ static const char *fault_of(const tl_control_request *request, const char *text,
                                             : NULL;
 }
 
-tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
+tl_control_answer tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
     const char *fault = OTHER_VERSION;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
     case TL_CONTROL_NOTHING:
         return TL_CONTROL_NOTHING;
-    case TL_CONTROL_GONE:
+    case TL_CONTROL_CLOSED:
         tl_control_close(peer);
-        return TL_CONTROL_GONE;
-    case TL_CONTROL_ASKED:
+        return TL_CONTROL_CLOSED;
+    case TL_CONTROL_REQUEST:
         fault = peer->has_asked ? "a connection permits one request only" : fault_of(request, text, *size);
         break;
     case TL_CONTROL_GARBAGE:
@@ -248,10 +248,10 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
     }
     if (fault != NULL) {
         tl_control_finish(peer, TL_CONTROL_BAD, 0, "", fault);
-        return TL_CONTROL_GONE;
+        return TL_CONTROL_CLOSED;
     }
     peer->has_asked = true;
-    return TL_CONTROL_ASKED;
+    return TL_CONTROL_REQUEST;
 }
 
 /* ---- replies ---- */
@@ -370,7 +370,7 @@ static bool is_sound_reply(tl_control_reply *reply) {
 
 tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
     size_t length = 0;
-    tl_control_news arrival = TL_CONTROL_NOTHING;
+    tl_control_answer arrival = TL_CONTROL_NOTHING;
     struct pollfd waited = {.fd = socket_, .events = POLLIN};
     tl_time most = 1000 * TL_SECOND; /* the caller calls again */
     if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {
@@ -379,7 +379,7 @@ tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, ch
     if (arrival == TL_CONTROL_NOTHING) {
         return tl_fail(error, TL_TRY_AGAIN, "the run does not answer");
     }
-    if (arrival == TL_CONTROL_GONE) {
+    if (arrival == TL_CONTROL_CLOSED) {
         return tl_fail(error, TL_PLANT_DOWN,
                        "the run closed the connection: it ended, or too many clients are connected");
     }

@@ -55,11 +55,12 @@ typedef enum tl_control_flag {
     TL_CONTROL_ONLY_CHECK = 1, /* executes all steps before the activation, and then stops */
     TL_CONTROL_MAY_RESTART =
         2, /* restarts the run, with a gap, if the change cannot be made while the plant's twin runs */
-    TL_CONTROL_BY_PERSON = 4, /* is kept only if a user confirms it */
+    TL_CONTROL_MUST_CONFIRM = 4, /* is kept only if a user confirms it */
     TL_CONTROL_WAIT = 8, /* replies continue until the version is kept or rolled back; without it until it is active */
     TL_CONTROL_ONLY_PENDING =
         16, /* of RETURN: only a change in progress or on probation; if there is none, nothing is done */
-    TL_CONTROL_EVEN_WORSE = 32, /* activates it also if an output is worse than that of the run's twin (comparison.h) */
+    TL_CONTROL_ACCEPT_WORSE =
+        32, /* activates it also if an output is worse than that of the run's twin (comparison.h) */
     TL_CONTROL_FLAGS = 63
 } tl_control_flag;
 
@@ -254,7 +255,7 @@ enum { TL_CONTROL_CLIENTS = 16 }; /* at a time; others wait in the socket's queu
 tl_status tl_control_listen(const char *path, int *listener, tl_error *error);
 
 /* True if a connection waits to be accepted. */
-bool tl_control_is_knocked_at(int listener);
+bool tl_control_has_connection(int listener);
 
 /* A connection. `socket` is −1 if there is none. */
 typedef struct tl_control_peer {
@@ -262,12 +263,12 @@ typedef struct tl_control_peer {
     bool has_asked;
 } tl_control_peer;
 
-typedef enum tl_control_news {
+typedef enum tl_control_answer {
     TL_CONTROL_NOTHING,
-    TL_CONTROL_ASKED,   /* the request has arrived, and the candidate of a TAKE */
+    TL_CONTROL_REQUEST, /* the request has arrived, and the candidate of a TAKE */
     TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() reports GONE */
-    TL_CONTROL_GONE     /* closed by the peer, or because of an invalid packet or unread replies */
-} tl_control_news;
+    TL_CONTROL_CLOSED   /* closed by the peer, or because of an invalid packet or unread replies */
+} tl_control_answer;
 
 /* Accepts the next connection. Returns false if there is none. */
 bool tl_control_accept(int listener, tl_control_peer *peer);
@@ -275,7 +276,7 @@ bool tl_control_accept(int listener, tl_control_peer *peer);
 /* Receives the request without blocking. *size > 0: `text` contains *size bytes of the candidate
  * and a final NUL; it has TL_CONTROL_MOST + 1 bytes. Only a TAKE has a candidate, and always. An
  * invalid request is answered with TL_CONTROL_BAD and the connection is closed. */
-tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
+tl_control_answer tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
 
 /* Sends a reply. All its bytes are sent, so the caller zeroes it first. `text`: `more` bytes of a
  * TL_CONTROL_CONFIGURATION; NULL for all other kinds. Returns false if the connection is closed,

@@ -148,7 +148,7 @@ static tl_probation_result check_twin(tl_probation *probation, const tl_run_stat
         return end_probation(probation, TL_PROBATION_RETURN, "the twin did not run for %.0f s",
                              tl_seconds(probation->down));
     }
-    return end_probation(probation, TL_PROBATION_GOES_ON, "%s", "");
+    return end_probation(probation, TL_PROBATION_CONTINUES, "%s", "");
 }
 
 /* Decides at the end of the time: the first rule that applies. */
@@ -194,7 +194,7 @@ static tl_probation_result decide_end(tl_probation *probation, const tl_run_stat
 }
 
 tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now) {
-    if (probation->result != TL_PROBATION_GOES_ON) {
+    if (probation->result != TL_PROBATION_CONTINUES) {
         return probation->result;
     }
     if (!probation->has_last) {
@@ -206,9 +206,9 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
     measure_time(probation, passed, now);
     probation->left -= passed;
     probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
-    if (check_twin(probation, now) == TL_PROBATION_GOES_ON) {
+    if (check_twin(probation, now) == TL_PROBATION_CONTINUES) {
         probation->last = *now;
-        return probation->left > 0 ? TL_PROBATION_GOES_ON : decide_end(probation, now);
+        return probation->left > 0 ? TL_PROBATION_CONTINUES : decide_end(probation, now);
     }
     return TL_PROBATION_RETURN;
 }
@@ -216,10 +216,11 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
 /* ---- decision of a user ---- */
 
 tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_result result, const char *why) {
-    return probation->result != TL_PROBATION_GOES_ON ? probation->result : end_probation(probation, result, "%s", why);
+    return probation->result != TL_PROBATION_CONTINUES ? probation->result
+                                                       : end_probation(probation, result, "%s", why);
 }
 
-bool tl_probation_is_lost_before(const tl_probation *probation) {
+bool tl_probation_was_lost_before(const tl_probation *probation) {
     return tl_lock_tolerances_is_there(&probation->account.tolerances) &&
            is_lost(&probation->last, &probation->last.lock_before);
 }

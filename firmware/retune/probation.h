@@ -72,7 +72,7 @@ typedef struct tl_probation_account {
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output with a narrower tolerance before; "": none */
 } tl_probation_account;
 
-typedef enum tl_probation_result { TL_PROBATION_GOES_ON, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;
+typedef enum tl_probation_result { TL_PROBATION_CONTINUES, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;
 
 typedef struct tl_probation {
     tl_probation_account account;
@@ -109,6 +109,6 @@ tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_re
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
 /* True if the lock was lost by the tolerances before, in the state passed last. */
-bool tl_probation_is_lost_before(const tl_probation *probation);
+bool tl_probation_was_lost_before(const tl_probation *probation);
 
 #endif

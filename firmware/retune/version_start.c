@@ -44,7 +44,7 @@ static void read_file(starting_run *self) {
 /* ---- validating ---- */
 
 /* Returns false if there is no verdict. */
-static bool run_validator(starting_run *self, const char *in_force) {
+static bool run_validator(starting_run *self, const char *active_text) {
     char *kept = NULL; /* text of the version that a probation would return to, if there is one */
     tl_worker worker;
     tl_error error;
@@ -56,7 +56,7 @@ static bool run_validator(starting_run *self, const char *in_force) {
         .job = {.kind = TL_WORKER_VALIDATOR,
                 .text = {[TL_WORKER_PATH] = self->start->path,
                          [TL_WORKER_CANDIDATE] = self->file,
-                         [TL_WORKER_IN_FORCE] = in_force,
+                         [TL_WORKER_ACTIVE] = active_text,
                          [TL_WORKER_KEPT] = kept}},
         .limit = VALIDATION_LIMIT,
         .be = self->start->be,
@@ -76,8 +76,8 @@ static bool run_validator(starting_run *self, const char *in_force) {
 }
 
 /* Validates the changed file. There is a version that runs if it is invalid. */
-static bool is_file_valid(starting_run *self, const char *in_force) {
-    if (strlen(self->file) != self->file_size || !run_validator(self, in_force)) {
+static bool is_file_valid(starting_run *self, const char *active_text) {
+    if (strlen(self->file) != self->file_size || !run_validator(self, active_text)) {
         tl_log(TL_LOG_ERROR, "%s: the file could not be validated (expected a JSON text)", self->start->path);
         return false;
     }
@@ -102,16 +102,16 @@ static tl_status fall_back(starting_run *self, tl_error *error) {
 
 static tl_status add_file(starting_run *self, tl_error *error) {
     uint64_t number = 0;
-    char *in_force = NULL;
+    char *active_text = NULL;
     bool is_first = self->versions.active == 0;
     self->verdict.kind = TL_CHANGE_RESTART;
-    if (!is_first && tl_versions_read(&self->versions, self->versions.active, &in_force, error) != TL_OK) {
+    if (!is_first && tl_versions_read(&self->versions, self->versions.active, &active_text, error) != TL_OK) {
         tl_log(TL_LOG_WARNING, "%s", error->text);
-        in_force = NULL;
+        active_text = NULL;
     }
-    bool is_accepted = is_first || is_file_valid(self, in_force == NULL ? "" : in_force);
-    free(in_force);
-    const tl_version_news news = {
+    bool is_accepted = is_first || is_file_valid(self, active_text == NULL ? "" : active_text);
+    free(active_text);
+    const tl_version_candidate answer_code = {
         .text = self->file,
         .size = self->file_size,
         .who = "the file",
@@ -120,7 +120,7 @@ static tl_status add_file(starting_run *self, tl_error *error) {
         .right = TL_RIGHT_COMMISSION,
         .kind = (tl_change_kind)self->verdict.kind,
     };
-    tl_status status = tl_versions_add(&self->versions, &news, &number, error);
+    tl_status status = tl_versions_add(&self->versions, &answer_code, &number, error);
     if (status == TL_OK && is_accepted) {
         const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S,
                                           .require_lock = TL_ACTIVATION_LOCK_PERCENT};
@@ -185,7 +185,7 @@ bool tl_version_start_failed(const tl_version_start *start, const char *reason) 
     tl_status status = tl_versions_open(start->state, &versions, &error);
     bool is_on_probation = status == TL_OK && versions.probation.version != 0;
     if (is_on_probation) {
-        status = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error);
+        status = tl_versions_end_probation(&versions, TL_VERSION_RETURNED, reason, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

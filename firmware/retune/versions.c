@@ -421,8 +421,8 @@ tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **
                          : tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " cannot be read: %s", number, cause.text);
 }
 
-tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
-                           tl_error *error) {
+tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const char *text, size_t size,
+                             tl_error *error) {
     const tl_version *version = tl_versions_get(versions, number);
     char hash[TL_SHA256_TEXT];
     tl_sha256(text, size, hash);
@@ -641,39 +641,40 @@ static uint64_t since_boot_ms(void) {
     return 1000 * (uint64_t)now.tv_sec + (uint64_t)now.tv_nsec / 1000000;
 }
 
-static tl_version new_version(const tl_versions *versions, const tl_version_news *news) {
+static tl_version new_version(const tl_versions *versions, const tl_version_candidate *candidate) {
     tl_version version = {
         .number = versions->newest + 1,
         .parent = versions->active,
-        .size = news->size,
-        .origin = news->origin,
-        .right = news->right,
-        .kind = news->kind,
+        .size = candidate->size,
+        .origin = candidate->origin,
+        .right = candidate->right,
+        .kind = candidate->kind,
         .result = TL_VERSION_CANDIDATE,
         .boottime_ms = since_boot_ms(),
     };
-    tl_sha256(news->text, news->size, version.hash);
-    tl_text_for_people(news->who, version.who, sizeof version.who);
-    tl_text_for_people(news->why, version.why, sizeof version.why);
+    tl_sha256(candidate->text, candidate->size, version.hash);
+    tl_text_for_people(candidate->who, version.who, sizeof version.who);
+    tl_text_for_people(candidate->why, version.why, sizeof version.why);
     tl_utc_text(tl_utc_now(), version.at);
     tl_identity_boot(version.boot);
     return version;
 }
 
-tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error) {
+tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *candidate, uint64_t *number,
+                          tl_error *error) {
     char path[PATH_MAX];
-    if (news->size > TL_VERSIONS_BYTES || !reserve_entry(versions)) {
+    if (candidate->size > TL_VERSIONS_BYTES || !reserve_entry(versions)) {
         return tl_fail(error, TL_TRY_AGAIN, "the configuration cannot be saved: not enough memory for %zu bytes",
-                       news->size);
+                       candidate->size);
     }
     if (versions->newest >= LAST_NUMBER) {
         return tl_fail(error, TL_BAD_DATA, "%.300s: a record has the largest possible number: remove this record",
                        versions->folder);
     }
-    const tl_version version = new_version(versions, news);
+    const tl_version version = new_version(versions, candidate);
     path_of(versions, version.hash, path);
     bool is_new = access(path, F_OK) != 0; /* else it may belong to a damaged record */
-    tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
+    tl_status status = write_version_text(versions, version.hash, candidate->text, candidate->size, error);
     if (status == TL_OK) {
         status = write_record(versions, &version, error);
     }
@@ -751,14 +752,15 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     return save_state(versions, &next, error);
 }
 
-tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error) {
+tl_status tl_versions_save_probation(tl_versions *versions, const tl_probation_account *account, tl_error *error) {
     tl_versions next = *versions;
     next.probation.account = *account;
     return versions->probation.version != 0 ? save_state(versions, &next, error)
                                             : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
 }
 
-tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error) {
+tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result result, const char *reason,
+                                    tl_error *error) {
     tl_versions next = *versions;
     note_result(&next, versions->probation.version, result, reason);
     next.active = result == TL_VERSION_RETURNED ? versions->probation.return_to : versions->active;

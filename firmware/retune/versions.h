@@ -124,20 +124,21 @@ tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **
 /* ---- writing ---- */
 
 /* Data of a candidate. */
-typedef struct tl_version_news {
+typedef struct tl_version_candidate {
     const char *text;
     size_t size;
     const char *who, *why; /* truncated and cleaned when saved */
     tl_change_origin origin;
     tl_change_right right;
     tl_change_kind kind;
-} tl_version_news;
+} tl_version_candidate;
 
 /* Checks whether the disk can save a version of `size` bytes, by allocating that space. */
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
 
 /* Adds a candidate. Its parent is the active version. */
-tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error);
+tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *candidate, uint64_t *number,
+                          tl_error *error);
 
 /* Records that a candidate in the list is refused, with the reason. If it is the configuration
  * file, it counts as read. */
@@ -151,15 +152,16 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
                                tl_error *error);
 
 /* Rewrites the text of a version if it is damaged or missing. `text` must be that text. */
-tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
-                           tl_error *error);
+tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const char *text, size_t size,
+                             tl_error *error);
 
 /* Saves the progress of the probation: every 10 s, and at each start. */
-tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error);
+tl_status tl_versions_save_probation(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
 /* Ends the probation. TL_VERSION_KEPT: the active version stays. TL_VERSION_RETURNED: the version
  * before becomes active again. */
-tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error);
+tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result result, const char *reason,
+                                    tl_error *error);
 
 /* ---- at the start ---- */
 

@@ -78,7 +78,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
     (void)close(nothing);
     (void)close(output[1]);
     if (status == TL_OK) {
-        tl_relay_open(&worker->relay, output[0], settings->hear, settings->context);
+        tl_relay_open(&worker->relay, output[0], settings->on_event, settings->context);
     } else {
         (void)close(output[0]);
     }
@@ -179,7 +179,7 @@ bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer)
            answer->step > 0 && answer->budget >= 0 && answer->least >= 0 && answer->worst >= 0;
 }
 
-bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]) {
+bool tl_worker_read_reason(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]) {
     bool is_there = is_complete(from);
     memcpy(why, from->why, TL_TWIN_CHECK_WHY);
     tl_clean_field(why, TL_TWIN_CHECK_WHY);
@@ -285,26 +285,26 @@ static tl_status find_allowed(const tl_worker_job *job, tl_allowed_names *allowe
     tl_error ignored = {.status = TL_OK};
     tl_status status = tl_allowed_names_add_list(allowed, job->text[TL_WORKER_LIST], error);
     if (status == TL_OK) {
-        status = tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_IN_FORCE], error);
+        status = tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_ACTIVE], error);
     }
-    (void)tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_ON_THE_BOX], &ignored);
+    (void)tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_FULL_CHECK], &ignored);
     return status;
 }
 
 static tl_status find_change(const tl_worker_job *job, tl_verdict *verdict, tl_error *error) {
     static tl_config_change change;
-    const char *in_force = job->text[TL_WORKER_IN_FORCE];
+    const char *active_text = job->text[TL_WORKER_ACTIVE];
     const char *candidate = job->text[TL_WORKER_CANDIDATE];
     tl_allowed_names allowed = {.count = 0};
-    if (in_force[0] == '\0') {
+    if (active_text[0] == '\0') {
         verdict->kind = TL_CHANGE_RESTART;
         verdict->right = TL_RIGHT_COMMISSION;
         return TL_OK;
     }
     tl_status status = find_allowed(job, &allowed, error);
     if (status == TL_OK) {
-        status =
-            tl_config_change_find(in_force, strlen(in_force), candidate, strlen(candidate), &allowed, &change, error);
+        status = tl_config_change_find(active_text, strlen(active_text), candidate, strlen(candidate), &allowed,
+                                       &change, error);
     }
     tl_allowed_names_free(&allowed);
     if (status != TL_OK) {
@@ -328,7 +328,7 @@ static tl_status find_change(const tl_worker_job *job, tl_verdict *verdict, tl_e
 /* Reads another configuration of this plant. Returns false if that fails. */
 static bool read_other(const tl_worker_job *job, tl_worker_text which, tl_config *config) {
     tl_report report = {.add = NULL};
-    const char *text = job->text[job->text[which][0] == '\0' ? TL_WORKER_IN_FORCE : which];
+    const char *text = job->text[job->text[which][0] == '\0' ? TL_WORKER_ACTIVE : which];
     return text[0] != '\0' &&
            tl_config_read_text(job->text[TL_WORKER_PATH], text, strlen(text), config, &report) == TL_OK;
 }

@@ -42,10 +42,10 @@ typedef enum tl_worker_kind {
 typedef enum tl_worker_text {
     TL_WORKER_PATH, /* of the configuration: relative names start at its folder */
     TL_WORKER_CANDIDATE,
-    TL_WORKER_IN_FORCE,     /* the active version; "": none */
+    TL_WORKER_ACTIVE,       /* the active version; "": none */
     TL_WORKER_KEPT,         /* the version that a probation would return to; "": the active one */
     TL_WORKER_COMMISSIONED, /* the version that was commissioned last; "": the active one */
-    TL_WORKER_ON_THE_BOX,   /* the current configuration file; "": unknown */
+    TL_WORKER_FULL_CHECK,   /* the current configuration file; "": unknown */
     TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": none */
     TL_WORKER_LIST_PATH,    /* path of that list */
     TL_WORKER_TEXTS
@@ -63,7 +63,7 @@ typedef struct tl_worker_settings {
     tl_worker_job job;                           /* its texts are needed only during tl_worker_start() */
     tl_time limit;                               /* ns until it is killed */
     int (*be)(const char *title, void *context); /* called if the program cannot be executed (role.h) */
-    tl_relay_line *hear;                         /* gets each line that the worker prints; NULL: lines are dropped */
+    tl_relay_line *on_event;                     /* gets each line that the worker prints; NULL: lines are dropped */
     void *context;                               /* of both */
 } tl_worker_settings;
 
@@ -119,7 +119,7 @@ typedef struct tl_worker_result {
  * value is out of range; then a verdict is zeroed. */
 bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict);
 bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer);
-bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]);
+bool tl_worker_read_reason(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]);
 
 /* ---- in the parent ---- */
 

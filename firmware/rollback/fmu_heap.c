@@ -157,7 +157,7 @@ static void end_turn(tl_fmu_heap *heap) {
     __atomic_clear(&heap->is_taken, __ATOMIC_RELEASE);
 }
 
-void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment) {
+void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
     size_t more = alignment > UNIT ? alignment : 0;
     if (size > heap->reserved || more > heap->reserved) {
         return NULL;
@@ -182,7 +182,7 @@ void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment) {
     return block + shift;
 }
 
-void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block) {
+void tl_fmu_heap_release(tl_fmu_heap *heap, void *block) {
     directory *all = directory_of(heap);
     const block_head head = head_of(block);
     uint32_t class = head.class;
@@ -460,7 +460,7 @@ tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error) {
     if (tl_fmu_heap_open(heap, reserve, error) != TL_OK) {
         return NULL;
     }
-    heap->first = tl_fmu_heap_take(heap, sizeof(random_state), 1); /* a new heap has room for it */
+    heap->first = tl_fmu_heap_allocate(heap, sizeof(random_state), 1); /* a new heap has room for it */
     begin_random(heap->first);
     __atomic_store_n(&heap_count, heap_count + 1, __ATOMIC_RELEASE);
     return heap;
@@ -492,7 +492,7 @@ static inline tl_fmu_heap *find_server(const void *caller) {
 }
 
 static void *take(tl_fmu_heap *heap, size_t size, size_t alignment) {
-    void *block = tl_fmu_heap_take(heap, size, alignment);
+    void *block = tl_fmu_heap_allocate(heap, size, alignment);
     if (block == NULL) {
         block = own_memalign(alignment, size);
         heap->is_not_all = heap->is_not_all || block != NULL;
@@ -530,7 +530,7 @@ void free(void *block) {
     if (owner == NULL) {
         own_free(block);
     } else {
-        tl_fmu_heap_give_back(owner, block);
+        tl_fmu_heap_release(owner, block);
     }
 }
 
@@ -541,7 +541,7 @@ void *realloc(void *block, size_t size) {
     }
     size_t before = block == NULL ? 0 : tl_fmu_heap_size(block);
     if (block != NULL && size == 0) {
-        tl_fmu_heap_give_back(owner, block);
+        tl_fmu_heap_release(owner, block);
         return NULL;
     }
     if (block != NULL && size <= before && size > before / 2) {
@@ -550,7 +550,7 @@ void *realloc(void *block, size_t size) {
     void *other = take(owner, size, ALIGNMENT);
     if (other != NULL && block != NULL) {
         memcpy(other, block, before < size ? before : size);
-        tl_fmu_heap_give_back(owner, block);
+        tl_fmu_heap_release(owner, block);
     }
     return other;
 }

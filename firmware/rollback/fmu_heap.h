@@ -47,10 +47,10 @@ tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
 
 /* Allocates at least `size` bytes (0 counts as 1), aligned to `alignment`, a power of two of at
  * least 16. Returns NULL if the heap is full. */
-void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment);
+void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment);
 
 /* Frees a block of this heap. */
-void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block);
+void tl_fmu_heap_release(tl_fmu_heap *heap, void *block);
 
 /* Usable bytes of a block: at least the requested size. */
 size_t tl_fmu_heap_size(const void *block);

@@ -67,7 +67,7 @@ static void describe_descriptor(unsigned number, char text[TL_FMU_SIDE_EFFECT_TE
     (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "an open file or socket, %s", name);
 }
 
-void tl_fmu_side_effects_look(tl_fmu_side_effects *traces) {
+void tl_fmu_side_effects_check(tl_fmu_side_effects *traces) {
     siginfo_t about;
     *traces = (tl_fmu_side_effects){.threads = count_threads(),
                                     .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
@@ -103,7 +103,7 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
 
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     tl_fmu_side_effects after;
-    tl_fmu_side_effects_look(&after);
+    tl_fmu_side_effects_check(&after);
     memory->watched--;
     if (memory->left[0] == '\0') {
         (void)find_new(&memory->before, &after, memory->left);
@@ -178,7 +178,7 @@ static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *er
 
 /* ---- check for side effects ---- */
 
-const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
+const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
         return memory->left;
     }
@@ -239,7 +239,7 @@ static memory_state *take_reserved(tl_fmu_memory *memory) {
 }
 
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
-    const char *side_effect = tl_fmu_memory_left(memory);
+    const char *side_effect = tl_fmu_memory_remaining(memory);
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
     }
@@ -310,13 +310,13 @@ void tl_fmu_memory_remeasure(tl_fmu_memory *memory) {
     }
 }
 
-void tl_fmu_memory_pass(tl_fmu_memory *memory, bool passes) {
+void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes) {
     if (memory->pages != NULL) {
         tl_fmu_pages_pass(memory->pages, passes);
     }
 }
 
-void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
+void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
     for (memory_state *state = take_reserved(memory); state != NULL; state = take_reserved(memory)) {
         tl_fmu_memory_forget(state);
     }

@@ -45,7 +45,7 @@ typedef struct tl_fmu_side_effects {
     bool is_open[TL_FMU_SIDE_EFFECTS_DESCRIPTORS]; /* indexed by descriptor */
 } tl_fmu_side_effects;
 
-void tl_fmu_side_effects_look(tl_fmu_side_effects *traces);
+void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
 
 /* ---- the memory ---- */
 
@@ -95,10 +95,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
  * allocates nothing if it is not larger than any before and has no more changed pages. The second
  * function frees the unused memory, before the FMU is freed. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error);
-void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory);
+void tl_fmu_memory_free_reserve(tl_fmu_memory *memory);
 
 /* Returns the side effect that prevents a copy, as a text; NULL: none was found. */
-const char *tl_fmu_memory_left(const tl_fmu_memory *memory);
+const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
 
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
@@ -111,7 +111,7 @@ void tl_fmu_memory_forget(void *state);
 void tl_fmu_memory_remeasure(tl_fmu_memory *memory);
 
 /* While `passes` is true, saves and restores do not change the size estimate. */
-void tl_fmu_memory_pass(tl_fmu_memory *memory, bool passes);
+void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes);
 
 /* Bytes of one state, if the FMU uses as much memory as now. For a large FMU: bytes of one more
  * state. 0: not known yet. */
@@ -125,7 +125,7 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
     if (memory->watched > 0) {
-        tl_fmu_side_effects_look(&memory->before);
+        tl_fmu_side_effects_check(&memory->before);
     }
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);

@@ -385,7 +385,7 @@ typedef struct scan_order {
     uint64_t inverted;
     uint64_t all_of;
     uint64_t any_of;
-    uint64_t told;
+    uint64_t was_reported;
 } scan_order;
 
 #define SCAN _IOWR('f', 16, scan_order)
@@ -418,7 +418,7 @@ static bool find_written(const unsigned char *begin, size_t size, bool forget, t
                         .runs = (uintptr_t)runs,
                         .room = RUNS,
                         .all_of = IS_WRITTEN,
-                        .told = IS_WRITTEN};
+                        .was_reported = IS_WRITTEN};
     while (order.walked < order.end) {
         order.begin = order.walked;
         int count = ioctl(map, SCAN, &order);

@@ -8,13 +8,13 @@
 
 /* ---- prologue ---- */
 
-/* A call to be repeated; `place` is the buffer for values that it reads. */
+/* A call to be repeated; `value_buffer` is the buffer for values that it reads. */
 typedef struct played {
     tl_fmu_prologue_kind kind;
     size_t count;
     const void *values;
     const fmi2ValueReference *references;
-    void *place;
+    void *value_buffer;
 } played;
 
 struct tl_fmu_prologue_call {
@@ -64,13 +64,13 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
                          size_t count, const void *values) {
     size_t size = size_of_values(kind, count, values);
     size_t named = references == NULL ? 0 : count * sizeof *references;
-    size_t place = kind < TL_PROLOGUE_SET_STRING ? 0 : count;
-    struct tl_fmu_prologue_call *made = malloc(sizeof *made + place * sizeof(double) + aligned(size) + named);
+    size_t value_buffer = kind < TL_PROLOGUE_SET_STRING ? 0 : count;
+    struct tl_fmu_prologue_call *made = malloc(sizeof *made + value_buffer * sizeof(double) + aligned(size) + named);
     if (made == NULL) {
         prologue->is_cut = true;
         return;
     }
-    char *at = (char *)(made->bytes + place);
+    char *at = (char *)(made->bytes + value_buffer);
     void *references_at = at + aligned(size);
     *made = (struct tl_fmu_prologue_call){.call = {kind, count, at, references_at, made->bytes}};
     if (kind == TL_PROLOGUE_SET_STRING) {
@@ -98,11 +98,11 @@ static fmi2Status call_again(const played *call, const tl_fmi2 *functions, fmi2C
     case TL_PROLOGUE_SET_STRING:
         return functions->set_string(instance, call->references, call->count, call->values);
     case TL_PROLOGUE_GET_REAL:
-        return functions->get_real(instance, call->references, call->count, call->place);
+        return functions->get_real(instance, call->references, call->count, call->value_buffer);
     case TL_PROLOGUE_GET_INTEGER:
-        return functions->get_integer(instance, call->references, call->count, call->place);
+        return functions->get_integer(instance, call->references, call->count, call->value_buffer);
     case TL_PROLOGUE_GET_BOOLEAN:
-        return functions->get_boolean(instance, call->references, call->count, call->place);
+        return functions->get_boolean(instance, call->references, call->count, call->value_buffer);
     case TL_PROLOGUE_SETUP:
         return functions->setup_experiment(instance, setup->has_tolerance, setup->tolerance, setup->start,
                                            setup->has_stop, setup->stop);
@@ -231,11 +231,11 @@ void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call
         tl_fmu_history_lose(history);
         return;
     }
-    tl_fmu_history_call *place = &history->calls[made];
-    *place = *call;
-    place->steps = steps;
-    place->parent = parent;
-    place->next = NONE;
+    tl_fmu_history_call *value_buffer = &history->calls[made];
+    *value_buffer = *call;
+    value_buffer->steps = steps;
+    value_buffer->parent = parent;
+    value_buffer->next = NONE;
     if (size != 0) {
         memcpy(history->values + made * history->size, values, size);
     }
@@ -263,7 +263,7 @@ static uint32_t place_off(const tl_fmu_history *history) {
     return history->off & (UINT32_MAX >> 2);
 }
 
-void *tl_fmu_history_keep(tl_fmu_history *history) {
+void *tl_fmu_history_save(tl_fmu_history *history) {
     if (history->at == NONE) {
         return handle_of(place_off(history), true);
     }
@@ -271,7 +271,7 @@ void *tl_fmu_history_keep(tl_fmu_history *history) {
     return handle_of(history->at, false);
 }
 
-void tl_fmu_history_give_back(tl_fmu_history *history, void *kept) {
+void tl_fmu_history_restore(tl_fmu_history *history, void *kept) {
     if (kept != NULL && !is_off(kept)) {
         history->calls[number_of(kept)].kept--;
         free_branch(history, number_of(kept));
@@ -329,8 +329,8 @@ enum { STEP = TL_PROLOGUE_EXIT_INITIALIZATION + 1 };
 void tl_fmu_replay_end(tl_fmu_replay *replay) {
     tl_fmu_prologue_end(&replay->prologue);
     tl_fmu_history_close(&replay->history);
-    free(replay->place);
-    replay->place = NULL;
+    free(replay->value_buffer);
+    replay->value_buffer = NULL;
 }
 
 /* ---- ports that steps set and read ---- */
@@ -379,7 +379,7 @@ void tl_fmu_replay_begin(tl_fmu_replay *replay) {
     tl_fmu_prologue_end(&replay->prologue);
     if (replay->history.calls != NULL) {
         tl_fmu_history_begin(&replay->history);
-        replay->told->is_over = false;
+        replay->was_reported->is_over = false;
     }
     replay->phase = TL_FMU_REPLAY_BEGINS;
 }
@@ -411,13 +411,13 @@ static fmi2Status take_memory(tl_fmu_replay *replay) {
     size_t size = in->real_count * sizeof(fmi2Real);
     size = size > integers * sizeof(fmi2Integer) ? size : aligned(integers * sizeof(fmi2Integer));
     size_t values = count_ports(replay->outputs) > count_ports(in) ? count_ports(replay->outputs) : count_ports(in);
-    replay->place = calloc(values + 1, sizeof *replay->place);
-    if (replay->place == NULL ||
+    replay->value_buffer = calloc(values + 1, sizeof *replay->value_buffer);
+    if (replay->value_buffer == NULL ||
         tl_fmu_history_open(&replay->history, replay->most, calls_of_step(replay), size, &error) != TL_OK) {
         tl_fmu_replay_end(replay);
         return fmi2Error;
     }
-    replay->told->bytes = count_bytes(replay->most, calls_of_step(replay), size);
+    replay->was_reported->bytes = count_bytes(replay->most, calls_of_step(replay), size);
     return fmi2OK;
 }
 
@@ -436,7 +436,7 @@ fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay) {
 
 /* Ends the replay if memory for a call was missing; reaching the limit of steps does not end it. */
 static void look_for_end(tl_fmu_replay *replay) {
-    replay->told->is_over = replay->told->is_over || replay->history.has_run_over;
+    replay->was_reported->is_over = replay->was_reported->is_over || replay->history.has_run_over;
 }
 
 static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2ValueReference *references, size_t count,
@@ -444,7 +444,7 @@ static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2Val
     const port_group known = group_of(replay, kind);
     if (known.count != count || (count != 0 && known.references != references)) {
         tl_fmu_history_lose(&replay->history);
-        replay->told->is_over = true;
+        replay->was_reported->is_over = true;
         return;
     }
     size_t size = bytes_of_values(kind, count);
@@ -485,12 +485,12 @@ fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state) {
         return fmi2Error;
     }
     tl_fmu_replay_give_back(replay, state);
-    *state = tl_fmu_history_keep(&replay->history);
+    *state = tl_fmu_history_save(&replay->history);
     return fmi2OK;
 }
 
 void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state) {
-    tl_fmu_history_give_back(&replay->history, *state);
+    tl_fmu_history_restore(&replay->history, *state);
     *state = NULL;
 }
 
@@ -498,21 +498,21 @@ void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state) {
  * the original state. */
 static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, const void *values) {
     if (call->is_step) {
-        replay->told->steps++;
+        replay->was_reported->steps++;
         return replay->functions->do_step(replay->instance, call->now, call->size,
                                           call->is_final ? fmi2True : fmi2False);
     }
     tl_fmu_prologue_kind kind = (tl_fmu_prologue_kind)call->kind;
     const port_group known = group_of(replay, kind);
     if (known.is_set) { /* a copy, because an FMU may write to it */
-        memcpy(replay->place, values, bytes_of_values(kind, known.count));
-        values = replay->place;
+        memcpy(replay->value_buffer, values, bytes_of_values(kind, known.count));
+        values = replay->value_buffer;
     }
-    const played made = {kind, known.count, values, known.references, replay->place};
+    const played made = {kind, known.count, values, known.references, replay->value_buffer};
     fmi2Status status = call_again(&made, replay->functions, replay->instance);
     if (status <= fmi2Warning && !known.is_set) {
-        uint64_t gives = mark(replay->place, bytes_of_values(kind, known.count));
-        replay->told->differs = replay->told->differs || gives != call->gave;
+        uint64_t gives = mark(replay->value_buffer, bytes_of_values(kind, known.count));
+        replay->was_reported->differs = replay->was_reported->differs || gives != call->gave;
     }
     return status;
 }
@@ -525,7 +525,7 @@ static fmi2Status reset_instance(tl_fmu_replay *replay) {
         status = tl_fmu_prologue_play(&replay->prologue, replay->functions, replay->instance);
     }
     tl_time took = tl_clock_now(NULL) - started_at;
-    replay->told->beginning = took > replay->told->beginning ? took : replay->told->beginning;
+    replay->was_reported->beginning = took > replay->was_reported->beginning ? took : replay->was_reported->beginning;
     return status;
 }
 
@@ -562,8 +562,8 @@ fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
         return fmi2Error;
     }
     tl_fmu_history_begin(&replay->history);
-    replay->told->is_over = false;
-    replay->told->differs = false;
+    replay->was_reported->is_over = false;
+    replay->was_reported->differs = false;
     replay->phase = TL_FMU_REPLAY_PLAYS;
     fmi2Status status = reset_instance(replay);
     replay->phase = TL_FMU_REPLAY_NOTES;

@@ -127,8 +127,8 @@ void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call
 void tl_fmu_history_lose(tl_fmu_history *history);
 
 /* Saves the present position; never returns NULL. The caller gives the handle back. */
-void *tl_fmu_history_keep(tl_fmu_history *history);
-void tl_fmu_history_give_back(tl_fmu_history *history, void *kept);
+void *tl_fmu_history_save(tl_fmu_history *history);
+void tl_fmu_history_restore(tl_fmu_history *history, void *kept);
 
 /* Returns true if the saved position is the present one. */
 bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
@@ -170,7 +170,7 @@ typedef enum tl_fmu_replay_phase {
 /* Zeroed, except the fields before `phase`: ready to begin. */
 typedef struct tl_fmu_replay {
     uint32_t most;                               /* most steps from the start that can be rolled back */
-    tl_fmi2_replay *told;                        /* status for the caller of the table */
+    tl_fmi2_replay *was_reported;                /* status for the caller of the table */
     const tl_fmi2 *functions;                    /* the functions by which calls are repeated */
     fmi2Component instance;                      /* the instance for these calls */
     fmi2Status (*reset)(fmi2Component instance); /* resets the instance, so that it can be initialised */
@@ -179,7 +179,7 @@ typedef struct tl_fmu_replay {
     tl_fmu_replay_phase phase;                   /* private, from here on */
     tl_fmu_prologue prologue;
     tl_fmu_history history;
-    double *place; /* buffer for the values of one call */
+    double *value_buffer; /* buffer for the values of one call */
 } tl_fmu_replay;
 
 void tl_fmu_replay_end(tl_fmu_replay *replay);

@@ -46,9 +46,9 @@ typedef struct query_key {
 static const query_key KEYS[] = {
     {"check", FLAG, .flag = TL_CONTROL_ONLY_CHECK, .expected = "0 or 1"},
     {"restart", FLAG, .flag = TL_CONTROL_MAY_RESTART, .expected = "0 or 1"},
-    {"confirm", FLAG, .flag = TL_CONTROL_BY_PERSON, .expected = "0 or 1"},
+    {"confirm", FLAG, .flag = TL_CONTROL_MUST_CONFIRM, .expected = "0 or 1"},
     {"wait", FLAG, .flag = TL_CONTROL_WAIT, .expected = "0 or 1"},
-    {"accept_worse", FLAG, .flag = TL_CONTROL_EVEN_WORSE, .expected = "0 or 1"},
+    {"accept_worse", FLAG, .flag = TL_CONTROL_ACCEPT_WORSE, .expected = "0 or 1"},
     {"probation", SECONDS, .offset = offsetof(tl_control_request, probation_s), .most = 604800,
      .expected = "whole seconds from 1 to 604800"},
     {"shadow", SECONDS, .offset = offsetof(tl_control_request, shadow_s), .most = 3600,

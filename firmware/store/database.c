@@ -868,7 +868,7 @@ static tl_status resolve_new(const char *given, char path[PATH_MAX], tl_error *e
                 : tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", given);
 }
 
-tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error) {
+tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error) {
     struct stat file;
     if (given[0] == '\0') {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_USAGE,

@@ -27,7 +27,7 @@
 
 typedef enum tl_database_fault {
     TL_DATABASE_LATER,   /* locked, disk full, out of memory: a retry may succeed */
-    TL_DATABASE_TAKEN,   /* another twinlock writes it */
+    TL_DATABASE_IN_USE,  /* another twinlock writes it */
     TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
     TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
     TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
@@ -125,7 +125,7 @@ tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *e
 /* Writes to `path` the path, with links resolved, of a database that exists or will be created.
  * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
  * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
-tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error);
+tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error);
 
 /* Creates an empty database at `path`, where no file may exist. The database appears complete or
  * not at all. It replaces only files that SQLite left there of a removed database; TL_BAD_DATA if

@@ -22,7 +22,7 @@ static const tl_time PAUSE = TL_SECOND / 20; /* between two tries */
 
 /* Compares the open file with the file of that name. If that is impossible, the result is
  * TL_DATABASE_IN_PLACE. */
-static tl_database_whereabouts compare_file(int handle, const char *name) {
+static tl_database_file_state compare_file(int handle, const char *name) {
     struct stat ours;
     struct stat named;
     if (handle < 0 || fstat(handle, &ours) != 0) {
@@ -59,7 +59,7 @@ static tl_status fail_taken(const tl_database_lock *lock, const char *database, 
     ssize_t length = pread(lock->file, owner, sizeof owner - 1, 0);
     owner[length > 0 ? strcspn(owner, "\n") : 0] = '\0';
     return tl_database_refuse(
-        TL_DATABASE_TAKEN, error, TL_TRY_AGAIN,
+        TL_DATABASE_IN_USE, error, TL_TRY_AGAIN,
         "%s: another twinlock is writing it (process %s): stop that one, or record into another file", database,
         owner[0] == '\0' ? "unknown" : owner);
 }
@@ -281,14 +281,14 @@ static bool rename_one(const char *path, const char *name, const char *end) {
     return !file_exists(from) || (!file_exists(to) && rename(from, to) == 0);
 }
 
-static tl_status rename_damaged(const char *path, const char *why, tl_database_aside *aside, tl_error *error) {
+static tl_status rename_damaged(const char *path, const char *why, tl_database_renamed *renamed, tl_error *error) {
     char name[PATH_MAX];
     for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
         int length = snprintf(name, sizeof name, "%s.damaged-%d", path, i);
         if (length < PATH_MAX && !file_exists(name) && rename_one(path, name, "-wal") &&
             rename_one(path, name, "-shm") && rename_one(path, name, "")) {
-            (void)snprintf(aside->name, sizeof aside->name, "%s", name);
-            (void)snprintf(aside->why, sizeof aside->why, "%s", why);
+            (void)snprintf(renamed->name, sizeof renamed->name, "%s", name);
+            (void)snprintf(renamed->why, sizeof renamed->why, "%s", why);
             return TL_OK;
         }
     }
@@ -303,9 +303,9 @@ static void close_unflushed(tl_database_file *file) {
 }
 
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
-                                 tl_database_aside *aside, tl_error *error) {
+                                 tl_database_renamed *renamed, tl_error *error) {
     close_unflushed(file);
-    tl_status status = rename_damaged(file->path, why, aside, error);
+    tl_status status = rename_damaged(file->path, why, renamed, error);
     if (status == TL_OK) {
         status = open_connection(file, 0, user, error);
     }
@@ -318,17 +318,17 @@ tl_status tl_database_file_renew(tl_database_file *file, const char *why, const 
 /* ---- Opening and closing ---- */
 
 tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
-                                tl_database_file *file, tl_database_aside *aside, tl_error *error) {
+                                tl_database_file *file, tl_database_renamed *renamed, tl_error *error) {
     *file = (tl_database_file)TL_DATABASE_FILE_NONE;
-    tl_status status = tl_database_place(given, file->path, error);
+    tl_status status = tl_database_resolve(given, file->path, error);
     if (status == TL_OK) {
         status = tl_database_lock_take(file->path, patience, &file->lock, error);
     }
     if (status == TL_OK) {
         tl_error first;
         status = open_connection(file, patience, user, &first);
-        if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_DAMAGED && aside != NULL) {
-            return tl_database_file_renew(file, first.text, user, aside, error);
+        if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_DAMAGED && renamed != NULL) {
+            return tl_database_file_renew(file, first.text, user, renamed, error);
         }
         if (status != TL_OK && error != NULL) {
             *error = first;
@@ -371,7 +371,7 @@ static bool is_cut(const tl_database_file *file) {
 }
 
 /* Another program may empty the file at any moment, so the size is read after the content. */
-static tl_database_whereabouts check_content(tl_database_file *file) {
+static tl_database_file_state check_content(tl_database_file *file) {
     if (tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
         tl_database_get_fault() == TL_DATABASE_FOREIGN && size_of(file) != 0) {
         return TL_DATABASE_OVERWRITTEN;
@@ -383,9 +383,9 @@ static tl_database_whereabouts check_content(tl_database_file *file) {
     return TL_DATABASE_IN_PLACE;
 }
 
-tl_database_whereabouts tl_database_file_look(tl_database_file *file) {
+tl_database_file_state tl_database_file_check(tl_database_file *file) {
     char log[PATH_MAX + 8];
-    tl_database_whereabouts found = compare_file(file->handle, file->path);
+    tl_database_file_state found = compare_file(file->handle, file->path);
     if (found == TL_DATABASE_IN_PLACE) {
         found = check_content(file);
     }
@@ -450,7 +450,7 @@ tl_database_identity tl_database_identify(const tl_database_file *file) {
     return identity;
 }
 
-bool tl_database_is_gone(const char *path, const tl_database_identity *identity) {
+bool tl_database_is_missing(const char *path, const tl_database_identity *identity) {
     tl_database_inode now;
     if (identity->file.number == 0) {
         return false;
@@ -462,7 +462,7 @@ bool tl_database_is_gone(const char *path, const tl_database_identity *identity)
 /* Returns whether its log exists, but the database does not. */
 static bool is_stray(const char *path, const char *log, const tl_database_identity *identity) {
     tl_database_inode now;
-    return identity->log.number != 0 && tl_database_is_gone(path, identity) && read_inode(AT_FDCWD, log, &now) &&
+    return identity->log.number != 0 && tl_database_is_missing(path, identity) && read_inode(AT_FDCWD, log, &now) &&
            is_same_inode(&now, &identity->log);
 }
 
@@ -485,18 +485,18 @@ enum { DENIALS = 60 }; /* tries before a denial is final */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
 static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
 
-static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
-    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
+static bool is_refused(tl_database_policy insistence, tl_database_fault fault) {
+    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_IN_USE;
     return insistence == TL_DATABASE_ALL_OR_NOTHING || (insistence == TL_DATABASE_IF_OURS && !is_ours);
 }
 
 static bool is_retried(tl_database_fault fault) {
-    return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
+    return fault == TL_DATABASE_LATER || fault == TL_DATABASE_IN_USE;
 }
 
 /* Returns the path with links resolved, beside which replacements are created. */
 static const char *resolve_path(const char *given, char resolved[PATH_MAX]) {
-    return tl_database_place(given, resolved, NULL) == TL_OK ? resolved : given;
+    return tl_database_resolve(given, resolved, NULL) == TL_OK ? resolved : given;
 }
 
 /* Returns whether the folder is read-only. Then no replacement can be created, unless the folder
@@ -514,8 +514,8 @@ static bool is_folder_readonly(const char *path) {
  * is root creates log and index as root's files, and only then changes their owner to that of the
  * file. */
 static tl_status open_file(const char *path, const char *resolved, const tl_database_wanted *wanted,
-                           tl_database_file *file, tl_database_aside *aside, bool *is_readonly, tl_error *error) {
-    tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
+                           tl_database_file *file, tl_database_renamed *renamed, bool *is_readonly, tl_error *error) {
+    tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, renamed, error);
     tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
         *is_readonly = is_folder_readonly(resolved);
@@ -524,13 +524,13 @@ static tl_status open_file(const char *path, const char *resolved, const tl_data
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* on a busy machine the reader may need time */
         pause = 2 * pause < DENIAL_PAUSE_LAST ? 2 * pause : DENIAL_PAUSE_LAST;
-        status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
+        status = tl_database_file_open(path, wanted->patience, wanted->user, file, renamed, error);
     }
     return status;
 }
 
 static tl_status open_beside(const char *path, const char *why, const tl_database_user *user, tl_database_file *file,
-                             tl_database_news *news, tl_error *error) {
+                             tl_database_report *report, tl_error *error) {
     char name[PATH_MAX];
     tl_status status = TL_BAD_DATA;
     const tl_database_wanted wanted = {.path = name, .user = user};
@@ -541,32 +541,32 @@ static tl_status open_beside(const char *path, const char *why, const tl_databas
         if (length >= PATH_MAX) {
             return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
         }
-        status = open_file(name, name, &wanted, file, &news->aside, &ends, error);
+        status = open_file(name, name, &wanted, file, &report->renamed, &ends, error);
         ends = ends || status == TL_OK || tl_database_get_fault() == TL_DATABASE_LATER;
     }
-    (void)snprintf(news->beside, sizeof news->beside, "%s", status == TL_OK ? why : "");
+    (void)snprintf(report->beside, sizeof report->beside, "%s", status == TL_OK ? why : "");
     return status;
 }
 
-tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
-                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
+tl_status tl_database_replacement_beside(const char *given, const char *why, const tl_database_user *user,
+                                         tl_database_file *file, tl_database_report *report, tl_error *error) {
     char resolved[PATH_MAX];
-    return open_beside(resolve_path(given, resolved), why, user, file, news, error);
+    return open_beside(resolve_path(given, resolved), why, user, file, report, error);
 }
 
-tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
-                                   bool *waits, tl_error *error) {
+tl_status tl_database_replacement_open(const tl_database_wanted *wanted, tl_database_file *file,
+                                       tl_database_report *report, bool *waits, tl_error *error) {
     char resolved[PATH_MAX];
     tl_error first = {TL_OK, ""};
     bool is_readonly = false;
-    *news = (tl_database_news){.beside = ""};
+    *report = (tl_database_report){.beside = ""};
     *waits = false;
-    tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
+    tl_database_renamed *renamed = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &report->renamed;
     const char *path = resolve_path(wanted->path, resolved);
-    tl_status status = open_file(wanted->path, path, wanted, file, aside, &is_readonly, &first);
+    tl_status status = open_file(wanted->path, path, wanted, file, renamed, &is_readonly, &first);
     tl_database_fault fault = tl_database_get_fault();
     if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_retried(fault)) {
-        if (!is_readonly && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {
+        if (!is_readonly && open_beside(path, first.text, wanted->user, file, report, NULL) == TL_OK) {
             return TL_OK;
         }
         *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;

@@ -58,20 +58,20 @@ typedef struct tl_database_file {
 } tl_database_file;
 
 /* A damaged file that was renamed: its new name and the reason. */
-typedef struct tl_database_aside {
+typedef struct tl_database_renamed {
     char name[PATH_MAX]; /* "": no file was renamed */
     char why[TL_ERROR_TEXT];
-} tl_database_aside;
+} tl_database_renamed;
 
-/* State of an open file, as tl_database_file_look() finds it. */
-typedef enum tl_database_whereabouts {
+/* State of an open file, as tl_database_file_check() finds it. */
+typedef enum tl_database_file_state {
     TL_DATABASE_IN_PLACE,
     TL_DATABASE_MOVED,
     TL_DATABASE_REMOVED,
     TL_DATABASE_OVERWRITTEN, /* the content is no twinlock database any more */
     TL_DATABASE_CUT,         /* pages are missing at its end */
     TL_DATABASE_WITHOUT_LOG  /* FILE-wal was removed or replaced: recent commits have no file name */
-} tl_database_whereabouts;
+} tl_database_file_state;
 
 /* User of a connection. The file counts as opened only if `begin` succeeds. */
 typedef struct tl_database_user {
@@ -81,16 +81,16 @@ typedef struct tl_database_user {
 } tl_database_user;
 
 /* Opens the file, or creates it. `patience` (ns): for the lock and for locks of other programs. A
- * damaged file is renamed and replaced; if `aside` is NULL, the call fails instead. */
+ * damaged file is renamed and replaced; if `renamed` is NULL, the call fails instead. */
 tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
-                                tl_database_file *file, tl_database_aside *aside, tl_error *error);
+                                tl_database_file *file, tl_database_renamed *renamed, tl_error *error);
 
 /* From now on writes wait for at most `patience` (ns) for other programs. */
 void tl_database_file_set_patience(tl_database_file *file, tl_time patience);
 
 /* Detects changes by other programs; call before each write. Returns TL_DATABASE_IN_PLACE also if
  * the folder cannot be read any more. */
-tl_database_whereabouts tl_database_file_look(tl_database_file *file);
+tl_database_file_state tl_database_file_check(tl_database_file *file);
 
 /* Notes the file's size after the caller has written the log back, because that may shorten the
  * file. */
@@ -102,7 +102,7 @@ bool tl_database_file_write_back(tl_database_file *file);
 /* Renames a file that the caller has found damaged, and creates a new one. After a failure the file
  * is closed. The caller must have ended the user. */
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
-                                 tl_database_aside *aside, tl_error *error);
+                                 tl_database_renamed *renamed, tl_error *error);
 
 /* Closes the file and writes its log back if possible, also if the file was renamed. The caller
  * must have ended the user. A closed file is allowed. */
@@ -146,7 +146,7 @@ tl_database_identity tl_database_identify(const tl_database_file *file);
 
 /* Returns true if the path has no file or another one. Returns false also if that is unknown, for
  * example without permission to enter the folder. */
-bool tl_database_is_gone(const char *path, const tl_database_identity *identity);
+bool tl_database_is_missing(const char *path, const tl_database_identity *identity);
 
 /* Removes the log and its index, FILE-shm, if the database is gone but its log is still there. Does
  * nothing while another recorder has the lock. The caller must not have the lock. */
@@ -167,32 +167,32 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
 enum { TL_DATABASE_BESIDE_MOST = 9 };
 
 /* Which faults are errors, because a user waits for the result. */
-typedef enum tl_database_insistence {
+typedef enum tl_database_policy {
     TL_DATABASE_ALL_OR_NOTHING, /* every fault */
     TL_DATABASE_IF_OURS,        /* FOREIGN, OTHER, TAKEN; and if there is no replacement */
     TL_DATABASE_ANYHOW          /* no fault */
-} tl_database_insistence;
+} tl_database_policy;
 
 /* What the caller has to report. */
-typedef struct tl_database_news {
-    tl_database_aside aside;
+typedef struct tl_database_report {
+    tl_database_renamed renamed;
     char beside[TL_ERROR_TEXT]; /* why a replacement is written; "": it is the requested file */
-} tl_database_news;
+} tl_database_report;
 
 typedef struct tl_database_wanted {
     const char *path;
     tl_time patience; /* ns, for locks */
-    tl_database_insistence insistence;
+    tl_database_policy insistence;
     const tl_database_user *user;
 } tl_database_wanted;
 
 /* Opens the requested file or a replacement. If no file is open afterwards: *waits is true if a
  * retry may succeed; otherwise the fault is an error. */
-tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
-                                   bool *waits, tl_error *error);
+tl_status tl_database_replacement_open(const tl_database_wanted *wanted, tl_database_file *file,
+                                       tl_database_report *report, bool *waits, tl_error *error);
 
 /* Opens a replacement beside the file at once; `why` is copied to the news. */
-tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
-                                     tl_database_file *file, tl_database_news *news, tl_error *error);
+tl_status tl_database_replacement_beside(const char *given, const char *why, const tl_database_user *user,
+                                         tl_database_file *file, tl_database_report *report, tl_error *error);
 
 #endif

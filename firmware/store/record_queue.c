@@ -68,7 +68,7 @@ size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings, u
 }
 
 size_t tl_record_queue_bytes(const tl_record_queue_settings *settings) {
-    return tl_record_queue_checkpoint_at(settings, TL_RECORD_QUEUE_PLACES + 1);
+    return tl_record_queue_checkpoint_at(settings, TL_RECORD_QUEUE_CHECKPOINTS + 1);
 }
 
 size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step) {
@@ -197,7 +197,7 @@ static bool read_mark(const tl_record_queue_checkpoint *checkpoint_slot, uint64_
 static void rewind_end(tl_record_queue *queue, uint64_t end) {
     uint64_t before = queue->written;
     queue->written = end;
-    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_CHECKPOINTS; checkpoint_slot++) {
         tl_record_queue_checkpoint *there = &queue->control->places[checkpoint_slot];
         uint64_t number = 0;
         uint64_t digest = 0;
@@ -396,7 +396,7 @@ bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size) {
         return false;
     }
     bool there = true;
-    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_PLACES && there; checkpoint_slot++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_CHECKPOINTS && there; checkpoint_slot++) {
         unsigned char *bytes = slot_bytes(queue, checkpoint_slot);
         there = !queue->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
         touch_pages(bytes, there ? size : 0);
@@ -407,13 +407,13 @@ bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size) {
 
 unsigned char *tl_record_queue_checkpoint_room(tl_record_queue *queue, size_t *capacity) {
     *capacity = queue->reserved;
-    return queue->reserved == 0 ? NULL : slot_bytes(queue, TL_RECORD_QUEUE_PLACES);
+    return queue->reserved == 0 ? NULL : slot_bytes(queue, TL_RECORD_QUEUE_CHECKPOINTS);
 }
 
 void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t size) {
     uint64_t number = queue->number + 1;
-    const unsigned char *room = slot_bytes(queue, TL_RECORD_QUEUE_PLACES);
-    tl_record_queue_checkpoint *checkpoint_slot = &queue->control->places[number % TL_RECORD_QUEUE_PLACES];
+    const unsigned char *room = slot_bytes(queue, TL_RECORD_QUEUE_CHECKPOINTS);
+    tl_record_queue_checkpoint *checkpoint_slot = &queue->control->places[number % TL_RECORD_QUEUE_CHECKPOINTS];
     const tl_record_queue_control *control = queue->control;
     size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
     tl_record_queue_mark mark = {.tick = tick,
@@ -425,7 +425,7 @@ void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t
     assert(size <= queue->reserved);
     __atomic_store_n(&checkpoint_slot->number, 0, __ATOMIC_RELAXED);
     store_bytes((unsigned char *)checkpoint_slot->mark, (const unsigned char *)&mark, sizeof mark);
-    store_bytes(slot_bytes(queue, (unsigned)(number % TL_RECORD_QUEUE_PLACES)), room, size);
+    store_bytes(slot_bytes(queue, (unsigned)(number % TL_RECORD_QUEUE_CHECKPOINTS)), room, size);
     __atomic_store_n(&checkpoint_slot->digest, tl_record_queue_digest(number, &mark, room), __ATOMIC_RELAXED);
     __atomic_store_n(&checkpoint_slot->number, number, __ATOMIC_RELEASE);
     queue->number = number;
@@ -442,19 +442,20 @@ static uint64_t check_slot(const tl_record_queue *queue, unsigned checkpoint_slo
     uint64_t number = 0;
     uint64_t digest = 0;
     bool whole = read_mark(&queue->control->places[checkpoint_slot], &number, &digest, mark) &&
-                 number % TL_RECORD_QUEUE_PLACES == checkpoint_slot && mark->size <= queue->settings.checkpoint_bytes &&
+                 number % TL_RECORD_QUEUE_CHECKPOINTS == checkpoint_slot &&
+                 mark->size <= queue->settings.checkpoint_bytes &&
                  tl_record_queue_digest(number, mark, slot_bytes(queue, checkpoint_slot)) == digest;
     return whole ? number : 0;
 }
 
 void tl_record_queue_hide_unused(tl_record_queue *queue) {
     size_t capacity = round_up(queue->settings.checkpoint_bytes, PAGE);
-    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot <= TL_RECORD_QUEUE_CHECKPOINTS; checkpoint_slot++) {
         tl_record_queue_mark mark = {.size = 0};
-        bool is_used = checkpoint_slot < TL_RECORD_QUEUE_PLACES && check_slot(queue, checkpoint_slot, &mark) != 0;
+        bool is_used = checkpoint_slot < TL_RECORD_QUEUE_CHECKPOINTS && check_slot(queue, checkpoint_slot, &mark) != 0;
         size_t used = is_used ? (size_t)mark.size : 0;
         used = round_up(used > queue->reserved ? used : queue->reserved, PAGE);
-        if (checkpoint_slot < TL_RECORD_QUEUE_PLACES && !is_used) { /* a reader must not read hidden pages */
+        if (checkpoint_slot < TL_RECORD_QUEUE_CHECKPOINTS && !is_used) { /* a reader must not read hidden pages */
             __atomic_store_n(&queue->control->places[checkpoint_slot].number, 0, __ATOMIC_RELAXED);
         }
         if (used < capacity) {
@@ -464,29 +465,29 @@ void tl_record_queue_hide_unused(tl_record_queue *queue) {
     queue->hides = true;
 }
 
-bool tl_record_queue_checkpoint_left(const tl_record_queue *queue, unsigned which, tl_record_queue_left *left) {
-    tl_record_queue_mark marks[TL_RECORD_QUEUE_PLACES];
-    uint64_t numbers[TL_RECORD_QUEUE_PLACES];
-    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+bool tl_record_queue_saved_checkpoint(const tl_record_queue *queue, unsigned which, tl_record_queue_saved *left) {
+    tl_record_queue_mark marks[TL_RECORD_QUEUE_CHECKPOINTS];
+    uint64_t numbers[TL_RECORD_QUEUE_CHECKPOINTS];
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_CHECKPOINTS; checkpoint_slot++) {
         numbers[checkpoint_slot] = check_slot(queue, checkpoint_slot, &marks[checkpoint_slot]);
         numbers[checkpoint_slot] =
             is_kept(queue, queue->written, marks[checkpoint_slot].position) ? numbers[checkpoint_slot] : 0;
     }
     unsigned newest = numbers[1] > numbers[0] ? 1 : 0;
     unsigned checkpoint_slot = which == 0 ? newest : 1 - newest;
-    if (which >= TL_RECORD_QUEUE_PLACES || numbers[checkpoint_slot] == 0) {
+    if (which >= TL_RECORD_QUEUE_CHECKPOINTS || numbers[checkpoint_slot] == 0) {
         return false;
     }
-    *left = (tl_record_queue_left){.tick = marks[checkpoint_slot].tick,
-                                   .bytes = slot_bytes(queue, checkpoint_slot),
-                                   .size = (size_t)marks[checkpoint_slot].size,
-                                   .position = marks[checkpoint_slot].position,
-                                   .beginning = marks[checkpoint_slot].beginning,
-                                   .tuning = marks[checkpoint_slot].tuning};
+    *left = (tl_record_queue_saved){.tick = marks[checkpoint_slot].tick,
+                                    .bytes = slot_bytes(queue, checkpoint_slot),
+                                    .size = (size_t)marks[checkpoint_slot].size,
+                                    .position = marks[checkpoint_slot].position,
+                                    .beginning = marks[checkpoint_slot].beginning,
+                                    .tuning = marks[checkpoint_slot].tuning};
     return true;
 }
 
-bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry) {
+bool tl_record_queue_saved_entry(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry) {
     tl_recorder_page page = page_of(queue);
     return is_kept(queue, queue->written, *position) && *position != queue->written &&
            tl_recorder_entry_unpack(&page, &queue->settings.shape, position, entry) == NULL;
@@ -558,14 +559,14 @@ static void mend_events(tl_record_queue *queue) {
 static void mend_checkpoints(tl_record_queue *queue) {
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
     uint64_t newest = 0;
-    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_PLACES; checkpoint_slot++) {
+    for (unsigned checkpoint_slot = 0; checkpoint_slot < TL_RECORD_QUEUE_CHECKPOINTS; checkpoint_slot++) {
         tl_record_queue_mark mark;
         uint64_t number = check_slot(queue, checkpoint_slot, &mark);
         newest = number > newest ? number : newest;
     }
     queue->number = newest;
     if (taken > newest && taken < TL_RECORD_QUEUE_NUMBERS) { /* the newest that was taken is damaged now */
-        queue->number = taken + (newest != 0 && (taken + 1 - newest) % TL_RECORD_QUEUE_PLACES == 0 ? 1 : 0);
+        queue->number = taken + (newest != 0 && (taken + 1 - newest) % TL_RECORD_QUEUE_CHECKPOINTS == 0 ? 1 : 0);
     }
 }
 
@@ -619,7 +620,7 @@ static bool set_fault(tl_record_queue_reader *reader, bool *is_broken, const cha
     return false;
 }
 
-void tl_record_queue_reader_leave(tl_record_queue_reader *reader) {
+void tl_record_queue_reader_finish(tl_record_queue_reader *reader) {
     reader->is_left = true;
 }
 
@@ -736,8 +737,8 @@ uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader) {
 
 /* ---- Remaining entries ---- */
 
-uint64_t tl_record_queue_rest_count(const tl_record_queue_settings *settings, const void *memory,
-                                    const tl_record_queue_taken *taken) {
+uint64_t tl_record_queue_count_remaining(const tl_record_queue_settings *settings, const void *memory,
+                                         const tl_record_queue_taken *taken) {
     static tl_recorder_entry entry; /* too large for a small stack */
     tl_recorder_event_entry event;
     tl_record_queue_reader reader;

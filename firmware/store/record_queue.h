@@ -187,23 +187,23 @@ void tl_record_queue_hide_unused(tl_record_queue *queue);
 /* ---- for a successor, before it puts anything ---- */
 
 /* A checkpoint of the dead producer. */
-typedef struct tl_record_queue_left {
+typedef struct tl_record_queue_saved {
     int64_t tick;
     const unsigned char *bytes; /* valid until the next checkpoint; size 0: none */
     size_t size;
     uint64_t position;       /* of the first entry after it */
     tl_resumption beginning; /* of its run */
     tl_run_tuning tuning;    /* at that time; the hash is validated, the values are not */
-} tl_record_queue_left;
+} tl_record_queue_saved;
 
 /* Finds the newest (0) or the older (1) valid checkpoint since which no entry was overwritten.
  * Returns false if there is none. */
-bool tl_record_queue_checkpoint_left(const tl_record_queue *queue, unsigned which, tl_record_queue_left *left);
+bool tl_record_queue_saved_checkpoint(const tl_record_queue *queue, unsigned which, tl_record_queue_saved *left);
 
 /* Reads the entry at `*position` and advances the position. Returns false if there is no further
  * entry. The entry is validated as in recorder_entry.h. Stamps are relative to its run's start, and
  * may have any value. */
-bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry);
+bool tl_record_queue_saved_entry(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry);
 
 /* ---- Memory layout of a record queue, for both sides.
  *
@@ -214,7 +214,7 @@ bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position
  * Thread:  as for the two sides.
  */
 
-enum { TL_RECORD_QUEUE_LINE = 64, TL_RECORD_QUEUE_PLACES = 2 };
+enum { TL_RECORD_QUEUE_LINE = 64, TL_RECORD_QUEUE_CHECKPOINTS = 2 };
 
 /* Event n lies in slot n % TL_RECORDER_EVENTS. Until it is complete, the slot's state is that of an
  * earlier event. */
@@ -249,7 +249,7 @@ typedef struct tl_record_queue_control {
     uint64_t put; /* end with a waiting sample; for a successor, or a reader without producer */
     uint64_t next __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* number of the next event */
     uint64_t lost __attribute__((aligned(TL_RECORD_QUEUE_LINE)));
-    tl_record_queue_checkpoint places[TL_RECORD_QUEUE_PLACES];
+    tl_record_queue_checkpoint places[TL_RECORD_QUEUE_CHECKPOINTS];
     tl_record_queue_slot slots[TL_RECORDER_EVENTS];
     bool start_waits;            /* private to the producer */
     tl_record_queue_start start; /* beginning without room so far */
@@ -295,7 +295,7 @@ void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const
 
 /* The producer has ended and has no successor: from now on a sample that waits for its step can be
  * read too. */
-void tl_record_queue_reader_leave(tl_record_queue_reader *reader);
+void tl_record_queue_reader_finish(tl_record_queue_reader *reader);
 
 /* Returns the end of the newest entry that can be read now, seen from `taken`. */
 uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t taken);
@@ -333,7 +333,7 @@ uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader);
  */
 
 /* Counts the samples, steps and events that were not taken, up to the first invalid value. */
-uint64_t tl_record_queue_rest_count(const tl_record_queue_settings *settings, const void *memory,
-                                    const tl_record_queue_taken *taken);
+uint64_t tl_record_queue_count_remaining(const tl_record_queue_settings *settings, const void *memory,
+                                         const tl_record_queue_taken *taken);
 
 #endif

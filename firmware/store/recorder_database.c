@@ -645,7 +645,7 @@ static int write_signals(tl_recorder_database *database, const tl_record_queue_s
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
-    int code = tl_recorder_database_give_up(database);
+    int code = tl_recorder_database_end_killed(database);
     code = code == SQLITE_OK ? write_names(database) : code;
     code = code == SQLITE_OK ? write_run(database, start, timed) : code;
     code = code == SQLITE_OK ? write_beginning(database, start, timed) : code;
@@ -670,13 +670,13 @@ int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size
     return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
 }
 
-int tl_recorder_database_go_on(tl_recorder_database *database) {
+int tl_recorder_database_resume_run(tl_recorder_database *database) {
     return execute_change(database, RESUME_RUN, database->run, 0);
 }
 
 /* This process has the writer's lock, so the recorder of a run without an end was killed. The last
  * commit was at most one commit interval after the run's last step. */
-int tl_recorder_database_give_up(tl_recorder_database *database) {
+int tl_recorder_database_end_killed(tl_recorder_database *database) {
     return run_statement(database->statements[END_KILLED]);
 }
 

@@ -20,13 +20,13 @@
 
 typedef struct tl_recorder_settings {
     const char *path;
-    tl_database_insistence insistence; /* at the opening; later each fault is handled */
-    int64_t max_bytes;                 /* 0: no bound; else at least 1,000,000 */
-    tl_time commit;                    /* ns between commits, > 0, default 0.5 s */
-    const char *verb;                  /* "run", "hold", "replay" */
-    const char *name;                  /* of the configuration */
-    const char *configuration;         /* its text */
-    const tl_recorder_known *known;    /* further ones; they may change between two writes */
+    tl_database_policy insistence;  /* at the opening; later each fault is handled */
+    int64_t max_bytes;              /* 0: no bound; else at least 1,000,000 */
+    tl_time commit;                 /* ns between commits, > 0, default 0.5 s */
+    const char *verb;               /* "run", "hold", "replay" */
+    const char *name;               /* of the configuration */
+    const char *configuration;      /* its text */
+    const tl_recorder_known *known; /* further ones; they may change between two writes */
     size_t known_count;
     const char *fmus;   /* SHA-256 over the SHA-256 of the FMUs, or NULL */
     const char *boot;   /* id of the system's boot, or NULL */
@@ -89,10 +89,10 @@ int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_reco
                                    int64_t *run);
 
 /* Continues the run: removes an end "not ended cleanly" from its row. */
-int tl_recorder_database_go_on(tl_recorder_database *database);
+int tl_recorder_database_resume_run(tl_recorder_database *database);
 
-/* Marks each run without an end as not ended cleanly. tl_recorder_database_go_on() reverts it. */
-int tl_recorder_database_give_up(tl_recorder_database *database);
+/* Marks each run without an end as not ended cleanly. tl_recorder_database_resume_run() reverts it. */
+int tl_recorder_database_end_killed(tl_recorder_database *database);
 
 /* Records that the run's earlier ticks are not in this file. */
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);

@@ -21,15 +21,15 @@ const char *tl_recorder_file_path(const tl_recorder_file *file) {
     return file->file.path[0] != '\0' ? file->file.path : file->record->path;
 }
 
-void tl_recorder_file_say(tl_recorder_file *file, tl_severity severity, const char *text) {
+void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity, const char *text) {
     tl_log_level level = severity == TL_EVENT_ERROR     ? TL_LOG_ERROR
                          : severity == TL_EVENT_WARNING ? TL_LOG_WARNING
                                                         : TL_LOG_NOTICE;
     tl_log_limited(&file->limiter, level, "recorder: %s: %s", tl_recorder_file_path(file), text);
-    tl_recorder_state_say(file->state, severity, text);
+    tl_recorder_state_add_event(file->state, severity, text);
 }
 
-void tl_recorder_file_keep_words(tl_recorder_file *file, int code) {
+void tl_recorder_file_keep_reason(tl_recorder_file *file, int code) {
     tl_database_text(file->file.connection, code, file->reason, sizeof file->reason);
     (void)tl_database_fail(file->file.connection, code, &file->failure);
 }
@@ -41,27 +41,27 @@ static void note_fate(tl_recorder_file *file, const char *fate) {
 }
 
 static void report_fate(tl_recorder_file *file, const char *text) {
-    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    tl_recorder_file_report_event(file, TL_EVENT_ERROR, text);
     file->fate[0] = '\0';
 }
 
-void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news) {
+void tl_recorder_file_report_fate(tl_recorder_file *file, const tl_database_report *report) {
     char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
-    if (news != NULL && news->aside.name[0] != '\0') {
-        const char *name = strrchr(news->aside.name, '/');
+    if (report != NULL && report->renamed.name[0] != '\0') {
+        const char *name = strrchr(report->renamed.name, '/');
         (void)snprintf(text, sizeof text, "%s%s%sis damaged: renamed to %.60s, recording into a new file: %.100s",
                        file->fate[0] != '\0' ? "was " : "", file->fate,
-                       file->fate[0] != '\0' ? "; its replacement " : "", name == NULL ? news->aside.name : name + 1,
-                       news->aside.why);
+                       file->fate[0] != '\0' ? "; its replacement " : "",
+                       name == NULL ? report->renamed.name : name + 1, report->renamed.why);
         report_fate(file, text);
     }
-    if (news != NULL && news->beside[0] != '\0') {
+    if (report != NULL && report->beside[0] != '\0') {
         (void)snprintf(text, sizeof text, "is used instead%s%s: %.180s",
-                       file->fate[0] != '\0' ? " of a file that was " : "", file->fate, news->beside);
+                       file->fate[0] != '\0' ? " of a file that was " : "", file->fate, report->beside);
         report_fate(file, text);
     }
     if (file->fate[0] != '\0') {
-        (void)snprintf(text, sizeof text, "was %s%s", file->fate, news == NULL ? "" : "; recording into a new file");
+        (void)snprintf(text, sizeof text, "was %s%s", file->fate, report == NULL ? "" : "; recording into a new file");
         report_fate(file, text);
     }
 }
@@ -86,13 +86,13 @@ static int find_totals(tl_recorder_file *file, const tl_recorder_mark *mark, boo
  * are not reported twice. */
 static void leave_run(tl_recorder_file *file, bool gone) {
     file->lost_said += gone ? tl_recorder_mark_entries(tl_recorder_state_mark(file->state)) : 0;
-    tl_recorder_state_leave_run(file->state, gone);
+    tl_recorder_state_restart_run(file->state, gone);
 }
 
 /* The previous writer wrote another file. Its entries are lost, unless that file still exists and
  * only cannot be written, or was renamed as damaged. */
-static void leave_previous(tl_recorder_file *file, const tl_database_news *news) {
-    bool is_aside = news->aside.name[0] != '\0';
+static void leave_previous(tl_recorder_file *file, const tl_database_report *report) {
+    bool is_aside = report->renamed.name[0] != '\0';
     bool is_here = strcmp(tl_recorder_state_mark(file->state)->path, file->file.path) == 0 && !is_aside;
     bool gone = !file->is_kept || is_here;
     if (gone) {
@@ -101,7 +101,7 @@ static void leave_previous(tl_recorder_file *file, const tl_database_news *news)
     leave_run(file, gone);
 }
 
-int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *news) {
+int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_report *report) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
     bool there = false;
@@ -109,14 +109,14 @@ int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *ne
     if (tried != NULL && (tried->run != mark->run || !is_same_totals(&tried->totals, &mark->totals))) {
         code = find_totals(file, tried, &there);
         if (there) {
-            tl_recorder_state_settle(file->state);
+            tl_recorder_state_commit(file->state);
         }
     }
     mark = tl_recorder_state_mark(file->state);
     if (code == SQLITE_OK && !there && mark->run != 0) {
         code = find_totals(file, mark, &there);
         if (code == SQLITE_OK && !there) {
-            leave_previous(file, news);
+            leave_previous(file, report);
         }
     }
     file->goes_on = there;
@@ -154,7 +154,7 @@ static void remove_stray_logs(const tl_recorder_file *file) {
 /* Opens the file of the previous writer, even if another one is requested. */
 static tl_status open_previous(tl_recorder_file *file) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
-    file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
+    file->is_kept = !tl_database_is_missing(mark->path, &mark->identity);
     if (mark->run == 0 || access(mark->path, F_OK) != 0) {
         return TL_BAD_DATA;
     }
@@ -165,17 +165,17 @@ static tl_status open_previous(tl_recorder_file *file) {
     return status;
 }
 
-tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy insistence, tl_database_report *report,
                                 bool *waits) {
     const tl_database_wanted wanted = {.path = file->record->path,
                                        .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
                                        .insistence = insistence,
                                        .user = &file->user};
-    *news = (tl_database_news){.beside = ""};
+    *report = (tl_database_report){.beside = ""};
     *waits = false;
     remove_stray_logs(file);
     tl_status status = open_previous(file);
-    return status == TL_OK ? TL_OK : tl_database_instead_open(&wanted, &file->file, news, waits, &file->failure);
+    return status == TL_OK ? TL_OK : tl_database_replacement_open(&wanted, &file->file, report, waits, &file->failure);
 }
 
 bool tl_recorder_file_is_due(tl_recorder_file *file) {
@@ -185,7 +185,7 @@ bool tl_recorder_file_is_due(tl_recorder_file *file) {
     return is_due;
 }
 
-void tl_recorder_file_hurry(tl_recorder_file *file) {
+void tl_recorder_file_set_short_wait(tl_recorder_file *file) {
     tl_database_file_set_patience(&file->file, PATIENCE_RUNNING);
 }
 
@@ -205,38 +205,39 @@ void tl_recorder_file_end(tl_recorder_file *file) {
 
 /* ---- Replacing the file ---- */
 
-/* Like tl_database_instead_beside(); the caller reports `news`. */
-static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_database_news *news) {
-    return tl_database_instead_beside(file->record->path, why->text, &file->user, &file->file, news, &file->failure);
+/* Like tl_database_replacement_beside(); the caller reports `report`. */
+static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_database_report *report) {
+    return tl_database_replacement_beside(file->record->path, why->text, &file->user, &file->file, report,
+                                          &file->failure);
 }
 
 static bool replace_damaged(tl_recorder_file *file) {
-    tl_database_news news = {.beside = ""};
+    tl_database_report report = {.beside = ""};
     tl_error why = file->failure;
     close_statements(file);
-    tl_recorder_state_leave_run(file->state, false);
-    tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &news.aside, &file->failure);
+    tl_recorder_state_restart_run(file->state, false);
+    tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &report.renamed, &file->failure);
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* the damaged file keeps its name */
-        status = open_beside(file, &why, &news);
+        status = open_beside(file, &why, &report);
     }
-    tl_recorder_file_tell(file, &news);
+    tl_recorder_file_report_fate(file, &report);
     return status == TL_OK;
 }
 
 /* The denied file is not opened again, because opening it might succeed although writing fails. */
 static bool replace_denied(tl_recorder_file *file) {
-    tl_database_news news = {.beside = ""};
+    tl_database_report report = {.beside = ""};
     tl_error why = file->failure;
     tl_recorder_file_close(file);
-    if (open_beside(file, &why, &news) != TL_OK) {
+    if (open_beside(file, &why, &report) != TL_OK) {
         return false;
     }
-    tl_recorder_state_leave_run(file->state, false);
-    tl_recorder_file_tell(file, &news);
+    tl_recorder_state_restart_run(file->state, false);
+    tl_recorder_file_report_fate(file, &report);
     return true;
 }
 
-bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
+bool tl_recorder_file_repair(tl_recorder_file *file, int code) {
     switch (tl_database_fault_of(code, 0)) {
     case TL_DATABASE_DAMAGED:
         return replace_damaged(file);
@@ -251,7 +252,7 @@ bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
 
 /* The file was removed, overwritten or moved. This is reported together with the file that replaces
  * it. */
-static void leave_file(tl_recorder_file *file, tl_database_whereabouts found) {
+static void leave_file(tl_recorder_file *file, tl_database_file_state found) {
     bool gone = found != TL_DATABASE_MOVED;
     note_fate(file, found == TL_DATABASE_MOVED     ? "moved away"
                     : found == TL_DATABASE_REMOVED ? "removed"
@@ -272,8 +273,8 @@ static bool restore_log(tl_recorder_file *file) {
     if (!tl_database_file_write_back(&file->file)) {
         return false;
     }
-    tl_recorder_file_say(file, TL_EVENT_WARNING,
-                         "its log (-wal) was removed: its data was written back, and a new log is created");
+    tl_recorder_file_report_event(file, TL_EVENT_WARNING,
+                                  "its log (-wal) was removed: its data was written back, and a new log is created");
     tl_recorder_file_close(file);
     file->opened_at = 0;
     return true;
@@ -281,17 +282,17 @@ static bool restore_log(tl_recorder_file *file) {
 
 /* A program that overwrites a file truncates it first. Without the pause, the other program's file
  * would be renamed as damaged. */
-static tl_database_whereabouts check_file(tl_recorder_file *file) {
-    tl_database_whereabouts found = tl_database_file_look(&file->file);
+static tl_database_file_state check_file(tl_recorder_file *file) {
+    tl_database_file_state found = tl_database_file_check(&file->file);
     if (found == TL_DATABASE_CUT) {
         tl_clock_sleep_until(tl_clock_now(NULL) + CUT_PAUSE);
-        found = tl_database_file_look(&file->file);
+        found = tl_database_file_check(&file->file);
     }
     return found;
 }
 
-bool tl_recorder_file_look_after(tl_recorder_file *file) {
-    tl_database_whereabouts found = check_file(file);
+bool tl_recorder_file_check(tl_recorder_file *file) {
+    tl_database_file_state found = check_file(file);
     switch (found) {
     case TL_DATABASE_IN_PLACE:
         return false;

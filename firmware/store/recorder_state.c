@@ -56,14 +56,14 @@ void tl_recorder_state_show(tl_recorder_writer_state *state) {
     }
 }
 
-void tl_recorder_state_settle(tl_recorder_writer_state *state) {
+void tl_recorder_state_commit(tl_recorder_writer_state *state) {
     if (tl_recorder_state_tried(state) != NULL) {
         __atomic_store_n(&state->current, ~state->current & 1, __ATOMIC_SEQ_CST);
     }
     tl_recorder_state_show(state);
 }
 
-void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone) {
+void tl_recorder_state_restart_run(tl_recorder_writer_state *state, bool gone) {
     tl_recorder_mark next = *tl_recorder_state_mark(state);
     next.number++;
     if (gone) {
@@ -79,10 +79,10 @@ void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone) {
     next.own = 0;
     next.totals = (tl_recorder_totals){.lost = next.has_begun ? next.totals.lost : 0};
     tl_recorder_state_try(state, &next);
-    tl_recorder_state_settle(state);
+    tl_recorder_state_commit(state);
 }
 
-void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text) {
+void tl_recorder_state_add_event(tl_recorder_writer_state *state, tl_severity severity, const char *text) {
     bool is_full = state->own_said - tl_recorder_state_mark(state)->said >= TL_WRITER_OWN_EVENTS;
     uint64_t number = is_full ? state->own_said - 1 : state->own_said;
     tl_recorder_event_fill(&state->own[number % TL_WRITER_OWN_EVENTS], -1, severity, "recorder", text);

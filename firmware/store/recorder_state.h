@@ -83,11 +83,11 @@ const tl_recorder_mark *tl_recorder_state_tried(const tl_recorder_writer_state *
 void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_mark *mark);
 
 /* Makes the tried mark the committed one and publishes it. */
-void tl_recorder_state_settle(tl_recorder_writer_state *state);
+void tl_recorder_state_commit(tl_recorder_writer_state *state);
 
 /* Leaves the run's file: the run begins again in the next file. `gone`: the file is lost, so its
  * entries count as dropped and lost. Needs about 20 kB of stack. */
-void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone);
+void tl_recorder_state_restart_run(tl_recorder_writer_state *state, bool gone);
 
 /* Publishes the committed mark, as settle() does. A new writer calls it, because the previous one
  * may have been killed inside settle(). */
@@ -95,7 +95,7 @@ void tl_recorder_state_show(tl_recorder_writer_state *state);
 
 /* Stores an event of the writer until a file can be written. There is room for 8 events; then a new
  * event overwrites the newest one. */
-void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text);
+void tl_recorder_state_add_event(tl_recorder_writer_state *state, tl_severity severity, const char *text);
 
 /* ---- functions for any thread or process ---- */
 

@@ -115,7 +115,7 @@ static void report_loss(tl_recorder_writer *writer, const char *why) {
                        more == 1 ? "sample, step or event was" : "samples, steps or events were", why);
         writer->lost_said_at = tl_clock_now(NULL);
         writer->was_corrupted = false;
-        tl_recorder_file_say(&writer->file, TL_EVENT_WARNING, text);
+        tl_recorder_file_report_event(&writer->file, TL_EVENT_WARNING, text);
     }
     writer->file.lost_said = lost;
 }
@@ -128,7 +128,7 @@ static void report_refusal(tl_recorder_writer *writer, int kind) {
     }
     if (writer->refusal != kind) {
         (void)snprintf(text, sizeof text, "cannot write: %.160s; trying again", writer->file.reason);
-        tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
+        tl_recorder_file_report_event(&writer->file, TL_EVENT_ERROR, text);
     }
     writer->refusal = kind;
 }
@@ -146,7 +146,7 @@ static void report_success(tl_recorder_writer *writer) {
         writer->refusal = 0;
         __atomic_store_n(&writer->state->refused_since, 0, __ATOMIC_RELAXED);
         (void)snprintf(text, sizeof text, "writes again after %.1f s", tl_seconds(pause));
-        tl_recorder_file_say(&writer->file, TL_EVENT_INFO, text);
+        tl_recorder_file_report_event(&writer->file, TL_EVENT_INFO, text);
         report_loss(writer, "the database could not be written");
     } else if (tl_clock_now(NULL) - writer->lost_said_at >= LOSS_PAUSE) {
         report_loss(writer, why_lost(writer));
@@ -240,7 +240,7 @@ static void report_damage(tl_recorder_writer *writer, tl_time began_at) {
             writer->was_corrupted = true;
             (void)snprintf(text, sizeof text, "the record queue of %s was corrupted%s: it %.120s", from->queue.name,
                            i == writer->settings.ring ? " by the process of the FMUs" : "", from->reader.fault);
-            tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
+            tl_recorder_file_report_event(&writer->file, TL_EVENT_ERROR, text);
         }
     }
 }
@@ -261,7 +261,7 @@ static void begin_batch(tl_recorder_writer *writer) {
 /* Advances the mark without a transaction, because nothing is written to the database. */
 static void advance_mark(tl_recorder_writer *writer) {
     tl_recorder_state_try(writer->state, &writer->next);
-    tl_recorder_state_settle(writer->state);
+    tl_recorder_state_commit(writer->state);
 }
 
 /* Bytes of configuration texts that the batch may have to write. */
@@ -281,7 +281,7 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
     if (code == SQLITE_OK && next->run == 0) {
         code = tl_recorder_database_begin_run(writer->file.database, &next->start, !next->is_untimed, &next->run);
     } else if (code == SQLITE_OK && writer->file.goes_on && !next->has_ended) {
-        code = tl_recorder_database_go_on(writer->file.database);
+        code = tl_recorder_database_resume_run(writer->file.database);
     }
     return code;
 }
@@ -302,15 +302,15 @@ static int end_batch(tl_recorder_writer *writer, int code) {
     tl_recorder_file *file = &writer->file;
     code = code == SQLITE_OK ? commit_batch(writer) : code;
     if (code != SQLITE_OK) {
-        tl_recorder_file_keep_words(file, code);
+        tl_recorder_file_keep_reason(file, code);
         tl_recorder_database_rollback(file->database);
         return code;
     }
-    tl_recorder_state_settle(writer->state);
+    tl_recorder_state_commit(writer->state);
     file->goes_on = false;
     code = tl_recorder_database_tidy(file->database);
     if (code != SQLITE_OK) {
-        tl_recorder_file_keep_words(file, code);
+        tl_recorder_file_keep_reason(file, code);
     }
     return code;
 }
@@ -797,8 +797,8 @@ bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     return writer->refusal == 0 && (is_full || is_beginning(writer, readable_end(writer), &position));
 }
 
-void tl_recorder_writer_leave(tl_recorder_writer *writer) {
-    tl_record_queue_reader_leave(ring_of(writer));
+void tl_recorder_writer_finish_ring(tl_recorder_writer *writer) {
+    tl_record_queue_reader_finish(ring_of(writer));
 }
 
 /* ---- Writing ---- */
@@ -806,7 +806,7 @@ void tl_recorder_writer_leave(tl_recorder_writer *writer) {
 /* Returns whether a file is open; if not, tries to open one every 0.1 s. */
 static bool is_open(tl_recorder_writer *writer) {
     tl_recorder_file *file = &writer->file;
-    tl_database_news news;
+    tl_database_report report;
     bool waits = false;
     if (file->database != NULL) {
         return true;
@@ -814,18 +814,18 @@ static bool is_open(tl_recorder_writer *writer) {
     if (!tl_recorder_file_is_due(file)) {
         return false;
     }
-    if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &news, &waits) != TL_OK) {
-        tl_recorder_file_tell(file, NULL);
+    if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &report, &waits) != TL_OK) {
+        tl_recorder_file_report_fate(file, NULL);
         report_open_failure(writer);
         return false;
     }
-    tl_recorder_file_hurry(file);
-    int code = tl_recorder_file_find_run(file, &news);
-    tl_recorder_file_tell(file, &news);
+    tl_recorder_file_set_short_wait(file);
+    int code = tl_recorder_file_find_run(file, &report);
+    tl_recorder_file_report_fate(file, &report);
     if (code != SQLITE_OK) {
-        tl_recorder_file_keep_words(file, code);
+        tl_recorder_file_keep_reason(file, code);
     }
-    if (code != SQLITE_OK && !tl_recorder_file_mend(file, code)) {
+    if (code != SQLITE_OK && !tl_recorder_file_repair(file, code)) {
         report_refusal(writer, code & 0xFF);
         tl_recorder_file_close(file);
     }
@@ -844,7 +844,7 @@ static int write_all(tl_recorder_writer *writer) {
         bool any = true;
         code = write_batch(writer, end, &more);
         stalls += taken_of_ring(writer) == before ? 1 : 0;
-        for (int i = 0; i < TL_RECORD_QUEUE_PLACES && any && code == SQLITE_OK; i++) {
+        for (int i = 0; i < TL_RECORD_QUEUE_CHECKPOINTS && any && code == SQLITE_OK; i++) {
             code = write_checkpoint(writer, &any);
         }
     }
@@ -879,7 +879,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     mend_queues(writer);
     skip_damage(writer);
     while (again && is_open(writer)) {
-        if (mends < MENDS && tl_recorder_file_look_after(&writer->file)) {
+        if (mends < MENDS && tl_recorder_file_check(&writer->file)) {
             mends++;
             tl_thread_heartbeat_beat(writer->settings.heartbeat);
             continue;
@@ -889,7 +889,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
         if (tl_recorder_database_writings_back(writer->file.database) != before) {
             tl_database_file_note(&writer->file.file);
         }
-        again = code != SQLITE_OK && mends++ < MENDS && tl_recorder_file_mend(&writer->file, code);
+        again = code != SQLITE_OK && mends++ < MENDS && tl_recorder_file_repair(&writer->file, code);
         if (code != SQLITE_OK && !again) {
             report_refusal(writer, code & 0xFF);
         }
@@ -900,7 +900,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
 /* ---- Opening and closing ---- */
 
 /* Begins the run that needs no START entry, in a file that is new to this writer. */
-static tl_status begin_first(tl_recorder_writer *writer, tl_database_insistence insistence) {
+static tl_status begin_first(tl_recorder_writer *writer, tl_database_policy insistence) {
     bool more = false;
     begin_batch(writer);
     writer->next.start = *writer->settings.first;
@@ -916,25 +916,25 @@ static tl_status begin_first(tl_recorder_writer *writer, tl_database_insistence 
 }
 
 static tl_status open_all(tl_recorder_writer *writer) {
-    tl_database_news news;
+    tl_database_report report;
     bool waits = false;
-    tl_database_insistence insistence = writer->record.insistence;
+    tl_database_policy insistence = writer->record.insistence;
     if (mark_of(writer)->number != 0 || tl_recorder_state_tried(writer->state) != NULL) {
         (void)is_open(writer); /* if no file can be opened now, a later write opens one */
         return TL_OK;
     }
-    tl_status status = tl_recorder_file_open(&writer->file, insistence, &news, &waits);
+    tl_status status = tl_recorder_file_open(&writer->file, insistence, &report, &waits);
     if (status != TL_OK && !waits) {
         return status;
     }
     if (status == TL_OK) {
-        tl_recorder_file_tell(&writer->file, &news);
+        tl_recorder_file_report_fate(&writer->file, &report);
     } else {
         report_open_failure(writer);
     }
     status = writer->settings.first == NULL ? TL_OK : begin_first(writer, insistence);
     if (writer->file.database != NULL) {
-        tl_recorder_file_hurry(&writer->file);
+        tl_recorder_file_set_short_wait(&writer->file);
     }
     return status;
 }
@@ -998,7 +998,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     }
     writer->is_last = writer->settings.is_last;
     if (writer->is_last) {
-        tl_recorder_writer_leave(writer);
+        tl_recorder_writer_finish_ring(writer);
     }
     report_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
@@ -1014,7 +1014,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
             tl_fail(error, TL_TRY_AGAIN, "%s: the run's end and its last %" PRIu64 " entries could not be written: %s",
                     tl_recorder_writer_path(writer), remaining, writer->file.reason);
     } else if (writer->is_last && writer->file.database != NULL) {
-        (void)tl_recorder_database_give_up(writer->file.database); /* or the next writer does it */
+        (void)tl_recorder_database_end_killed(writer->file.database); /* or the next writer does it */
     }
     free_writer(writer);
     return status;

@@ -85,7 +85,7 @@ bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
 
 /* The producer of the ring has ended, or puts nothing more until the next writer reads the ring.
  * From now on also a sample that waits for its step is read. */
-void tl_recorder_writer_leave(tl_recorder_writer *writer);
+void tl_recorder_writer_finish_ring(tl_recorder_writer *writer);
 
 /* Returns true if all entries of the ring up to a handover are written, and the events of its queue
  * that belong to them. */

@@ -359,8 +359,8 @@ void tl_assembly_free(tl_assembly *assembly) {
 /* ---- readable paths of the FMUs ---- */
 
 /* Adds an existing path once, except "/". */
-static void add_place(tl_twin_places *places, const char *path) {
-    char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
+static void add_place(tl_readable_paths *places, const char *path) {
+    char *found = places->count < TL_TWIN_READABLE ? realpath(path, NULL) : NULL;
     bool is_new = found != NULL && strcmp(found, "/") != 0;
     for (size_t i = 0; is_new && i < places->count; i++) {
         is_new = strcmp(places->path[i], found) != 0;
@@ -374,7 +374,7 @@ static void add_place(tl_twin_places *places, const char *path) {
 
 /* Adds the library. Also adds its folder if that is a folder for libraries, because the library may
  * load others from there, as Python's modules do. */
-static void add_library(tl_twin_places *places, const char *path) {
+static void add_library(tl_readable_paths *places, const char *path) {
     char copy[PATH_MAX];
     (void)snprintf(copy, sizeof copy, "%s", path);
     const char *folder = dirname(copy);
@@ -382,7 +382,7 @@ static void add_library(tl_twin_places *places, const char *path) {
     add_place(places, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
 }
 
-static void add_component_places(tl_twin_places *places, const tl_assembly *assembly, size_t index) {
+static void add_component_places(tl_readable_paths *places, const tl_assembly *assembly, size_t index) {
     const tl_config *config = &assembly->config;
     const tl_config_component *component = &config->components[index];
     for (size_t i = 0; i < component->library_count; i++) {
@@ -409,7 +409,7 @@ static void add_component_places(tl_twin_places *places, const tl_assembly *asse
 /* Folders that a list of library folders should not contain: "/", a top folder such as "/home", a
  * home, or a parent of a home. */
 static bool is_too_wide(const char *folder) {
-    const char *home = getenv(TL_TWIN_PLACES_HOME);
+    const char *home = getenv(TL_TWIN_READABLE_HOME);
     char *real_home = home != NULL && home[0] == '/' ? realpath(home, NULL) : NULL;
     size_t length = strlen(folder);
     bool holds_home = real_home != NULL && strncmp(real_home, folder, length) == 0 &&
@@ -420,10 +420,10 @@ static bool is_too_wide(const char *folder) {
 
 /* Adds the paths that belong to one folder of a variable. Returns true if the remaining folders are
  * to be skipped. */
-typedef bool add_one(tl_twin_places *places, const char *folder);
+typedef bool add_one(tl_readable_paths *places, const char *folder);
 
 /* Only absolute names, because the process has another current folder. */
-static bool add_folder(tl_twin_places *places, const char *folder) {
+static bool add_folder(tl_readable_paths *places, const char *folder) {
     char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
     if (found != NULL && !is_too_wide(found)) {
         add_place(places, found);
@@ -434,7 +434,7 @@ static bool add_folder(tl_twin_places *places, const char *folder) {
 
 /* Adds only the parts of a Python installation or environment that Python loads. Its folder may
  * contain other users' files, as ~ does for ~/bin/python3. */
-static bool add_installation(tl_twin_places *places, const char *prefix) {
+static bool add_installation(tl_readable_paths *places, const char *prefix) {
     static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
         char path[PATH_MAX];
@@ -448,7 +448,7 @@ static bool add_installation(tl_twin_places *places, const char *prefix) {
 /* Python loads the packages of the python3 that comes first in PATH. Those of an environment are
  * beside it; those of the installation from which the environment was made are beside the target of
  * the link. */
-static bool add_python(tl_twin_places *places, const char *folder) {
+static bool add_python(tl_readable_paths *places, const char *folder) {
     char path[PATH_MAX];
     bool fits = snprintf(path, sizeof path, "%s/python3", folder) < (int)sizeof path;
     char *program = fits ? realpath(path, NULL) : NULL;
@@ -462,7 +462,7 @@ static bool add_python(tl_twin_places *places, const char *folder) {
 }
 
 /* Calls `add_each` for each folder of a variable, separated by colons. */
-static void add_variable(tl_twin_places *places, const char *name, add_one *add_each) {
+static void add_variable(tl_readable_paths *places, const char *name, add_one *add_each) {
     const char *list = getenv(name);
     char *copy = list != NULL ? strdup(list) : NULL;
     char *rest = NULL;
@@ -473,7 +473,7 @@ static void add_variable(tl_twin_places *places, const char *name, add_one *add_
     free(copy);
 }
 
-void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
+void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *places) {
     static const struct {
         const char *name;
         add_one *add;
@@ -489,9 +489,9 @@ void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
     }
 }
 
-void tl_twin_places_free(tl_twin_places *places) {
+void tl_readable_paths_free(tl_readable_paths *places) {
     for (size_t i = 0; i < places->count; i++) {
         free(places->path[i]);
     }
-    *places = (tl_twin_places){.count = 0};
+    *places = (tl_readable_paths){.count = 0};
 }

@@ -86,26 +86,26 @@ void tl_assembly_free(tl_assembly *assembly);
  *          The environment: the folders in which loader, Python and locales search. Only absolute
  *          paths count. A home, a parent of a home, or a top folder such as /opt is ignored.
  *          An installation of Python: the files that it loads.
- * Owner:   the list owns its texts until tl_twin_places_free().
+ * Owner:   the list owns its texts until tl_readable_paths_free().
  * Thread:  one thread.
  */
 
-enum { TL_TWIN_PLACES = 256 }; /* further ones are left out */
+enum { TL_TWIN_READABLE = 256 }; /* further ones are left out */
 
 /* Environment variable with the home of the user who started the program. HOME is another folder in
  * a process with FMUs. */
-#define TL_TWIN_PLACES_HOME "TWINLOCK_HOME"
+#define TL_TWIN_READABLE_HOME "TWINLOCK_HOME"
 
 /* Absolute paths that exist. Zeroed: empty. */
-typedef struct tl_twin_places {
-    char *path[TL_TWIN_PLACES];
+typedef struct tl_readable_paths {
+    char *path[TL_TWIN_READABLE];
     size_t count;
-} tl_twin_places;
+} tl_readable_paths;
 
 /* Fills the list. Call it before the process is confined, for an assembly whose libraries were
  * searched (tl_assembly_open()). */
-void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places);
+void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *places);
 
-void tl_twin_places_free(tl_twin_places *places);
+void tl_readable_paths_free(tl_readable_paths *places);
 
 #endif

@@ -100,7 +100,7 @@ tl_status tl_other_method_find(const tl_twin_child_settings *settings, const tl_
     method_search self = {.settings = settings, .job = *settings->job, .found = found};
     tl_twin_outcome now = {.ways = *checked};
     tl_status status = TL_OK;
-    self.job.task = TL_TASK_WAYS;
+    self.job.task = TL_TASK_METHODS;
     for (size_t i = 0; i < count_of(&self); i++) {
         found[i] = (tl_other_method){.replay_steps = settings->config->components[i].replay_steps};
     }

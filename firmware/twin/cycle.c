@@ -109,7 +109,7 @@ static void apply_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->was_tuned = true;
     cycle->has_tuning = cycle->has_run;
     cycle->summary.tunings++;
-    tl_lock_monitor_retune(&cycle->recovery.judge, &head->tuning);
+    tl_lock_monitor_retune(&cycle->recovery.lock_monitor, &head->tuning);
     tl_lock_monitor_retune(&cycle->second, &head->tuning);
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
 }
@@ -172,18 +172,19 @@ static tl_time start_delay(const tl_cycle *cycle) {
 /* Publishes that this cycle has done its part. */
 static void report_done(tl_cycle *cycle) {
     cycle->handover.is_ahead = false;
-    __atomic_store_n(cycle->settings.place.handed_over, cycle->handover.number, __ATOMIC_RELEASE);
+    __atomic_store_n(cycle->settings.slot_index.handed_over, cycle->handover.number, __ATOMIC_RELEASE);
 }
 
 /* At the start of a tick: reads a new announcement. */
 static void poll_handover(tl_cycle *cycle) {
-    const tl_cycle_place *slot = &cycle->settings.place;
+    const tl_cycle_place *slot = &cycle->settings.slot_index;
     uint32_t to = 0;
-    if (slot->stage == NULL || cycle->handover.is_ahead ||
-        !tl_handover_read(slot->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
+    if (slot->handover_block == NULL || cycle->handover.is_ahead ||
+        !tl_handover_read(slot->handover_block, cycle->handover.number, &cycle->handover.number, &to,
+                          &cycle->handover.tick)) {
         return;
     }
-    cycle->handover.is_ahead = (to == slot->place) == cycle->is_shadow;
+    cycle->handover.is_ahead = (to == slot->slot_index) == cycle->is_shadow;
     if (!cycle->handover.is_ahead) {
         report_done(cycle); /* it has that role already */
     }
@@ -230,8 +231,8 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the run before */
         .tick = cycle->handover.tick > cycle->next_tick ? cycle->handover.tick : cycle->next_tick,
-        .start = settings->place.start,
-        .started = settings->place.started,
+        .start = settings->slot_index.start,
+        .started = settings->slot_index.started,
     };
     start.resumption = cycle->resumption;
     (void)tl_record_queue_put_start(settings->queue, &start);
@@ -280,9 +281,9 @@ static void become_shadow(tl_cycle *cycle) {
         cycle->was_tuned = strcmp(cycle->tuning.hash, queue->configured.hash) != 0;
     }
     cycle->has_tuning = false;
-    (void)tl_record_queue_put_end(queue, TL_LIVE_TAKEN_OVER);
-    cycle->settings.place.start = cycle->start;
-    cycle->settings.place.started = tl_record_queue_beginning(queue)->started;
+    (void)tl_record_queue_put_end(queue, TL_LIVE_HANDED_OVER);
+    cycle->settings.slot_index.start = cycle->start;
+    cycle->settings.slot_index.started = tl_record_queue_beginning(queue)->started;
     cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
     cycle->has_run = false;
     cycle->is_shadow = true;
@@ -345,7 +346,7 @@ static void publish_status(tl_cycle *cycle) {
     shown->deadline_misses = cycle->summary.deadline_misses;
     shown->evaluations = cycle->summary.figures.evaluations;
     shown->timed_out = cycle->summary.figures.time_limited;
-    shown->lock = cycle->recovery.judge.tally;
+    shown->lock = cycle->recovery.lock_monitor.tally;
     shown->lock_before = cycle->second.tally;
     tl_latest_publish(&cycle->published, shown, sizeof *shown);
 }
@@ -368,7 +369,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
     }
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
-        tl_checkpointer_hurry(&cycle->checkpointer, tick);
+        tl_checkpointer_set_short_wait(&cycle->checkpointer, tick);
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));
     }
     if (tl_recovery_step(&cycle->recovery, record, &change)) {
@@ -379,7 +380,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
-    tl_watch_bounds(&cycle->watch, tick, &cycle->recovery.judge);
+    tl_watch_bounds(&cycle->watch, tick, &cycle->recovery.lock_monitor);
     if (cycle->has_run) {
         tl_twin_recorder_put(cycle->settings.queue, record, cycle->settings.assembly->twin);
     }
@@ -410,7 +411,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
-    tl_lock_monitor_sample(&cycle->recovery.judge, &sample);
+    tl_lock_monitor_sample(&cycle->recovery.lock_monitor, &sample);
     tl_lock_monitor_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     /* In mode ahead the record of the step before becomes complete now, and is enqueued before the
@@ -522,11 +523,12 @@ static tl_status verify_rollback(tl_cycle *cycle) {
     enum { RESERVE = 8 }; /* reserve: this fraction of a period */
     tl_time period = cycle->settings.assembly->config.step;
     tl_time next = tl_time_of_step(cycle->start, period, cycle->next_tick) + start_delay(cycle);
-    tl_twin_look_news news;
-    tl_status status = tl_twin_look(cycle->settings.assembly->twin, next - period / RESERVE, &news, &cycle->error);
-    if (news.found) {
-        tl_journal_event(cycle->settings.journal, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", "%s",
-                         news.text);
+    tl_twin_verify_report outcome;
+    tl_status status =
+        tl_twin_verify_until(cycle->settings.assembly->twin, next - period / RESERVE, &outcome, &cycle->error);
+    if (outcome.found) {
+        tl_journal_event(cycle->settings.journal, -1, outcome.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", "%s",
+                         outcome.text);
     }
     return status;
 }
@@ -564,7 +566,7 @@ static void run_cycle(void *context) {
 /* Tick 0 is one period from now, unless the run is resumed. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
-    const tl_cycle_place *slot = &cycle->settings.place;
+    const tl_cycle_place *slot = &cycle->settings.slot_index;
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
@@ -591,10 +593,10 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->heartbeat = tl_thread_heartbeat_start(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->queue, settings->journal,
                          !settings->unreadable);
-    started->is_shadow = settings->place.is_shadow;
+    started->is_shadow = settings->slot_index.is_shadow;
     started->is_behind = started->is_shadow;
     started->has_run = !started->is_shadow;
-    started->handover.number = settings->place.handovers;
+    started->handover.number = settings->slot_index.handovers;
     find_start(started);
     if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
         tl_twin_recorder_start(settings->queue, settings->assembly->twin, started->start);
@@ -612,9 +614,9 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
 
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
-    tl_fmu_thread_hurry(cycle->settings.thread);
+    tl_fmu_thread_set_short_wait(cycle->settings.thread);
     *summary = cycle->summary;
-    tl_lock_monitor_get(&cycle->recovery.judge, &summary->lock);
+    tl_lock_monitor_get(&cycle->recovery.lock_monitor, &summary->lock);
     *has_run = cycle->has_run;
     *error = cycle->error;
     tl_status status = cycle->status;

@@ -65,8 +65,8 @@ typedef struct tl_cycle tl_cycle;
 
 /* Slot and first role of a cycle. Zeroed: there is one slot, with the live twin. */
 typedef struct tl_cycle_place {
-    const tl_handover *stage; /* handover block; NULL: there are no handovers */
-    uint32_t place;
+    const tl_handover *handover_block; /* handover block; NULL: there are no handovers */
+    uint32_t slot_index;
     uint32_t handovers; /* number of the newest handover to ignore */
     uint32_t
         *handed_over; /* receives the number of the newest handover completed here; required with a handover block */
@@ -85,7 +85,7 @@ typedef struct tl_cycle_settings {
     tl_heartbeats *beats;          /* NULL: not published */
     const tl_live_tuning *tuning;  /* tunings from another process; NULL: none */
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
-    tl_cycle_place place;
+    tl_cycle_place slot_index;
     tl_realtime_missing missing;
     bool unreadable;    /* saved states of these FMUs cannot be loaded, so none are saved */
     tl_summary resumed; /* what was done before the first tick of a resumed run; else zeroes */

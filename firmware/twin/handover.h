@@ -36,18 +36,18 @@
 enum { TL_TWIN_SLOTS = 2, TL_HANDOVER_WHY = 192 };
 
 /* End reason of a run at a handover; the twin continues as a shadow. */
-#define TL_LIVE_TAKEN_OVER "handover to another configuration"
+#define TL_LIVE_HANDED_OVER "handover to another configuration"
 
 /* End reason of a run if a new run with another configuration replaces it. */
-#define TL_LIVE_BEGUN_ANEW "restarted with another configuration"
+#define TL_LIVE_RESTARTED "restarted with another configuration"
 
 /* ---- the supervisor writes ---- */
 
-typedef enum tl_live_shadow { TL_LIVE_SHADOW_NONE, TL_LIVE_SHADOW_LIVES, TL_LIVE_SHADOW_ENDED } tl_live_shadow;
+typedef enum tl_live_shadow { TL_LIVE_SHADOW_NONE, TL_LIVE_SHADOW_RUNS, TL_LIVE_SHADOW_ENDED } tl_live_shadow;
 
 /* Zeroed at first: the live twin is in slot 0, no handover was announced. */
 typedef struct tl_handover {
-    uint32_t place;            /* slot of the live twin */
+    uint32_t slot_index;       /* slot of the live twin */
     uint32_t order;            /* number of the newest order that was processed */
     uint32_t shadow;           /* its result: tl_live_shadow, state of the twin in the other slot */
     char why[TL_HANDOVER_WHY]; /* why the shadow ended or could not start; written before `shadow` */
@@ -59,14 +59,14 @@ typedef struct tl_handover {
 } tl_handover;
 
 /* Reads the newest handover. Returns false if its number is `seen`; this costs one relaxed load. */
-static inline bool tl_handover_read(const tl_handover *stage, uint32_t seen, uint32_t *number, uint32_t *to,
+static inline bool tl_handover_read(const tl_handover *handover_block, uint32_t seen, uint32_t *number, uint32_t *to,
                                     int64_t *tick) {
-    if (__atomic_load_n(&stage->handovers, __ATOMIC_RELAXED) == seen) {
+    if (__atomic_load_n(&handover_block->handovers, __ATOMIC_RELAXED) == seen) {
         return false;
     }
-    *number = __atomic_load_n(&stage->handovers, __ATOMIC_ACQUIRE);
-    *to = __atomic_load_n(&stage->to, __ATOMIC_RELAXED);
-    *tick = __atomic_load_n(&stage->tick, __ATOMIC_RELAXED);
+    *number = __atomic_load_n(&handover_block->handovers, __ATOMIC_ACQUIRE);
+    *to = __atomic_load_n(&handover_block->to, __ATOMIC_RELAXED);
+    *tick = __atomic_load_n(&handover_block->tick, __ATOMIC_RELAXED);
     return *to < TL_TWIN_SLOTS;
 }
 

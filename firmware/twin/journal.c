@@ -15,8 +15,8 @@ void tl_journal_init(tl_journal *journal, tl_recorder *recorder) {
     }
 }
 
-void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context) {
-    journal->hear = hear;
+void tl_journal_listen(tl_journal *journal, tl_journal_listener *on_event, void *context) {
+    journal->on_event = on_event;
     journal->listener = context;
 }
 
@@ -58,8 +58,8 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
     if (journal->recorder != NULL && !apart) {
         tl_recorder_event(journal->recorder, tick, severity, source, text);
     }
-    if (journal->hear != NULL && !apart) {
-        journal->hear(journal->listener, tick, severity, source, text);
+    if (journal->on_event != NULL && !apart) {
+        journal->on_event(journal->listener, tick, severity, source, text);
     }
     uint64_t number;
     tl_journal_entry *entry = claim_entry(journal, &number);

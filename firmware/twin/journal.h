@@ -32,8 +32,8 @@ typedef void tl_journal_listener(void *context, int64_t tick, tl_severity severi
 
 /* Fields are private. */
 typedef struct tl_journal {
-    tl_recorder *recorder;     /* NULL: events are only logged */
-    tl_journal_listener *hear; /* NULL: no listener */
+    tl_recorder *recorder;         /* NULL: events are only logged */
+    tl_journal_listener *on_event; /* NULL: no listener */
     void *listener;
     uint64_t head; /* next to write */
     uint64_t tail; /* next to read */
@@ -45,9 +45,9 @@ typedef struct tl_journal {
 /* `recorder` may be NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on `hear` is called with every event, in the thread that reports it. It must be safe to
+/* From now on `on_event` is called with every event, in the thread that reports it. It must be safe to
  * call from any thread. */
-void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context);
+void tl_journal_listen(tl_journal *journal, tl_journal_listener *on_event, void *context);
 
 /* Adds an event, as tl_recorder_event(). `tick` is −1 if it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,

@@ -31,7 +31,7 @@ typedef enum tl_read_back_finding {
     TL_READ_BACK_ENDS, /* the process that loads it ended, or was killed because loading took too long */
     TL_READ_BACK_IS_REFUSED,
     TL_READ_BACK_IS_OTHER, /* after loading, the same inputs give other values */
-    TL_READ_BACK_NOR_HERE  /* the same in the process that saved it: serialisation is not the cause */
+    TL_READ_BACK_NOT_FOUND /* the same in the process that saved it: serialisation is not the cause */
 } tl_read_back_finding;
 
 /* Of one component. */
@@ -63,7 +63,7 @@ void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *hos
 bool tl_read_back_is_useless(tl_read_back_finding finding);
 
 /* Text for a bad finding: "ends the process that loads it". */
-const char *tl_read_back_words(tl_read_back_finding finding);
+const char *tl_read_back_text(tl_read_back_finding finding);
 
 /* Runs in the second process, whose twin is built: loads the states and writes the results. Errors:
  * the FMUs could not be initialised. */

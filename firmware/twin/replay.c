@@ -68,12 +68,12 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
     const tl_config *config = replay->config;
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
-    const tl_lock_change *change = tl_lock_monitor_step(replay->judge, record);
+    const tl_lock_change *change = tl_lock_monitor_step(replay->lock_monitor, record);
     tl_watch_record(replay->watch, tick, record);
     if (change != NULL) {
         tl_watch_lock(replay->watch, tick, change);
     }
-    tl_watch_bounds(replay->watch, tick, replay->judge);
+    tl_watch_bounds(replay->watch, tick, replay->lock_monitor);
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
     }
@@ -87,7 +87,7 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
 
 /* In real time: waits for the tick's instant and counts ticks that are late. */
 static void pace_tick(const tl_replay *replay, tl_time started, tl_summary *summary) {
-    const tl_recording_tick *tick = replay->realtime ? tl_twin_feed_look(replay->feed) : NULL;
+    const tl_recording_tick *tick = replay->realtime ? tl_twin_feed_poll(replay->feed) : NULL;
     if (tick != NULL) {
         tl_time period = replay->config->step;
         tl_time instant = tl_time_of_step(started, period, tick->sample.tick);
@@ -102,7 +102,7 @@ static void apply_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings
     tl_run_tuning tuning;
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
         tl_config_retune(replay->config, &tuning.values);
-        tl_lock_monitor_retune(replay->judge, &tuning.values);
+        tl_lock_monitor_retune(replay->lock_monitor, &tuning.values);
         tl_watch_retune(replay->watch, tick, tuning.hash);
         if (replay->recorder != NULL) {
             tl_recorder_put_tuning(replay->recorder, &tuning);
@@ -122,7 +122,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         *missed = 0;
     }
     if (!tick->followed) { /* reported by the run that was resumed */
-        tl_lock_monitor_sample(replay->judge, sample);
+        tl_lock_monitor_sample(replay->lock_monitor, sample);
         tl_watch_sample(replay->watch, sample);
     }
     if (replay->recorder != NULL) {
@@ -204,7 +204,7 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
                          "the recording is too short for a step: it has %lld tick%s of %g s (expected at least %u)",
                          (long long)ticks, ticks == 1 ? "" : "s", tl_seconds(replay->config->step), needed + 1);
     }
-    tl_lock_monitor_get(replay->judge, &summary->lock);
+    tl_lock_monitor_get(replay->lock_monitor, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;
 }

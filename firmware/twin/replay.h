@@ -68,7 +68,7 @@ typedef struct tl_replay {
     tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* reports events as in a live run */
-    tl_lock_monitor *judge;
+    tl_lock_monitor *lock_monitor;
     FILE *trajectory;     /* NULL: none */
     tl_html_report *page; /* NULL: none */
     bool realtime;

@@ -12,7 +12,7 @@
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
 
-void tl_resume_say(tl_resume_tell *tell, void *context, tl_severity severity, const char *format, ...) {
+void tl_resume_report(tl_resume_listener *tell, void *context, tl_severity severity, const char *format, ...) {
     char text[TL_RESUME_TEXT];
     va_list arguments;
     va_start(arguments, format);
@@ -51,8 +51,8 @@ bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESU
     return interrupted || tl_resume_refuse(why, "%s ended: %.100s", name_run(run, name), reason);
 }
 
-bool tl_resume_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
-                            char why[TL_RESUME_WHY]) {
+bool tl_resume_is_running(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
+                          char why[TL_RESUME_WHY]) {
     char name[NAME];
     if (gap < 0) {
         return tl_resume_refuse(why, "the clock is earlier than the last tick of %s: check the system time",
@@ -463,9 +463,9 @@ static tl_status begin_twin(const follower *self, tl_resume_outcome *outcome, tl
         return status;
     }
     *outcome = TL_RESUME_REFUSED;
-    tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                  "the checkpoint of tick %" PRId64 " of %s cannot be loaded: %.120s", resume->checkpoint_tick,
-                  self->name, error->text);
+    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                     "the checkpoint of tick %" PRId64 " of %s cannot be loaded: %.120s", resume->checkpoint_tick,
+                     self->name, error->text);
     return rebuild_twin(self, error);
 }
 
@@ -528,9 +528,9 @@ static void apply_tunings(follower *self, int64_t tick) {
         if (tl_assembly_retune(assembly, &tuning.values, &error) == TL_OK) {
             note_tuning(self, &tuning, tick);
         } else {
-            tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                          "the tuning of %s at tick %" PRId64 " is skipped: %.140s", self->name, tuning.tick,
-                          error.text);
+            tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                             "the tuning of %s at tick %" PRId64 " is skipped: %.140s", self->name, tuning.tick,
+                             error.text);
         }
     }
 }
@@ -571,11 +571,11 @@ static void report_resume(const follower *self, tl_time took) {
         (void)snprintf(from, sizeof from, "%s",
                        resume->from == TL_RESUMED_START ? "its first recorded input" : "its newest inputs");
     }
-    tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_INFO,
-                  "resumes %s at tick %" PRId64 " from %s: %" PRId64
-                  " ticks repeated in %.0f ms; no twin ran for %.2f s (%" PRId64 " ticks)",
-                  self->name, resume->last + 1, from, resume->last - resume->first + 1, tl_seconds(took) * 1e3,
-                  tl_seconds(resume->gap), resume->gap / resume->step);
+    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_INFO,
+                     "resumes %s at tick %" PRId64 " from %s: %" PRId64
+                     " ticks repeated in %.0f ms; no twin ran for %.2f s (%" PRId64 " ticks)",
+                     self->name, resume->last + 1, from, resume->last - resume->first + 1, tl_seconds(took) * 1e3,
+                     tl_seconds(resume->gap), resume->gap / resume->step);
 }
 
 /* Follows the ticks from the present one on. After a failure the twin is built again, and the begun
@@ -605,8 +605,8 @@ static tl_status follow_ticks(follower *self, tl_summary *summary, tl_resume_out
     if (status == TL_FMU_FATAL) {
         return status;
     }
-    tl_resume_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
-                  "starts a new run: %s could not be resumed: %.140s", self->name, error->text);
+    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                     "starts a new run: %s could not be resumed: %.140s", self->name, error->text);
     return rebuild_twin(self, error);
 }
 

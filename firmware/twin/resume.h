@@ -46,8 +46,8 @@ bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESU
 
 /* `gap`: ns since the last tick `last` of the run. Returns false if that is too long, or if nothing
  * remains of the configured duration. */
-bool tl_resume_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
-                            char why[TL_RESUME_WHY]);
+bool tl_resume_is_running(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
+                          char why[TL_RESUME_WHY]);
 
 /* Number of ticks that can be followed in the time allowed for it. `execution`: ns of one
  * execution; 0: unknown. */
@@ -163,8 +163,9 @@ typedef struct tl_resume {
 enum { TL_RESUME_PLAIN = offsetof(tl_resume, signals) + TL_SHA256_TEXT };
 
 /* Receives messages, as events of the source "resume". `text` is valid during the call. */
-typedef void tl_resume_tell(void *context, tl_severity severity, const char *text);
-void tl_resume_say(tl_resume_tell *tell, void *context, tl_severity severity, const char *format, ...) TL_PRINTF(4, 5);
+typedef void tl_resume_listener(void *context, tl_severity severity, const char *text);
+void tl_resume_report(tl_resume_listener *tell, void *context, tl_severity severity, const char *format, ...)
+    TL_PRINTF(4, 5);
 
 /* Hash of the names of the plant's signals, from a configuration and from a recording. */
 void tl_resume_identify(const tl_config *config, char digest[TL_SHA256_TEXT]);
@@ -219,7 +220,7 @@ typedef enum tl_resume_outcome {
 typedef struct tl_resume_follow_settings {
     tl_assembly *assembly;  /* its twin has not begun, and may be built again */
     tl_record_queue *queue; /* receives the new run */
-    tl_resume_tell *tell;
+    tl_resume_listener *tell;
     void *context; /* of tell */
 } tl_resume_follow_settings;
 
@@ -250,8 +251,8 @@ typedef struct tl_resume_queue tl_resume_queue;
 
 /* Queue and assembly must outlive the object. Returns NULL if the queue contains no run, if
  * `record.resume_s` is 0, or if memory is out. */
-tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly, tl_resume_tell *tell,
-                                      void *context);
+tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly,
+                                      tl_resume_listener *tell, void *context);
 
 /* NULL is allowed. */
 void tl_resume_queue_close(tl_resume_queue *left);
@@ -281,7 +282,7 @@ typedef struct tl_resume_history_settings {
     const char *fmus;        /* identity of the FMUs (tl_twin_recorder_identify()) */
     const char *boot;        /* identity of the boot (tl_identity_boot()) */
     size_t components;       /* of the twin, the plant included */
-    tl_resume_tell *tell;
+    tl_resume_listener *tell;
     void *context; /* of tell */
 } tl_resume_history_settings;
 

@@ -18,12 +18,12 @@ enum {
 static const tl_time CLOCKS_APART = 10 * TL_SECOND;
 
 /* Progress of the search. */
-typedef enum stage { FRESH, AT_CHECKPOINTS, AT_INPUTS, OVER } stage;
+typedef enum handover_block { FRESH, AT_CHECKPOINTS, AT_INPUTS, OVER } handover_block;
 
 struct tl_resume_history {
     tl_resume_history_settings settings;
     tl_history *history;
-    stage stage;
+    handover_block handover_block;
     const tl_history_run *run; /* the run to resume */
     int64_t last;              /* its last tick that has a step */
     tl_time start;             /* its t_start on the present clock */
@@ -145,7 +145,7 @@ static tl_status find_resume(tl_resume_history *self, bool *found, tl_error *err
             tl_resume_refuse(self->why, "the record of run %" PRId64 " is incomplete: its time is missing", run->run);
     }
     *found = can_resume &&
-             tl_resume_is_under_way(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
+             tl_resume_is_running(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
     if (*found) {
         self->start = now - self->gap - tl_time_of_step(0, run->step, self->last);
         self->most = tl_resume_most_followed(tl_history_execution_cost(self->history, run), self->settings.components);
@@ -236,9 +236,9 @@ static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkp
     }
     const char *fault = find_fault(checkpoint);
     if (fault != NULL) {
-        tl_resume_say(self->settings.tell, self->settings.context, TL_EVENT_WARNING,
-                      "the checkpoint of tick %" PRId64 " of run %" PRId64 " cannot be loaded: %s", checkpoint->tick,
-                      self->run->run, fault);
+        tl_resume_report(self->settings.tell, self->settings.context, TL_EVENT_WARNING,
+                         "the checkpoint of tick %" PRId64 " of run %" PRId64 " cannot be loaded: %s", checkpoint->tick,
+                         self->run->run, fault);
         return TL_OK;
     }
     make_point(self, TL_RESUMED_CHECKPOINT, last, checkpoint);
@@ -272,11 +272,11 @@ static tl_status find_inputs(tl_resume_history *self, bool *found, tl_error *err
 static tl_status search_next(tl_resume_history *self, bool *found, tl_error *error) {
     bool any = false;
     tl_status status = TL_OK;
-    if (self->stage == FRESH) {
+    if (self->handover_block == FRESH) {
         status = find_resume(self, &any, error);
-        self->stage = any ? AT_CHECKPOINTS : OVER;
+        self->handover_block = any ? AT_CHECKPOINTS : OVER;
     }
-    while (status == TL_OK && !*found && self->stage == AT_CHECKPOINTS) {
+    while (status == TL_OK && !*found && self->handover_block == AT_CHECKPOINTS) {
         const tl_history_checkpoint *checkpoint = NULL;
         if (self->tried++ < CHECKPOINTS_MOST) {
             status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
@@ -285,11 +285,11 @@ static tl_status search_next(tl_resume_history *self, bool *found, tl_error *err
             self->before = checkpoint->tick;
             status = try_checkpoint(self, checkpoint, found, error);
         } else {
-            self->stage = AT_INPUTS;
+            self->handover_block = AT_INPUTS;
         }
     }
-    if (status == TL_OK && self->stage == AT_INPUTS) {
-        self->stage = OVER;
+    if (status == TL_OK && self->handover_block == AT_INPUTS) {
+        self->handover_block = OVER;
         status = find_inputs(self, found, error);
     }
     return status;
@@ -303,12 +303,12 @@ const tl_resume *tl_resume_history_next(tl_resume_history *history) {
     }
     const tl_resume_history_settings *settings = &history->settings;
     if (search_next(history, &found, &error) != TL_OK) {
-        history->stage = OVER;
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
+        history->handover_block = OVER;
+        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         return NULL;
     }
     if (!found && history->why[0] != '\0') {
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_INFO, "starts a new run: %s", history->why);
+        tl_resume_report(settings->tell, settings->context, TL_EVENT_INFO, "starts a new run: %s", history->why);
         history->why[0] = '\0';
     }
     return found ? &history->found : NULL;
@@ -325,15 +325,15 @@ tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *sett
     }
     tl_resume_history *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING,
-                      "starts a new run: not enough memory to search for an earlier one");
+        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING,
+                         "starts a new run: not enough memory to search for an earlier one");
         return NULL;
     }
     opened->settings = *settings;
     opened->before = INT64_MAX;
     opened->ticks.shape = tl_recorder_shape_of(settings->config);
     if (tl_history_open(settings->path, &opened->history, &error) != TL_OK) {
-        tl_resume_say(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
+        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         tl_resume_history_close(opened);
         return NULL;
     }

@@ -44,12 +44,12 @@ struct tl_resume_queue {
     const tl_record_queue *queue;
     const tl_config *config;
     tl_twin_facts facts;
-    tl_resume_tell *tell;
+    tl_resume_listener *tell;
     void *context; /* of tell */
     unsigned resume_point;
     bool was_tried[CHECKPOINTS]; /* checkpoints that were already returned */
     bool has_reported;
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     stretch newest; /* the stretch that is being read */
     stretch chosen; /* the newest one that can be resumed */
     int fruitless;  /* number of later runs without a step of their own */
@@ -62,14 +62,14 @@ struct tl_resume_queue {
 
 /* ---- one stretch ---- */
 
-static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning, const tl_run_tuning *in_force) {
+static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning, const tl_run_tuning *active_text) {
     tl_resume_ticks ticks = self->newest.ticks; /* reuses its memory */
     ticks.shape = tl_recorder_shape_of(self->config);
     tl_resume_ticks_begin(&ticks, 0);
     self->newest = (stretch){.is_there = true, .beginning = *beginning, .last = -1, .ticks = ticks};
-    self->newest.tunings[0] = *in_force;
+    self->newest.tunings[0] = *active_text;
     self->newest.tunings[0].tick = 0;
-    self->newest.tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
+    self->newest.tuning_count = active_text->hash[0] != '\0' ? 1 : 0;
 }
 
 /* A run that ended before it had a step of its own contains nothing that the run before it does
@@ -176,7 +176,7 @@ static void add_entry(tl_resume_queue *self, const tl_recorder_entry *entry) {
  * overwritten. */
 static bool begin_reading(tl_resume_queue *self, unsigned which, uint64_t *position) {
     *position = 0;
-    if (!tl_record_queue_checkpoint_left(self->queue, which, &self->left)) {
+    if (!tl_record_queue_saved_checkpoint(self->queue, which, &self->left)) {
         return which == 0;
     }
     if (self->left.tick < -1 || !is_tick(self, self->left.tick + 1)) {
@@ -201,7 +201,7 @@ static bool read_entries(tl_resume_queue *self, unsigned which, bool any_run) {
     if (!begin_reading(self, which, &position)) {
         return false;
     }
-    while (!self->is_out_of_memory && tl_record_queue_entry_left(self->queue, &position, &self->entry)) {
+    while (!self->is_out_of_memory && tl_record_queue_saved_entry(self->queue, &position, &self->entry)) {
         add_entry(self, &self->entry);
     }
     close_stretch(self);
@@ -218,7 +218,7 @@ static bool can_resume(tl_resume_queue *self, const stretch *run) {
     bool is_near = start >= -TL_RESUME_FAR && start <= TL_RESUME_FAR;
     tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
     return tl_resume_was_interrupted(TL_RESUME_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
-           tl_resume_is_under_way(TL_RESUME_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
+           tl_resume_is_running(TL_RESUME_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
 }
 
 static int64_t most_followed(const tl_resume_queue *self, const stretch *run) {
@@ -310,7 +310,7 @@ static bool try_next(tl_resume_queue *self, const resume_point *now, bool *over)
 }
 
 static void report_why(const tl_resume_queue *self, const char *why) {
-    tl_resume_say(self->tell, self->context, TL_EVENT_INFO, "starts a new run: %.200s", why);
+    tl_resume_report(self->tell, self->context, TL_EVENT_INFO, "starts a new run: %.200s", why);
 }
 
 /* Writes the image and reads it back with the usual validation. */
@@ -356,16 +356,16 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
 static bool has_data(tl_resume_queue *self) {
     uint64_t position = 0;
     bool holds = false;
-    bool is_left = tl_record_queue_checkpoint_left(self->queue, 0, &self->left);
-    while (!is_left && tl_record_queue_entry_left(self->queue, &position, &self->entry)) {
+    bool is_left = tl_record_queue_saved_checkpoint(self->queue, 0, &self->left);
+    while (!is_left && tl_record_queue_saved_entry(self->queue, &position, &self->entry)) {
         holds = self->entry.kind == TL_ENTRY_START ? self->entry.start.holds : holds;
         is_left = !holds;
     }
     return is_left;
 }
 
-tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly, tl_resume_tell *tell,
-                                      void *context) {
+tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly,
+                                      tl_resume_listener *tell, void *context) {
     tl_resume_queue *opened = assembly->config.record_resume != 0 ? calloc(1, sizeof *opened) : NULL;
     if (opened == NULL) {
         return NULL;

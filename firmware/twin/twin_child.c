@@ -58,7 +58,7 @@ static void copy_text(char text[TL_ERROR_TEXT], const char *reported) {
 
 static void describe_call(const tl_twin_child *child, char *text, size_t size) {
     tl_fmu_call call;
-    if (tl_fmu_calls_look(&child->extra->calls, &call)) {
+    if (tl_fmu_calls_poll(&child->extra->calls, &call)) {
         (void)snprintf(text, size, "in %s of FMU %s", call.function, call.fmu);
     } else {
         (void)snprintf(text, size, "outside of FMU calls");
@@ -139,7 +139,7 @@ static bool wait_messages(tl_twin_child *child, unsigned wanted, tl_time longest
     passed = passed > TL_SECOND ? TL_SECOND
                                 : passed; /* we may have been stopped meanwhile; that is no silence of the process */
     child->silence += passed;
-    child->idle += tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : passed;
+    child->idle += tl_fmu_calls_poll(&child->extra->calls, &call) ? 0 : passed;
     child->asked += tl_interrupt_requested() != NULL ? passed : 0;
     return is_in_time(child);
 }
@@ -229,7 +229,7 @@ static tl_status start_process(tl_twin_child *child, tl_error *error) {
     const tl_twin_job *job = child->settings.job;
     bool is_for_states = child->settings.others != NULL || job->states_only;
     /* Processes with the same FMUs print the same; only one of them is logged. */
-    bool is_silent = is_for_states || job->task == TL_TASK_PAIR || job->task == TL_TASK_WAYS;
+    bool is_silent = is_for_states || job->task == TL_TASK_PAIR || job->task == TL_TASK_METHODS;
     size_t twins = job->task == TL_TASK_PAIR ? 2 : 1;
     char title[TL_ROLE_TITLE];
     (void)snprintf(title, sizeof title, "%s [%s]", is_for_states ? TL_TWIN_READER : "twin",
@@ -241,7 +241,7 @@ static tl_status start_process(tl_twin_child *child, tl_error *error) {
     tl_twin_process_settings settings = {
         .job = job,
         .fmus = tl_twin_fmus_of(child->settings.config),
-        .which = child->settings.others != NULL || job->task == TL_TASK_WAYS ? 1 : 0,
+        .which = child->settings.others != NULL || job->task == TL_TASK_METHODS ? 1 : 0,
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,
@@ -401,7 +401,7 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_err
 static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBLY_NAME]) {
     tl_fmu_call call;
     tl_clean_field(component, TL_ASSEMBLY_NAME);
-    if (!child->has_ended && tl_fmu_calls_look(&child->extra->calls, &call)) {
+    if (!child->has_ended && tl_fmu_calls_poll(&child->extra->calls, &call)) {
         (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", call.fmu);
     }
 }
@@ -429,11 +429,11 @@ tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, t
     return TL_OK;
 }
 
-void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context) {
-    tl_twin_process_tell(child->process, hear, context);
+void tl_twin_child_report(tl_twin_child *child, tl_fmu_refusals_listener *on_event, void *context) {
+    tl_twin_process_report(child->process, on_event, context);
 }
 
-tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error) {
+tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error) {
     if (child->stopping) {
         return TL_OK; /* the tick would be ignored */
     }

@@ -74,11 +74,11 @@ tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, t
 
 /* Reports the system calls of FMUs that were denied since the last call of this function. They are
  * in the log already. */
-void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
+void tl_twin_child_report(tl_twin_child *child, tl_fmu_refusals_listener *on_event, void *context);
 
 /* Enqueues a tick; at most TL_CHANNEL_DEPTH may be under way. `last`: it only completes the record
  * before. The process is notified by tl_twin_child_push(). */
-tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
+tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
 void tl_twin_child_push(tl_twin_child *child);
 
@@ -147,7 +147,7 @@ typedef struct tl_twin_fed {
 tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed **feed, tl_error *error);
 
 /* The next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */
-const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed);
+const tl_recording_tick *tl_twin_feed_poll(tl_twin_feed *feed);
 
 /* Returns the next tick with its result; *end: no tick remains. An error comes from the recording,
  * the step, or the process with the twin. If it comes from the step, `fed` is filled, and may have

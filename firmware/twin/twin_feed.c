@@ -88,7 +88,7 @@ static void want_next(tl_twin_feed *feed) {
     feed->read += entry->last || !beyond ? 1 : 0;
 }
 
-const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed) {
+const tl_recording_tick *tl_twin_feed_poll(tl_twin_feed *feed) {
     if (feed->read == feed->sent && !feed->ended) {
         want_next(feed);
     }
@@ -105,9 +105,9 @@ static tl_status send_ticks(tl_twin_feed *feed, tl_error *error) {
         return TL_OK;
     }
     tl_status status = TL_OK;
-    while (status == TL_OK && feed->sent - feed->received < most && tl_twin_feed_look(feed) != NULL) {
+    while (status == TL_OK && feed->sent - feed->received < most && tl_twin_feed_poll(feed) != NULL) {
         const wanted *entry = &feed->ring[feed->sent % ENTRIES];
-        status = tl_twin_child_give(feed->settings.child, &entry->tick, entry->last, error);
+        status = tl_twin_child_enqueue(feed->settings.child, &entry->tick, entry->last, error);
         feed->sent += status == TL_OK ? 1 : 0;
     }
     if (status == TL_OK) {

@@ -173,8 +173,8 @@ static void log_refusals(tl_twin_process *self) {
         if (!self->settings.is_silent) {
             (void)tl_log_foreign(TL_LOG_WARNING, text, OUTPUT_PATIENCE);
         }
-        if (self->settings.hear != NULL) {
-            self->settings.hear(self->settings.context, text);
+        if (self->settings.on_event != NULL) {
+            self->settings.on_event(self->settings.context, text);
         }
     }
 }
@@ -214,7 +214,7 @@ static void kill_process(tl_twin_process *self, const char *why) {
 static void check_calls(tl_twin_process *self) {
     char text[256];
     tl_fmu_call call;
-    bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
+    bool is_called = tl_fmu_calls_poll(self->settings.calls, &call);
     const tl_fmu_call_timeout_view view = {
         .now = tl_clock_now(NULL),
         .call = is_called ? &call : NULL,
@@ -397,7 +397,7 @@ static void build_environment(const tl_twin_process *process, environment *made)
     add_variable(made, "HOME", process->folder.path, "");
     add_variable(made, "PYTHONDONTWRITEBYTECODE", "1", "");
     if (home != NULL) {
-        add_variable(made, TL_TWIN_PLACES_HOME, home, "");
+        add_variable(made, TL_TWIN_READABLE_HOME, home, "");
     }
     if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* packages of the user */
         add_variable(made, "PYTHONUSERBASE", home, "/.local");
@@ -611,10 +611,10 @@ bool tl_twin_process_was_refused(tl_twin_process *process) {
     return was_refused;
 }
 
-void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context) {
+void tl_twin_process_report(tl_twin_process *process, tl_fmu_refusals_listener *on_event, void *context) {
     const char *text = NULL;
     while ((text = next_refusal(process, &process->reported)) != NULL) {
-        hear(context, text);
+        on_event(context, text);
     }
 }
 

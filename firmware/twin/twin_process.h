@@ -70,8 +70,8 @@ typedef struct tl_twin_process_settings {
     uint64_t memory_limit;           /* bytes that the process may use; 0: tl_confine_fair_memory() */
     const tl_twin_role_tasks *tasks; /* for a machine without exec (role.h) */
     tl_fmu_refusals_listener
-        *hear;     /* called by the output thread for each denied system call that is logged; NULL: none */
-    void *context; /* of `hear` */
+        *on_event; /* called by the output thread for each denied system call that is logged; NULL: none */
+    void *context; /* of `on_event` */
 } tl_twin_process_settings;
 
 /* Reads the sizes of the FMU files; a missing file counts 0 bytes. */
@@ -101,7 +101,7 @@ bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILL
 bool tl_twin_process_was_refused(tl_twin_process *process);
 
 /* Reports denied system calls that this function has not reported yet. */
-void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context);
+void tl_twin_process_report(tl_twin_process *process, tl_fmu_refusals_listener *on_event, void *context);
 
 /* Returns after all its output until now has been forwarded. */
 void tl_twin_process_flush(tl_twin_process *process);

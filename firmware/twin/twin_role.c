@@ -44,12 +44,12 @@ tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *er
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of the FMU process");
     }
     memcpy(bytes, &head, sizeof head);
-    unsigned char *place = bytes + sizeof head;
+    unsigned char *slot_index = bytes + sizeof head;
     for (size_t i = 0; i < PIECES; i++) {
         if (head.sizes[i] > 0) {
-            memcpy(place, pieces[i], head.sizes[i]);
+            memcpy(slot_index, pieces[i], head.sizes[i]);
         }
-        place += head.sizes[i];
+        slot_index += head.sizes[i];
     }
     tl_status status = tl_block_make_of("twinlock-job", bytes, size, block, error);
     free(bytes);
@@ -140,10 +140,10 @@ static void send_status(role *self, tl_message type, tl_status status, const tl_
 
 /* Receives the next message of the parent into self->received. */
 static tl_status receive_message(role *self, tl_message *type, tl_error *error) {
-    tl_channel_news news = tl_channel_take(&self->channel, type, &self->received);
-    while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
+    tl_channel_answer outcome = tl_channel_take(&self->channel, type, &self->received);
+    while (outcome != TL_CHANNEL_SOMETHING && outcome != TL_CHANNEL_BROKEN) {
         (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + POLL);
-        news = tl_channel_take(&self->channel, type, &self->received);
+        outcome = tl_channel_take(&self->channel, type, &self->received);
     }
     *error = self->channel.fault;
     return error->status;
@@ -213,9 +213,9 @@ static tl_status open_channel(role *self, tl_error *error) {
 
 static tl_status confine_role(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
-    tl_twin_places places = {.count = 0};
+    tl_readable_paths places = {.count = 0};
     if (!self->job.holds) {
-        tl_twin_places_find(&self->assembly, &places);
+        tl_readable_paths_find(&self->assembly, &places);
     }
     const tl_confine_settings settings = {
         .read = (const char *const *)places.path,
@@ -229,7 +229,7 @@ static tl_status confine_role(const role *self, tl_confine_facts *facts, tl_erro
         .lives_on = self->job.task == TL_TASK_LIVE,
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
-    tl_twin_places_free(&places);
+    tl_readable_paths_free(&places);
     if (status == TL_OK && listener >= 0) { /* the parent needs it to see denied calls */
         const char byte = 0;
         (void)tl_packet_send(TL_TWIN_START_SOCKET, &byte, sizeof byte, listener);
@@ -279,7 +279,7 @@ static tl_status execute_tick(role *self, tl_error *error) {
     while (status == TL_OK && tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
         status = tl_assembly_retune(&self->assembly, &tuning.values, error);
         if (status == TL_OK) {
-            tl_lock_monitor_retune(&self->recovery.judge, &tuning.values);
+            tl_lock_monitor_retune(&self->recovery.lock_monitor, &tuning.values);
         }
     }
     if (status != TL_OK) {
@@ -365,7 +365,7 @@ static tl_status perform_task(role *self, tl_error *error) {
         status = tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, error);
         tl_assembly_free(&self->second);
         return status;
-    case TL_TASK_WAYS: /* builds it in the function */
+    case TL_TASK_METHODS: /* builds it in the function */
         return tl_component_methods_try(&self->assembly, &self->extra->ways, error);
     default:
         status = step_until_end(self, error);
@@ -378,7 +378,7 @@ static void run_task(void *context) {
     role *self = context;
     tl_error error = {TL_OK, ""};
     bool checks = self->job.task == TL_TASK_CHECK;
-    bool tries = self->job.task == TL_TASK_WAYS;
+    bool tries = self->job.task == TL_TASK_METHODS;
     if (checks || tries) { /* verify as often as possible (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }

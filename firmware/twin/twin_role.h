@@ -41,12 +41,12 @@
  */
 
 typedef enum tl_twin_task {
-    TL_TASK_CHECK, /* build, print the page, end */
-    TL_TASK_READ,  /* build, load states that another process has saved (read_back.h), end */
-    TL_TASK_PAIR,  /* build two twins and compare them (twin_trial.h) */
-    TL_TASK_WAYS,  /* build, test the rollback methods that the job names, and measure their cost (twin_trial.h) */
-    TL_TASK_STEP,  /* build, then compute a result for each tick */
-    TL_TASK_LIVE   /* live run, by code of a higher layer */
+    TL_TASK_CHECK,   /* build, print the page, end */
+    TL_TASK_READ,    /* build, load states that another process has saved (read_back.h), end */
+    TL_TASK_PAIR,    /* build two twins and compare them (twin_trial.h) */
+    TL_TASK_METHODS, /* build, test the rollback methods that the job names, and measure their cost (twin_trial.h) */
+    TL_TASK_STEP,    /* build, then compute a result for each tick */
+    TL_TASK_LIVE     /* live run, by code of a higher layer */
 } tl_twin_task;
 
 typedef struct tl_twin_job {

@@ -88,10 +88,10 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
 
 /* Verifies the rollback of the FMUs. */
 static tl_status verify_rollback(const tl_assembly *assembly, tl_error *error) {
-    tl_twin_look_news news;
-    tl_status status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, error);
-    if (news.found) {
-        tl_log(news.mended ? TL_LOG_WARNING : TL_LOG_ERROR, "%s", news.text);
+    tl_twin_verify_report outcome;
+    tl_status status = tl_twin_verify_until(assembly->twin, TL_TIME_NEVER, &outcome, error);
+    if (outcome.found) {
+        tl_log(outcome.mended ? TL_LOG_WARNING : TL_LOG_ERROR, "%s", outcome.text);
     }
     return status;
 }
@@ -127,7 +127,7 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
         tl_twin_reset(assembly->twin);
     }
     if (!tick->followed) {
-        tl_lock_monitor_sample(&recovery->judge, &tick->sample);
+        tl_lock_monitor_sample(&recovery->lock_monitor, &tick->sample);
     }
     tl_status status = execute_step(assembly, tick, tells, &result->record, &ready, error);
     if (ready && tl_recovery_step(recovery, &result->record, &change) &&
@@ -168,15 +168,15 @@ static void write_size(const tl_account_finding *finding, char *text, size_t siz
     }
 }
 
-static void write_sentence(const tl_account_finding *finding, tl_twin_look_news *news) {
+static void write_sentence(const tl_account_finding *finding, tl_twin_verify_report *outcome) {
     static const char *const outcomes[TL_MENDED] = {
         [TL_MENDED_NOT] = "committed results may be wrong from now on",
-        [TL_MENDED_BY_MEMORY] = "it is rolled back by its memory from now on",
-        [TL_MENDED_BY_STATES] = "it is rolled back by its own states from now on",
+        [TL_REPAIRED_BY_MEMORY] = "it is rolled back by its memory from now on",
+        [TL_REPAIRED_BY_STATES] = "it is rolled back by its own states from now on",
     };
     const char *then = outcomes[finding->mended];
     if (finding->variable[0] == '\0') {
-        (void)snprintf(news->text, sizeof news->text,
+        (void)snprintf(outcome->text, sizeof outcome->text,
                        "%.24s: its rollback is not exact: it fails in step %lld, which had succeeded before; %s",
                        finding->component, (long long)finding->step, then);
         return;
@@ -185,13 +185,13 @@ static void write_sentence(const tl_account_finding *finding, tl_twin_look_news 
     write_size(finding, apart, sizeof apart);
     const char *why = tl_twin_cause_text((tl_restore_cause)finding->cause);
     bool is_known = why[0] != '\0';
-    (void)snprintf(news->text, sizeof news->text,
+    (void)snprintf(outcome->text, sizeof outcome->text,
                    "%.24s: its rollback is not exact: %.24s was %s, %u step%s after the rollback%s%s%s; %s",
                    finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s",
                    is_known ? " (" : "", why, is_known ? ")" : "", then);
 }
 
-tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error) {
+tl_status tl_twin_verify_until(tl_twin *twin, tl_time until, tl_twin_verify_report *outcome, tl_error *error) {
     tl_twin_finding finding;
     tl_budget left = {.now = NULL};
     if (until != TL_TIME_NEVER) {
@@ -199,19 +199,19 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
         left.started = tl_clock_now(NULL);
         left.time = until - left.started;
     }
-    tl_status status = tl_twin_verify(twin, &left, &finding, &news->found, error);
-    if (news->found) {
+    tl_status status = tl_twin_verify(twin, &left, &finding, &outcome->found, error);
+    if (outcome->found) {
         tl_account account;
         tl_account_take(twin, &account);
-        (void)tl_twin_look_at_account(&account, news);
+        (void)tl_twin_last_finding(&account, outcome);
     }
     return status;
 }
 
-bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news) {
-    news->found = account->differed != 0;
-    news->mended = account->finding.mended != TL_MENDED_NOT;
-    (void)snprintf(news->component, sizeof news->component, "%.63s", account->finding.component);
-    write_sentence(&account->finding, news);
-    return news->found;
+bool tl_twin_last_finding(const tl_account *account, tl_twin_verify_report *outcome) {
+    outcome->found = account->differed != 0;
+    outcome->mended = account->finding.mended != TL_MENDED_NOT;
+    (void)snprintf(outcome->component, sizeof outcome->component, "%.63s", account->finding.component);
+    write_sentence(&account->finding, outcome);
+    return outcome->found;
 }

@@ -86,18 +86,18 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
 enum { TL_TWIN_FINDING_TEXT = 400 };
 
 /* Result of a verification. */
-typedef struct tl_twin_look_news {
+typedef struct tl_twin_verify_report {
     bool found;  /* false: no finding, and the other fields are undefined */
     bool mended; /* the finding has no effect any more */
     char component[TL_ASSEMBLY_NAME];
     char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
-} tl_twin_look_news;
+} tl_twin_verify_report;
 
 /* Verifies between two ticks, until `until` on the monotonic clock; TL_TIME_NEVER: no limit. It
  * neither waits nor logs. Errors: those of tl_twin_verify(). */
-tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error);
+tl_status tl_twin_verify_until(tl_twin *twin, tl_time until, tl_twin_verify_report *outcome, tl_error *error);
 
 /* Describes the newest finding of a run that has ended. Returns false if it had no finding. */
-bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
+bool tl_twin_last_finding(const tl_account *account, tl_twin_verify_report *outcome);
 
 #endif

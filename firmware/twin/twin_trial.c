@@ -68,10 +68,10 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
 
 /* Returns true if the test can continue. */
 static bool verify_once(const tl_assembly *assembly, tl_late_verification *look) {
-    tl_twin_look_news news = {.found = false};
-    look->status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, &look->error);
-    look->news = news.found ? news : look->news;
-    return look->status == TL_OK && (!news.found || news.mended);
+    tl_twin_verify_report outcome = {.found = false};
+    look->status = tl_twin_verify_until(assembly->twin, TL_TIME_NEVER, &outcome, &look->error);
+    look->outcome = outcome.found ? outcome : look->outcome;
+    return look->status == TL_OK && (!outcome.found || outcome.mended);
 }
 
 void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late_verification *look) {
@@ -239,7 +239,7 @@ void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods
         const tl_fmu *fmu = find_fmu(assembly, i);
         if (fmu != NULL) {
             ways->of[i] = (tl_component_method){.rollback = (uint32_t)tl_fmu_rollback(fmu),
-                                                .is_given_again = tl_fmu_is_given_again(fmu) ? 1 : 0};
+                                                .is_given_again = tl_fmu_inputs_are_repeated(fmu) ? 1 : 0};
         }
     }
 }
@@ -264,10 +264,10 @@ static tl_status begin_methods(const tl_assembly *assembly, int64_t *tick, tl_er
 static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_component_methods *ways, tl_error *error) {
     tl_late_verification look;
     tl_late_verification_get(assembly, tick, &look);
-    bool is_exact = !look.news.found || look.news.mended;
+    bool is_exact = !look.outcome.found || look.outcome.mended;
     if (!is_exact) {
-        name_component(ways->component, look.news.component);
-        (void)tl_fail(error, TL_FMU_FAILED, "%s", look.news.text);
+        name_component(ways->component, look.outcome.component);
+        (void)tl_fail(error, TL_FMU_FAILED, "%s", look.outcome.text);
     }
     return is_exact;
 }

@@ -18,7 +18,7 @@
  *
  * Purpose: the proof before the first step tests FMUs at one point only. Some missing parts of
  *          their state have no effect there. A check has time for more steps. It moves the adjusted
- *          variables up and down, or on and off, and verifies the rollback (tl_twin_look()) after
+ *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until()) after
  *          as many steps as possible.
  * Bound:   TL_FAR_STEPS steps and TL_FAR_LONGEST (0.5 s).
  * Not for: a twin that adjusts nothing, has an event horizon, or has verification off: nothing is
@@ -31,11 +31,11 @@ enum { TL_FAR_STEPS = 1000 };
 #define TL_FAR_LONGEST (TL_SECOND / 2)
 
 typedef struct tl_late_verification {
-    int64_t first;          /* its first tick */
-    int64_t steps;          /* number of steps; ends at a finding that is not mended, or if an FMU fails */
-    uint64_t times;         /* number of rollbacks and comparisons */
-    tl_twin_look_news news; /* the last finding */
-    tl_status status;       /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
+    int64_t first;                 /* its first tick */
+    int64_t steps;                 /* number of steps; ends at a finding that is not mended, or if an FMU fails */
+    uint64_t times;                /* number of rollbacks and comparisons */
+    tl_twin_verify_report outcome; /* the last finding */
+    tl_status status;              /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
     tl_error error;
 } tl_late_verification;
 

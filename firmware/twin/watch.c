@@ -171,18 +171,18 @@ static void write_objective(const tl_record *record, char *text, size_t size) {
  * time are required, so that an intermittent condition is reported once. */
 static turn follow_trouble(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
     if (has) {
-        bool reported = trouble->told;
-        trouble->told = true;
+        bool reported = trouble->was_reported;
+        trouble->was_reported = true;
         trouble->last = record->step;
         trouble->without = 0;
         trouble->count = reported ? trouble->count + 1 : 1;
         return reported ? NOTHING_NEW : BEGUN;
     }
-    trouble->without += trouble->told && record->stop != TL_STOP_NONE ? 1 : 0;
+    trouble->without += trouble->was_reported && record->stop != TL_STOP_NONE ? 1 : 0;
     if (trouble->without < TL_WATCH_STEPS || record->step - trouble->last < TL_WATCH_REST / watch->config->step) {
         return NOTHING_NEW;
     }
-    trouble->told = false;
+    trouble->was_reported = false;
     trouble->without = 0;
     return ENDED;
 }
@@ -368,7 +368,7 @@ void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor 
                 "%s was at a bound in %.0f %% of the last minute: it cannot correct more; check the plant, or widen the "
                 "bound",
                 name, 100.0 * stay->share);
-        } else if (stay->turn == TL_BOUND_LEFT) {
+        } else if (stay->turn == TL_BOUND_REMAINING) {
             tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                              "%s was at a bound in only %.0f %% of the last minute", name, 100.0 * stay->share);
         }

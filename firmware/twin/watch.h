@@ -27,10 +27,10 @@ enum { TL_WATCH_STEPS = 20 };
 /* Condition that may appear in many steps, but not in all of them. Its beginning and its end are
  * reported. */
 typedef struct tl_watch_trouble {
-    bool told;        /* the beginning was reported */
-    uint32_t without; /* searches since `last`, all without it */
-    uint64_t count;   /* number of steps with it */
-    int64_t last;     /* newest step with it */
+    bool was_reported; /* the beginning was reported */
+    uint32_t without;  /* searches since `last`, all without it */
+    uint64_t count;    /* number of steps with it */
+    int64_t last;      /* newest step with it */
 } tl_watch_trouble;
 
 /* Rejected readings of a signal: the first ones of a minute are reported one by one; the number of

@@ -153,19 +153,19 @@ bool tl_cached_component_can_stand(const tl_cached_component *cached) {
 }
 
 /* Moves the FMU to another node, and back. */
-static tl_status copy_elsewhere(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
-                                tl_error *error) {
-    tl_status status = tl_component_save(component, aside, error);
+static tl_status copy_elsewhere(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state,
+                                fmi2FMUstate *full_copy, tl_error *error) {
+    tl_status status = tl_component_save(component, full_copy, error);
     if (status != TL_OK) {
         return status;
     }
     status = tl_component_restore(component, root, error);
     status = status == TL_OK ? tl_component_save(component, state, error) : status;
-    tl_status back = status == TL_FMU_FATAL ? status : tl_component_restore(component, *aside, error);
+    tl_status back = status == TL_FMU_FATAL ? status : tl_component_restore(component, *full_copy, error);
     return back != TL_OK ? back : status;
 }
 
-tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
+tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                         bool *taken, tl_error *error) {
     fmi2FMUstate root = cached->tree.nodes[cached->root].state;
     bool is_at_root = cached->at == cached->root;
@@ -174,7 +174,7 @@ tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstat
         return TL_OK;
     }
     return is_at_root ? tl_component_save(cached->component, state, error)
-                      : copy_elsewhere(cached->component, root, state, aside, error);
+                      : copy_elsewhere(cached->component, root, state, full_copy, error);
 }
 
 /* Whether no state before that of this node will be needed: it is saved, and every candidate passes
@@ -249,7 +249,7 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
         status = tl_cached_component_stand(cached, step, error);
     }
     if (status == TL_OK) {
-        tl_sequence_cache_keep(tree, cached->root, cached->root);
+        tl_sequence_cache_save(tree, cached->root, cached->root);
     }
     return status;
 }
@@ -307,7 +307,7 @@ void tl_cached_component_commit(tl_cached_component *cached) {
         }
     }
     cached->root = cached->position;
-    tl_sequence_cache_keep(&cached->tree, first, cached->root);
+    tl_sequence_cache_save(&cached->tree, first, cached->root);
     if (cached->at != TL_NO_NODE && !tree->nodes[cached->at].used) {
         cached->at = TL_NO_NODE;
     }

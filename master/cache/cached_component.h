@@ -82,9 +82,9 @@ tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, t
 
 /* Between steps: saves the FMU's state at the root to a handle of the caller; the FMU stays where
  *                it is. *taken is false if there is no such state (TL_KEEP_OUTPUTS), or if the FMU
- *                is at no node. `aside`: a second handle of the caller, for the FMU's present
+ *                is at no node. `full_copy`: a second handle of the caller, for the FMU's present
  *                state. */
-tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
+tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                         bool *taken, tl_error *error);
 
 /* Executes or looks up macro step `step` of the candidate, with the inputs in the ports; then the

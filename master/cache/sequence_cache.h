@@ -72,7 +72,7 @@ void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state);
 
 /* Drops all nodes except those from `first` down to `root` and all below `root`. `first` is root or
  * one of its ancestors, and has no parent afterwards. */
-void tl_sequence_cache_keep(tl_sequence_cache *cache, uint32_t first, uint32_t root);
+void tl_sequence_cache_save(tl_sequence_cache *cache, uint32_t first, uint32_t root);
 
 /* Drops all nodes; a new root may be created. */
 void tl_sequence_cache_clear(tl_sequence_cache *cache);

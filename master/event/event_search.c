@@ -58,7 +58,7 @@ void tl_event_search_begin(tl_event_search *search) {
     search->count = 0;
 }
 
-void tl_event_search_tell(tl_event_search *search, double u, double value, tl_event_side side) {
+void tl_event_search_report(tl_event_search *search, double u, double value, tl_event_side side) {
     search->trials[search->count++] = (tl_event_trial){u, value, side};
 }
 

@@ -89,7 +89,7 @@ void tl_event_search_begin(tl_event_search *search);
 bool tl_event_search_next(tl_event_search *search, double *u);
 
 /* Reports a trial; there must be room. */
-void tl_event_search_tell(tl_event_search *search, double u, double value, tl_event_side side);
+void tl_event_search_report(tl_event_search *search, double u, double value, tl_event_side side);
 
 bool tl_event_search_is_full(const tl_event_search *search);
 

@@ -317,18 +317,18 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
     return TL_OK;
 }
 
-bool tl_component_keep_copy(tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->aside;
+bool tl_component_save_copy(tl_component *component) {
+    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
     return fallback != NULL && component->mode != TL_MODE_DEAD && fallback->keep(component->instance) <= fmi2Warning;
 }
 
 size_t tl_component_copy_size(const tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
     return fallback != NULL && component->mode != TL_MODE_DEAD ? fallback->size(component->instance) : 0;
 }
 
 bool tl_component_restore_copy(tl_component *component, const char *why) {
-    const tl_fmi2_fallback *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
     if (fallback == NULL || component->mode == TL_MODE_DEAD) {
         return false;
     }
@@ -345,19 +345,19 @@ bool tl_component_restore_copy(tl_component *component, const char *why) {
 }
 
 bool tl_component_has_choice(const tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->aside;
+    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
     return fallback != NULL && component->mode == TL_MODE_STEPPING && fallback->has_choice(component->instance);
 }
 
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times) {
     component->replaces_states = false;
-    component->prefers_copy = component->fmi->aside->prefer_copy(component->instance, times) <= fmi2Warning;
+    component->prefers_copy = component->fmi->full_copy->prefer_copy(component->instance, times) <= fmi2Warning;
     return component->prefers_copy;
 }
 
 void tl_component_drop_copy(const tl_component *component) {
-    if (component->fmi->aside != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
-        component->fmi->aside->let_go(component->instance);
+    if (component->fmi->full_copy != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
+        component->fmi->full_copy->let_go(component->instance);
     }
 }
 

@@ -134,7 +134,7 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
 /* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states
  * are
  * wrong. Returns false if there is no method for it. */
-bool tl_component_keep_copy(tl_component *component);
+bool tl_component_save_copy(tl_component *component);
 
 /* Bytes that this copy would take now; 0: not known, or there is no method. */
 size_t tl_component_copy_size(const tl_component *component);

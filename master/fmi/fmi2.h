@@ -101,9 +101,9 @@ typedef struct tl_fmi2 {
     fmi2SerializeFMUstateTYPE *serialize_fmu_state;            /* optional */
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2DoStepTYPE *do_step;
-    tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
-    const tl_fmi2_fallback *aside;  /* NULL: there is no such method */
-    tl_fmi2_note_ports *know_ports; /* NULL: not needed */
+    tl_fmi2_step_reals *step_reals;    /* NULL: the three are called one by one */
+    const tl_fmi2_fallback *full_copy; /* NULL: there is no such method */
+    tl_fmi2_note_ports *know_ports;    /* NULL: not needed */
     tl_fmi2_replay replay;
     bool
         is_unaware; /* it is rolled back without its knowledge: no earlier state is ever restored from its point of view */

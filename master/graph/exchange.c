@@ -309,7 +309,7 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
 
 void tl_exchange_keep_copies(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->component_count; i++) {
-        exchange->is_kept[i] = tl_component_keep_copy(&exchange->components[i]);
+        exchange->is_kept[i] = tl_component_save_copy(&exchange->components[i]);
     }
 }
 
@@ -328,7 +328,7 @@ static bool restore_component(tl_exchange *exchange, size_t component, const cha
 static bool use_next_method(tl_exchange *exchange, size_t component) {
     tl_component *one = &exchange->components[component];
     bool is_restored = tl_component_restore_copy(one, "");
-    exchange->is_kept[component] = is_restored && tl_component_keep_copy(one);
+    exchange->is_kept[component] = is_restored && tl_component_save_copy(one);
     return is_restored;
 }
 
@@ -341,7 +341,7 @@ bool tl_exchange_restore_copy(tl_exchange *exchange, size_t component, const cha
     if (is_restored) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
         if (why != NULL) {
-            exchange->is_kept[component] = tl_component_keep_copy(&exchange->components[component]);
+            exchange->is_kept[component] = tl_component_save_copy(&exchange->components[component]);
         }
     }
     return is_restored;
@@ -401,11 +401,11 @@ tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl
     return status;
 }
 
-tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *aside,
+tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                  bool *taken, tl_error *error) {
     tl_component *one = &exchange->components[component];
     if (exchange->cached != NULL) {
-        return tl_cached_component_copy_root(&exchange->cached[component], state, aside, taken, error);
+        return tl_cached_component_copy_root(&exchange->cached[component], state, full_copy, taken, error);
     }
     *taken = one->mode == TL_MODE_STEPPING;
     return *taken ? tl_component_save(one, state, error) : TL_OK;
@@ -434,7 +434,7 @@ tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, in
         return TL_OK;
     }
     tl_status status = stand(exchange, step, error);
-    if (status != TL_OK || !tl_component_keep_copy(one)) {
+    if (status != TL_OK || !tl_component_save_copy(one)) {
         return status;
     }
     tl_exchange_end_component(exchange, component);

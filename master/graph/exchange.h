@@ -186,7 +186,7 @@ const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t s
 /* Between steps: copies a component's state at the committed instant, as
  *                tl_cached_component_copy_root(). The second function tells whether a module keeps
  *                such a state for longer. */
-tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *aside,
+tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                  bool *taken, tl_error *error);
 void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from);
 

@@ -17,7 +17,7 @@ bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t
     return plant->outputs != NULL && plant->window != NULL;
 }
 
-void tl_plant_hold(tl_plant *plant, size_t signal, double value) {
+void tl_plant_set_initial(tl_plant *plant, size_t signal, double value) {
     plant->held[signal] = value;
 }
 

@@ -54,7 +54,7 @@ typedef struct tl_plant {
 bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size, int64_t shift);
 
 /* Sets the value of a signal before its first good one; default 0. */
-void tl_plant_hold(tl_plant *plant, size_t signal, double value);
+void tl_plant_set_initial(tl_plant *plant, size_t signal, double value);
 
 /* Enables saving: known steps are not executed again. `horizon` is T_P. */
 bool tl_plant_save_executions(tl_plant *plant, tl_arena *arena, size_t horizon);

@@ -113,7 +113,7 @@ static double slope_beside(double here, const double f[4], double h) {
  * there is room on at least one side. false: stopped. */
 static bool find_slope(tl_optimiser *self, size_t i, double here, double *slope) {
     static const double around[] = {2.0, 1.0, -1.0, -2.0};
-    static const double aside[] = {1.0, 2.0, 3.0, 4.0};
+    static const double full_copy[] = {1.0, 2.0, 3.0, 4.0};
     const double u = self->u[i];
     const double lower = self->space->lower[i];
     const double upper = self->space->upper[i];
@@ -124,7 +124,7 @@ static bool find_slope(tl_optimiser *self, size_t i, double here, double *slope)
     double f[4];
     bool answered = true;
     for (size_t k = 0; k < 4 && answered; k++) {
-        self->u[i] = u + (between ? around[k] : aside[k]) * h;
+        self->u[i] = u + (between ? around[k] : full_copy[k]) * h;
         answered = ask(self, &f[k]);
     }
     self->u[i] = u;

@@ -33,7 +33,7 @@ static tl_status save_state(speed_test *self) {
     if (!self->by_copy) {
         return tl_component_save(self->component, &self->state, self->error);
     }
-    return tl_component_keep_copy(self->component)
+    return tl_component_save_copy(self->component)
                ? TL_OK
                : tl_fail(self->error, TL_FMU_FAILED, "%s: its memory cannot be copied any more", self->component->name);
 }

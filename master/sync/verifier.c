@@ -213,7 +213,7 @@ static void note_next(tl_verifier *verifier) {
 static void end_turn(tl_verifier *verifier) {
     verifier->exchange->note = NULL;
     tl_exchange_keep_from(verifier->exchange, verifier->component, false);
-    enter_phase(verifier, TL_VERIFIER_RESTS);
+    enter_phase(verifier, TL_VERIFIER_PAUSES);
     verifier->component = (verifier->component + 1) % verifier->exchange->component_count;
 }
 
@@ -227,7 +227,7 @@ void tl_verifier_end_component(tl_verifier *verifier, size_t component) {
     if (verifier->verified != NULL) {
         tl_component *one = &verifier->exchange->components[component];
         tl_component_forget(one, &verifier->verified[component].earlier);
-        tl_component_forget(one, &verifier->verified[component].aside);
+        tl_component_forget(one, &verifier->verified[component].full_copy);
         tl_component_drop_copy(one);
         tl_verifier_abandon(verifier);
     }
@@ -242,7 +242,7 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
         return;
     }
     verifier->waited++;
-    if (verifier->phase == TL_VERIFIER_RESTS && verifier->waited >= verifier->every) {
+    if (verifier->phase == TL_VERIFIER_PAUSES && verifier->waited >= verifier->every) {
         enter_phase(verifier, TL_VERIFIER_BEGINS);
     } else if (verifier->phase == TL_VERIFIER_NOTES) {
         verifier->first = verifier->noted == 0 ? step : verifier->first;
@@ -252,7 +252,7 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
             verifier->exchange->note = NULL;
             enter_phase(verifier, TL_VERIFIER_REPEATS);
         }
-    } else if (verifier->phase != TL_VERIFIER_RESTS && verifier->waited >= verifier->every) {
+    } else if (verifier->phase != TL_VERIFIER_PAUSES && verifier->waited >= verifier->every) {
         end_turn(
             verifier); /* there was no time for so long, or its state is not available: the next component's turn */
     }
@@ -263,10 +263,10 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
 /* The present state, to be restored. */
 static tl_status keep_present(tl_verifier *verifier, bool *is_kept, tl_error *error) {
     *is_kept = tl_component_copy_size(present_component(verifier)) <= MOST_COPIED &&
-               tl_component_keep_copy(present_component(verifier));
-    return *is_kept
-               ? TL_OK
-               : tl_component_save(present_component(verifier), &verifier->verified[verifier->component].aside, error);
+               tl_component_save_copy(present_component(verifier));
+    return *is_kept ? TL_OK
+                    : tl_component_save(present_component(verifier), &verifier->verified[verifier->component].full_copy,
+                                        error);
 }
 
 static tl_status restore_present(tl_verifier *verifier, bool is_kept, tl_error *error) {
@@ -275,7 +275,7 @@ static tl_status restore_present(tl_verifier *verifier, bool is_kept, tl_error *
     }
     return is_kept
                ? tl_fail(error, TL_FMU_FAILED, "%s: its state cannot be restored", present_component(verifier)->name)
-               : tl_component_restore(present_component(verifier), verifier->verified[verifier->component].aside,
+               : tl_component_restore(present_component(verifier), verifier->verified[verifier->component].full_copy,
                                       error);
 }
 
@@ -312,7 +312,7 @@ static bool has_time(const tl_verifier *verifier, const tl_budget *budget, tl_ti
     }
     tl_time need = verifier->verified[verifier->component].there_and_back +
                    (steps == 0 ? 0 : tl_exchange_cost(verifier->exchange, steps));
-    return budget->now(budget->context) - budget->started + TL_VERIFIER_ROOM * need < budget->time;
+    return budget->now(budget->context) - budget->started + TL_VERIFIER_TEXT * need < budget->time;
 }
 
 /* An excluded component, or one that a candidate has made fail, has no turn. */
@@ -327,7 +327,7 @@ static tl_status begin_turn(tl_verifier *verifier, const tl_budget *budget, tl_e
         return TL_OK;
     }
     tl_status status =
-        tl_exchange_copy_state(verifier->exchange, verifier->component, &one->earlier, &one->aside, &taken, error);
+        tl_exchange_copy_state(verifier->exchange, verifier->component, &one->earlier, &one->full_copy, &taken, error);
     if (status == TL_OK && taken) {
         verifier->noted = 0;
         note_next(verifier);

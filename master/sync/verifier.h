@@ -20,7 +20,7 @@
  *
  * Purpose: names the cause for the user and the FMU's vendor, from experiments and not from the
  *          exporter's name. It needs a full copy of the FMU besides its states
- *          (tl_component_keep_copy()), from which it can always be restored.
+ *          (tl_component_save_copy()), from which it can always be restored.
  * Thread:  the twin's. Takes some twenty steps, so it never runs in a cycle with a deadline.
  */
 
@@ -57,7 +57,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          restored from that copy, not from a state of the kind in question. Values, caches and
  *          counts of executions are unchanged; these executions are counted separately.
  * Time:    the work of a turn is done between two ticks, whole or not at all: it needs
- *          TL_VERIFIER_ROOM times its expected duration.
+ *          TL_VERIFIER_TEXT times its expected duration.
  * Not for: a twin that adjusts nothing, since it never rolls back; an event horizon, which holds
  *          states of its own.
  * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, created at its
@@ -66,7 +66,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 
 enum {
     TL_VERIFIED_STEPS = 3, /* an internal solver that restarts shows it in the second */
-    TL_VERIFIER_ROOM = 2
+    TL_VERIFIER_TEXT = 2
 };
 
 /* A finding: an output that differs. */
@@ -89,13 +89,13 @@ typedef struct tl_verifier_counts {
 /* State of one component. */
 typedef struct tl_verified {
     fmi2FMUstate earlier; /* NULL: none yet */
-    fmi2FMUstate aside;
+    fmi2FMUstate full_copy;
     tl_time there_and_back; /* ns, without steps; 0: not known */
     bool differs;           /* it has no other method and is not verified any more */
 } tl_verified;
 
 typedef enum tl_verifier_phase {
-    TL_VERIFIER_RESTS,
+    TL_VERIFIER_PAUSES,
     TL_VERIFIER_BEGINS,
     TL_VERIFIER_NOTES,
     TL_VERIFIER_REPEATS

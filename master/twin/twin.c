@@ -377,7 +377,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
     if (status != TL_OK) {
         return status;
     }
-    *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_MENDED_BY_STATES : TL_MENDED_BY_MEMORY;
+    *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_REPAIRED_BY_STATES : TL_REPAIRED_BY_MEMORY;
     if (done) {
         tl_ledger_reset(&twin->synchroniser.ledger);
     } else {

@@ -150,10 +150,10 @@ void tl_twin_reset(tl_twin *twin);
 
 /* How an FMU is rolled back after a finding. */
 typedef enum tl_twin_mended {
-    TL_MENDED_NOT,       /* as before */
-    TL_MENDED_BY_MEMORY, /* by a copy of its memory, not by its own states any more */
-    TL_MENDED_BY_STATES, /* by its own states, which the copy had replaced because it was faster */
-    TL_MENDED            /* number of values */
+    TL_MENDED_NOT,         /* as before */
+    TL_REPAIRED_BY_MEMORY, /* by a copy of its memory, not by its own states any more */
+    TL_REPAIRED_BY_STATES, /* by its own states, which the copy had replaced because it was faster */
+    TL_MENDED              /* number of values */
 } tl_twin_mended;
 
 /* A finding of tl_twin_verify(): the rollback of an FMU is not exact. */

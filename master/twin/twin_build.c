@@ -246,7 +246,7 @@ static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
                 break;
             }
         }
-        tl_plant_hold(&twin->exchange.plant, i, initial);
+        tl_plant_set_initial(&twin->exchange.plant, i, initial);
     }
 }
 

@@ -14,7 +14,7 @@
 
 static int run(tl_assembly *assembly, const char *path) {
     static tl_account account;
-    static tl_lock_monitor judge;
+    static tl_lock_monitor lock_monitor;
     static tl_recovery recovery;
     static tl_recording_tick tick;
     static tl_twin_result result;
@@ -24,7 +24,7 @@ static int run(tl_assembly *assembly, const char *path) {
     tl_error error;
     bool end = false;
     tl_account_take(assembly->twin, &account);
-    tl_lock_monitor_init(&judge, config, &account);
+    tl_lock_monitor_init(&lock_monitor, config, &account);
     tl_recovery_init(&recovery, config, &account);
     tl_status status = tl_recording_open(path, config, &recording, &error);
     while (status == TL_OK && !end) {
@@ -34,10 +34,10 @@ static int run(tl_assembly *assembly, const char *path) {
         }
         status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &recovery, &result, &error);
         tl_summary_sample(&summary, config, &tick.sample);
-        tl_lock_monitor_sample(&judge, &tick.sample);
+        tl_lock_monitor_sample(&lock_monitor, &tick.sample);
         if (result.ready != 0) {
             tl_summary_add(&summary, config, &result.record);
-            (void)tl_lock_monitor_step(&judge, &result.record);
+            (void)tl_lock_monitor_step(&lock_monitor, &result.record);
         }
     }
     if (status != TL_OK) {

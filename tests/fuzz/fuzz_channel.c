@@ -73,13 +73,14 @@ static void take(void) {
     tl_protocol_phases before = channel.phases;
     uint32_t taken = channel.taken;
     memset(payload, CANARY, sizeof payload);
-    tl_channel_news news = tl_channel_take(&channel, &type, payload);
-    for (size_t i = news == TL_CHANNEL_SOMETHING ? settings.sizes.bytes[type] : 0; i < sizeof payload; i++) {
+    tl_channel_answer outcome = tl_channel_take(&channel, &type, payload);
+    for (size_t i = outcome == TL_CHANNEL_SOMETHING ? settings.sizes.bytes[type] : 0; i < sizeof payload; i++) {
         tl_fuzz_hold(payload[i] == CANARY);
     }
-    tl_fuzz_hold(news != TL_CHANNEL_NUDGED && (news == TL_CHANNEL_BROKEN || !was_broken) && longest < sizeof payload);
-    tl_fuzz_hold(channel.taken == taken + (news == TL_CHANNEL_SOMETHING ? 1 : 0));
-    if (news == TL_CHANNEL_SOMETHING) {
+    tl_fuzz_hold(outcome != TL_CHANNEL_NUDGED && (outcome == TL_CHANNEL_BROKEN || !was_broken) &&
+                 longest < sizeof payload);
+    tl_fuzz_hold(channel.taken == taken + (outcome == TL_CHANNEL_SOMETHING ? 1 : 0));
+    if (outcome == TL_CHANNEL_SOMETHING) {
         tl_fuzz_hold(tl_protocol_check(&settings.sizes, &before, enemy, (uint32_t)type, settings.sizes.bytes[type],
                                        NULL) == TL_OK);
     }
@@ -100,8 +101,9 @@ static void act(unsigned what) {
         if (what % 8 == 3) {
             tl_channel_push(&channel);
         } else {
-            tl_channel_news news = tl_channel_wait(&channel, what / 8 % 2 == 0 ? 1 + what / 16 : 0, 1 + what / 16, 0);
-            tl_fuzz_hold(news == TL_CHANNEL_BROKEN || !was_broken);
+            tl_channel_answer outcome =
+                tl_channel_wait(&channel, what / 8 % 2 == 0 ? 1 + what / 16 : 0, 1 + what / 16, 0);
+            tl_fuzz_hold(outcome == TL_CHANNEL_BROKEN || !was_broken);
         }
     }
 }

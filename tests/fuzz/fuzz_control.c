@@ -79,7 +79,7 @@ static void fuzz_server(void) {
     request.verb = tl_fuzz_take() % TL_CONTROL_VERBS;
     send_changed(&request, sizeof request);
     int before = lowest_number();
-    if (tl_control_receive(&peer, &request, taken, &size) == TL_CONTROL_ASKED) {
+    if (tl_control_receive(&peer, &request, taken, &size) == TL_CONTROL_REQUEST) {
         tl_fuzz_hold(request.verb < TL_CONTROL_VERBS && request.right < TL_RIGHT_BOX);
         tl_fuzz_hold(request.origin < TL_ORIGIN_START && request.flags <= TL_CONTROL_FLAGS);
         tl_fuzz_hold((request.verb == TL_CONTROL_TAKE) == (size != 0));

@@ -194,7 +194,7 @@ static tl_modbus_health look(const tl_modbus_link *link) {
     if (what < 240) {
         return TL_MODBUS_SOUND;
     }
-    return what % 2 == 0 && !on_a_line ? TL_MODBUS_TALKATIVE : TL_MODBUS_GONE;
+    return what % 2 == 0 && !on_a_line ? TL_MODBUS_TALKATIVE : TL_MODBUS_CLOSED;
 }
 
 static void close_link(tl_modbus_link *link) {

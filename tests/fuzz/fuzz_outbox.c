@@ -95,7 +95,7 @@ static void move_counter(unsigned what) {
 /* A checkpoint that says what it likes. */
 static void make_checkpoint(unsigned what) {
     uint64_t number = what % 4 == 0 ? UINT64_MAX / 2 - tl_fuzz_take() : tl_fuzz_take();
-    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_PLACES];
+    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_CHECKPOINTS];
     tl_record_queue_mark mark;
     memset(&mark, 0, sizeof mark);
     mark.tick = tl_fuzz_take();
@@ -223,10 +223,10 @@ static void take(unsigned what) {
 /* ---- the successor ---- */
 
 static void look_back(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     uint64_t sum = 0;
     for (unsigned which = 0; which < 3; which++) {
-        if (!tl_record_queue_checkpoint_left(&queue, which, &left)) {
+        if (!tl_record_queue_saved_checkpoint(&queue, which, &left)) {
             continue;
         }
         tl_fuzz_hold(which < 2 && left.size <= CHECKPOINT && (unsigned)left.beginning.from <= TL_RESUMED_INPUTS);
@@ -234,7 +234,8 @@ static void look_back(void) {
             sum += left.bytes[i];
         }
         for (uint64_t left_to_read = queue.written - left.position;
-             tl_record_queue_entry_left(&queue, &left.position, &entry); left_to_read = queue.written - left.position) {
+             tl_record_queue_saved_entry(&queue, &left.position, &entry);
+             left_to_read = queue.written - left.position) {
             tl_fuzz_hold(queue.written - left.position < left_to_read);
             check_entry();
         }

@@ -123,7 +123,7 @@ static void print(const tl_config *config) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const tl_twin_tells told[] = {TL_TELLS_RECORDS, TL_TELLS_COUNTS};
+    static const tl_twin_tells was_reported[] = {TL_TELLS_RECORDS, TL_TELLS_COUNTS};
     const tl_config *config = tl_fuzz_config(configuration);
     tl_error error;
     FILE *table = NULL;
@@ -134,7 +134,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_fuzz_hold(output != NULL && tl_trajectory_open("-", output, config, &table, &error) == TL_OK);
     summary = (tl_summary){0};
     least = 0;
-    tl_twin_tells tells = told[tl_fuzz_take() % 2];
+    tl_twin_tells tells = was_reported[tl_fuzz_take() % 2];
     for (int64_t tick = tl_fuzz_take() % MOST_TICKS; tick > 0 && !tl_fuzz_is_over(); tick--) {
         take_result(config, tells, MOST_TICKS - tick, table);
     }

@@ -70,11 +70,11 @@ static void choose(tl_versions *versions) {
 
 /* And what is written then is understood. */
 static uint64_t add(tl_versions *versions) {
-    const tl_version_news news = {"new", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
+    const tl_version_candidate candidate = {"new", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     const tl_probation_account account = {.terms = {60, 95.0, false}, .left_ms = 60000};
     uint64_t number = 0;
     tl_error error;
-    tl_fuzz_hold(tl_versions_add(versions, &news, &number, &error) == TL_OK);
+    tl_fuzz_hold(tl_versions_add(versions, &candidate, &number, &error) == TL_OK);
     tl_fuzz_hold(tl_versions_activate(versions, number, &account, &error) == TL_OK);
     return number;
 }

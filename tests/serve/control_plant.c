@@ -279,7 +279,7 @@ static void look_at(client *asks) {
     size_t size = 0;
     if (asks->waits && tl_clock_now(NULL) >= probation_ends) {
         end_probation(asks);
-    } else if (tl_control_receive(&asks->peer, &request, room, &size) == TL_CONTROL_ASKED) {
+    } else if (tl_control_receive(&asks->peer, &request, room, &size) == TL_CONTROL_REQUEST) {
         answer(asks, &request, size);
     }
     asks->is_there = asks->peer.socket >= 0;

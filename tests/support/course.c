@@ -221,17 +221,17 @@ static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
 
 void tl_course_read(tl_course *course) {
     static tl_recorder_entry entry; /* too large for a small stack */
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     uint64_t position = 0;
     course->begun = (tl_resumption){.tick = -1};
     course->samples = 0;
     course->tunings = 0;
     course->kept_size = 0;
-    while (tl_record_queue_entry_left(&course->queue, &position, &entry)) {
+    while (tl_record_queue_saved_entry(&course->queue, &position, &entry)) {
         take_entry(course, &entry);
     }
     TEST_ASSERT_EQUAL_UINT64(course->queue.written, position);
-    if (tl_record_queue_checkpoint_left(&course->queue, 0, &left)) {
+    if (tl_record_queue_saved_checkpoint(&course->queue, 0, &left)) {
         TEST_ASSERT_EQUAL_size_t(course->checkpoint_size, left.size);
         TEST_ASSERT_EQUAL_MEMORY(course->checkpoint, left.bytes, left.size);
         course->kept_tick = left.tick;

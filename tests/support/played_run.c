@@ -25,7 +25,7 @@ static void look(void *context, tl_activation_view *seen) {
 
 static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
     (void)context;
-    memcpy(hash, run->in_force, sizeof run->in_force);
+    memcpy(hash, run->active_text, sizeof run->active_text);
 }
 
 static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
@@ -39,13 +39,13 @@ static bool tune(void *context, const tl_version *version, const char *why, cons
     (void)tuning;
     TEST_ASSERT_EQUAL_size_t(version->size, strlen(text));
     memcpy(run->given, version->hash, sizeof run->given);
-    if (run->answer == TL_ACTIVATION_TAKEN) {
-        memcpy(run->in_force, run->given, sizeof run->in_force);
+    if (run->answer == TL_ACTIVATION_STARTED) {
+        memcpy(run->active_text, run->given, sizeof run->active_text);
     }
     return true;
 }
 
-static tl_activation_news was_taken(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_answer tuning_result(void *context, char why[TL_ACTIVATION_WHY]) {
     (void)context;
     (void)snprintf(why, TL_ACTIVATION_WHY, "there is no room");
     return run->answer;
@@ -105,15 +105,15 @@ static bool handover(void *context) {
     char hash[TL_SHA256_TEXT];
     (void)context;
     run->handovers++;
-    if (run->handed_over == TL_ACTIVATION_TAKEN) {
-        memcpy(hash, run->in_force, sizeof hash);
-        memcpy(run->in_force, run->other, sizeof run->in_force);
+    if (run->handed_over == TL_ACTIVATION_STARTED) {
+        memcpy(hash, run->active_text, sizeof hash);
+        memcpy(run->active_text, run->other, sizeof run->active_text);
         memcpy(run->other, hash, sizeof run->other);
     }
     return true;
 }
 
-static tl_activation_news has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_answer has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
     (void)context;
     (void)snprintf(why, TL_ACTIVATION_WHY, "it has died");
     return run->handed_over;
@@ -147,12 +147,12 @@ static void tell(void *context, tl_severity severity, const char *text) {
 }
 
 static const tl_activation_host host = {.look = look,
-                                        .in_force = tell_in_force,
+                                        .active_text = tell_in_force,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
                                         .judge_by = judge_by,
                                         .tune = tune,
-                                        .was_taken = was_taken,
+                                        .tuning_result = tuning_result,
                                         .begin_shadow = begin_shadow,
                                         .look_at_shadow = look_at_shadow,
                                         .end_shadow = end_shadow,
@@ -161,7 +161,7 @@ static const tl_activation_host host = {.look = look,
                                         .restart = restart,
                                         .tell = tell};
 
-static void hear(void *listener, const tl_control_reply *reply) {
+static void on_event(void *listener, const tl_control_reply *reply) {
     (void)listener;
     TEST_ASSERT_LESS_THAN_size_t(TL_PLAYED_SAID, run->count);
     run->said[run->count++] = *reply;
@@ -220,7 +220,7 @@ void tl_played_begin(void) {
                                              .path = run->path,
                                              .allowed = run->allowed,
                                              .be = tl_played_be,
-                                             .say = hear};
+                                             .say = on_event};
     tl_activation_begin(&run->activation, &settings);
 }
 
@@ -257,19 +257,20 @@ static void take_first(void) {
     char text[TL_PLAYED_TEXT];
     uint64_t number = 0;
     size_t size = tl_played_write(text, "1", 1);
-    const tl_version_news news = {.text = text,
-                                  .size = size,
-                                  .who = "the file",
-                                  .why = "",
-                                  .origin = TL_ORIGIN_START,
-                                  .right = TL_RIGHT_COMMISSION,
-                                  .kind = TL_CHANGE_RESTART};
+    const tl_version_candidate answer_code = {.text = text,
+                                              .size = size,
+                                              .who = "the file",
+                                              .why = "",
+                                              .origin = TL_ORIGIN_START,
+                                              .right = TL_RIGHT_COMMISSION,
+                                              .kind = TL_CHANGE_RESTART};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_open(run->scratch.folder, &run->versions, &run->error),
                                   run->error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&run->versions, &news, &number, &run->error), run->error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&run->versions, &answer_code, &number, &run->error),
+                                  run->error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_activate(&run->versions, number, NULL, &run->error),
                                   run->error.text);
-    tl_sha256(text, size, run->in_force);
+    tl_sha256(text, size, run->active_text);
     tl_refusals_open(&run->refusals, &run->versions);
 }
 
@@ -288,7 +289,7 @@ void tl_played_look_until(bool (*is_done)(void)) {
         run->activation.looked -= run->activation.step != TL_CONTROL_SHADOW ? 0
                                   : tl_played_is_live()                     ? TL_SECOND / 10
                                                                             : 5 * TL_SECOND; /* fast-forward */
-        tl_activation_look(&run->activation);
+        tl_activation_poll(&run->activation);
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 500);
     }
 }
@@ -318,7 +319,7 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {
     (void)snprintf(request.who, sizeof request.who, "ann");
     tl_sha256(text, size, request.hash);
     run->count = 0;
-    tl_activation_take(&run->activation, &request, text, size);
+    tl_activation_start(&run->activation, &request, text, size);
 }
 
 tl_control_result tl_played_take(const char *tolerance, int prediction, unsigned flags) {
@@ -344,7 +345,7 @@ const char *tl_played_last_word(void) {
 void tl_played_fail(void) {
     run->count = 0;
     run->view.figures.twin_failures++;
-    tl_activation_look(&run->activation);
+    tl_activation_poll(&run->activation);
     tl_played_look_until(tl_played_is_quiet);
 }
 
@@ -379,7 +380,7 @@ void tl_played_set(void) {
     (void)snprintf(run->path, sizeof run->path, "%s/motor.json", run->scratch.folder);
     run->view = (tl_activation_view){.step_s = 0.01, .figures = {.twin_alive = true}};
     run->given[0] = '\0';
-    run->answer = TL_ACTIVATION_TAKEN;
+    run->answer = TL_ACTIVATION_STARTED;
     run->has_restarted = false;
     run->events = 0;
     run->step_s = "0.01";
@@ -391,7 +392,7 @@ void tl_played_set(void) {
     run->each = (tl_run_status){.ticks = 10, .steps = 10, .lock.steps[TL_LOCK_LOCKED] = 10};
     run->beside = run->each;
     run->other[0] = '\0';
-    run->handed_over = TL_ACTIVATION_TAKEN;
+    run->handed_over = TL_ACTIVATION_STARTED;
     run->is_slow = false;
     run->are_others = false;
     run->off = run->off_beside = 0.25;

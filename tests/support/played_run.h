@@ -35,10 +35,10 @@ typedef struct tl_played {
 
     /* The run. */
     tl_activation_view view;
-    char in_force[TL_SHA256_TEXT];
+    char active_text[TL_SHA256_TEXT];
     char given[TL_SHA256_TEXT];    /* hash of the newest tuning; "": none */
     tl_lock_tolerances tolerances; /* of the version before, which also judge the lock */
-    tl_activation_news answer;
+    tl_activation_answer answer;
     bool has_restarted;
     int events;
     char in_memory[TL_PLAYED_TEXT]; /* the configuration in the run's memory */
@@ -46,13 +46,13 @@ typedef struct tl_played {
 
     /* The second twin: the shadow, or the twin before a handover. */
     tl_activation_shadow shadow;
-    char other[TL_SHA256_TEXT];     /* hash of its configuration; "": there is no second twin */
-    tl_live_needs needs;            /* with which it was started */
-    tl_activation_news handed_over; /* result of a handover */
-    bool is_slow;                   /* the first order of a shadow is not accepted yet */
-    tl_run_status each;             /* added to the shadow's status at each poll */
-    tl_run_status beside;           /* added to the status of the run's twin at each poll */
-    double off, off_beside;         /* error of motor.omega at each poll: shadow, run's twin */
+    char other[TL_SHA256_TEXT];       /* hash of its configuration; "": there is no second twin */
+    tl_live_needs needs;              /* with which it was started */
+    tl_activation_answer handed_over; /* result of a handover */
+    bool is_slow;                     /* the first order of a shadow is not accepted yet */
+    tl_run_status each;               /* added to the shadow's status at each poll */
+    tl_run_status beside;             /* added to the status of the run's twin at each poll */
+    double off, off_beside;           /* error of motor.omega at each poll: shadow, run's twin */
     int handovers, ends;
     char allowed[PATH_MAX + 32]; /* path of the administrator's list */
     const char *step_s;          /* in each configuration */

@@ -34,22 +34,22 @@ static tl_stage_part *part_of(tl_member which) {
 
 /* ---- children ---- */
 
-static volatile sig_atomic_t told;
+static volatile sig_atomic_t was_reported;
 
 static void note(int signal) {
-    told = signal;
+    was_reported = signal;
 }
 
 static void beat(tl_thread_heartbeat *heartbeat) {
     tl_thread_heartbeat_beat(heartbeat);
     tl_stage_pause_ms(10);
-    if (told != 0) {
-        tl_fmu_calls_note_asked();
+    if (was_reported != 0) {
+        tl_fmu_calls_note_end_request();
     }
 }
 
 static void be_well(tl_thread_heartbeat *heartbeat) {
-    for (int i = 0; told == 0 && i < 3000; i++) {
+    for (int i = 0; was_reported == 0 && i < 3000; i++) {
         beat(heartbeat);
     }
 }
@@ -129,7 +129,7 @@ static void suffer(char what) {
 
 static int finish(char what, bool asked, tl_heartbeats *beats) {
     int code = what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
-    tl_end_cause why = asked ? TL_END_CAUSE_ASKED : TL_END_CAUSE_OVER;
+    tl_end_cause why = asked ? TL_END_CAUSE_REQUESTED : TL_END_CAUSE_OVER;
     why = code == 0 ? why : what == '7' ? TL_END_CAUSE_FAILED : TL_END_CAUSE_REFUSED;
     tl_heartbeats_announce(beats, why, code);
     if (what == 'l') {
@@ -263,8 +263,8 @@ static pid_t begin(void *context, tl_member which, const tl_start *start, tl_err
 static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
     tl_stage *on = context;
     on->was_killed_by_others = on->was_killed_by_others || by_others;
-    part_of(which)->told++;
-    on->told++;
+    part_of(which)->was_reported++;
+    on->was_reported++;
     if (on->better[0] != '\0') {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", on->better);
     }
@@ -396,5 +396,5 @@ bool tl_stage_is_ready(tl_member part) {
 }
 
 bool tl_stage_has_died(tl_member part) {
-    return stage->parts[part].told > 0;
+    return stage->parts[part].was_reported > 0;
 }

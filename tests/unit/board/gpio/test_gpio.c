@@ -47,11 +47,11 @@ static struct tl_gpio_line *find(const tl_gpio_channel *channel) {
     return &lines[channel->line == NULL ? channel->offset : (unsigned)(channel->line[0] - 'A')];
 }
 
-bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *place, char *text, size_t size) {
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *found, char *text, size_t size) {
     const struct tl_gpio_line *line = find(channel);
     (void)chip;
-    *place = (tl_gpio_found){.path = "/dev/gpiochip9", .chip = "gpiochip9 (bench)", .state = line->state};
-    place->offset = (unsigned)(line - lines);
+    *found = (tl_gpio_found){.path = "/dev/gpiochip9", .chip = "gpiochip9 (bench)", .state = line->state};
+    found->offset = (unsigned)(line - lines);
     (void)snprintf(text, size, "%s", line->trouble != NULL ? line->trouble : "");
     return line->trouble == NULL;
 }

@@ -53,8 +53,8 @@ static void test_a_device_that_is_none(void) {
 
 static void test_left_twice(void) {
     (void)tl_watchdog_open("/dev/null", 10, &watchdog, &error);
-    tl_watchdog_leave(&watchdog);
-    tl_watchdog_leave(&watchdog);
+    tl_watchdog_release(&watchdog);
+    tl_watchdog_release(&watchdog);
     TEST_ASSERT_EQUAL_INT(-1, watchdog.file);
 }
 

@@ -60,8 +60,8 @@ static void test_errors_of_a_shortage(void) {
     TEST_ASSERT_TRUE(tl_shortage_is(EMFILE) && tl_shortage_is(ENFILE) && tl_shortage_is(ENOMEM));
     TEST_ASSERT_TRUE(tl_shortage_is(ENOSPC) && tl_shortage_is(EDQUOT));
     TEST_ASSERT_FALSE(tl_shortage_is(0) || tl_shortage_is(ENOENT) || tl_shortage_is(EACCES));
-    TEST_ASSERT_TRUE(tl_shortage_is_told("libm.so: cannot open shared object file: Too many open files"));
-    TEST_ASSERT_FALSE(tl_shortage_is_told("libm.so: cannot open shared object file: Permission denied"));
+    TEST_ASSERT_TRUE(tl_shortage_is_reported("libm.so: cannot open shared object file: Too many open files"));
+    TEST_ASSERT_FALSE(tl_shortage_is_reported("libm.so: cannot open shared object file: Permission denied"));
 }
 
 static void test_no_descriptor_for_a_binary(void) {

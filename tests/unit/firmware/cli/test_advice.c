@@ -119,7 +119,7 @@ static void test_states_that_another_process_cannot_read(void) {
     states.of[1].finding = TL_READ_BACK_UNKNOWN;
     expect_one("components.motor|signal 11");
     TEST_ASSERT_FALSE(tl_test_has_parts(warnings[0], "record.resume_s"));
-    states.of[1].finding = TL_READ_BACK_NOR_HERE;
+    states.of[1].finding = TL_READ_BACK_NOT_FOUND;
     expect_none();
     states.of[1].finding = TL_READ_BACK_ENDS;
     states.is_tried = false;
@@ -134,9 +134,9 @@ static void test_a_step_that_takes_too_long(void) {
 
 static void test_an_fmu_that_does_not_come_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
-    look.news.found = true;
-    (void)snprintf(look.news.component, sizeof look.news.component, "motor");
-    (void)snprintf(look.news.text, sizeof look.news.text, "motor differs from its state at 0.5 s");
+    look.outcome.found = true;
+    (void)snprintf(look.outcome.component, sizeof look.outcome.component, "motor");
+    (void)snprintf(look.outcome.text, sizeof look.outcome.text, "motor differs from its state at 0.5 s");
     expect_one("components.motor.rollback|motor differs|0.5 s");
 }
 

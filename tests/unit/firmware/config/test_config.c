@@ -262,7 +262,7 @@ static void test_a_modbus_signal(void) {
 static void test_other_signals(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_signal *running = &config->signals[1];
-    const tl_config_signal *stage = &config->signals[2];
+    const tl_config_signal *handover_block = &config->signals[2];
     TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, running->plan.type);
     TEST_ASSERT_TRUE(running->plan.has_initial);
     TEST_ASSERT_EQUAL_DOUBLE(1, running->plan.initial);
@@ -275,10 +275,10 @@ static void test_other_signals(void) {
     TEST_ASSERT_FALSE(modbus_of(running)->bytes_little);
     TEST_ASSERT_EQUAL_DOUBLE(1, modbus_of(running)->scale);
     TEST_ASSERT_EQUAL_DOUBLE(0, modbus_of(running)->offset);
-    TEST_ASSERT_EQUAL_INT(TL_INTEGER, stage->plan.type);
-    TEST_ASSERT_EQUAL_DOUBLE(3, stage->plan.initial);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, modbus_of(stage)->table);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, modbus_of(stage)->type);
+    TEST_ASSERT_EQUAL_INT(TL_INTEGER, handover_block->plan.type);
+    TEST_ASSERT_EQUAL_DOUBLE(3, handover_block->plan.initial);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, modbus_of(handover_block)->table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, modbus_of(handover_block)->type);
     TEST_ASSERT_EQUAL_STRING("omega", config->signals[3].column);
     TEST_ASSERT_EQUAL_size_t(2, config->signals[3].source);
 }

@@ -156,7 +156,7 @@ typedef struct tally {
 } tally;
 
 /* The copy ends where the text ends, so a sanitizer detects a read past the end. */
-static void judge(const draft *d, tally *counts) {
+static void check(const draft *d, tally *counts) {
     tl_test_verdict verdict;
     char *copy = malloc(d->size > 0 ? d->size : 1);
     TEST_ASSERT_NOT_NULL(copy);
@@ -192,7 +192,7 @@ static void test_mutants(void) {
         for (size_t changes = 1 + below(&random, MOST_CHANGES); changes > 0 && d.size > 0; changes--) {
             change(&d, &random);
         }
-        judge(&d, &counts);
+        check(&d, &counts);
     }
     free(text);
     (void)printf("%lu good, %lu with bad syntax, %lu with bad values\n", counts.good, counts.bad_syntax,

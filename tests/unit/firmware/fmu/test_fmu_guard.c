@@ -34,12 +34,12 @@ static fmi2CallbackFunctions given;
 static fmi2Component note_callbacks(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                     const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
     given = *callbacks;
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(tl_fmu_calls_in_use(), &seen));
     return fmu.functions.instantiate(name, type, guid, resources, &fmu.callbacks, visible, logging);
 }
 
 static fmi2Status note_call(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(tl_fmu_calls_in_use(), &seen));
     return fmu.functions.do_step(instance, now, step, final);
 }
 
@@ -174,7 +174,7 @@ static void a_call_is_noted_with_the_instance_while_it_lasts(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.0, 0.1, false, &error));
     TEST_ASSERT_EQUAL_STRING("fmi2DoStep", seen.function);
     TEST_ASSERT_EQUAL_STRING("box1", seen.fmu);
-    TEST_ASSERT_FALSE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+    TEST_ASSERT_FALSE(tl_fmu_calls_poll(tl_fmu_calls_in_use(), &seen));
 }
 
 /* The message names the failing call. An execution counts as soon as fmi2DoStep was called. */

@@ -19,7 +19,7 @@
 enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };
 
 static tl_config config;
-static tl_handover stage;
+static tl_handover handover_block;
 static tl_block blocks[TL_LIVE_BLOCKS];
 static tl_twin_slot places[TL_TWIN_SLOTS];
 static tl_live_config_manager_pulse activator;
@@ -29,28 +29,28 @@ static tl_live_candidate *candidate;
 static tl_handover_control change;
 static tl_orders orders;
 static tl_time now;
-static char told[200];
+static char was_reported[200];
 
 static void tell(void *context, const char *text) {
     (void)context;
-    (void)snprintf(told, sizeof told, "%s", text);
+    (void)snprintf(was_reported, sizeof was_reported, "%s", text);
 }
 
-static void play_ready(tl_twin_slot *place, pid_t pid, tl_time start) {
-    place->pid = pid;
-    memset(&place->pulse->beats, 0, sizeof place->pulse->beats);
-    tl_heartbeats_set_ready(&place->pulse->beats);
-    place->pulse->start = start;
-    place->pulse->started = 77;
+static void play_ready(tl_twin_slot *slot_index, pid_t pid, tl_time start) {
+    slot_index->pid = pid;
+    memset(&slot_index->pulse->beats, 0, sizeof slot_index->pulse->beats);
+    tl_heartbeats_set_ready(&slot_index->pulse->beats);
+    slot_index->pulse->start = start;
+    slot_index->pulse->started = 77;
 }
 
 void setUp(void) {
     tl_report report = {0};
     tl_error error = {TL_OK, ""};
-    memset(&stage, 0, sizeof stage);
+    memset(&handover_block, 0, sizeof handover_block);
     memset(&activator, 0, sizeof activator);
     memset(&recorder, 0, sizeof recorder);
-    told[0] = '\0';
+    was_reported[0] = '\0';
     now = 1000 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
@@ -62,7 +62,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
     candidate = candidate_block.bytes;
-    change = (tl_handover_control){.stage = &stage,
+    change = (tl_handover_control){.handover_block = &handover_block,
                                    .places = places,
                                    .orders = &activator,
                                    .candidate = &candidate_block,
@@ -107,12 +107,12 @@ static void write_candidate(void) {
 }
 
 static void expect_obeyed(bool is) {
-    TEST_ASSERT_EQUAL_INT(is, stage.order == activator.order.number);
+    TEST_ASSERT_EQUAL_INT(is, handover_block.order == activator.order.number);
 }
 
 static void expect_refused(const char *why) {
     expect_obeyed(true);
-    TL_EXPECT_PARTS(why, stage.why);
+    TL_EXPECT_PARTS(why, handover_block.why);
     TEST_ASSERT_FALSE(orders.swap);
 }
 
@@ -122,13 +122,13 @@ static void begin_shadow(pid_t pid) {
     order(TL_LIVE_SHADOW);
     TEST_ASSERT_TRUE(orders.shadow);
     expect_obeyed(true);
-    tl_twin_slot *place = &places[1 - stage.place];
-    play_ready(place, pid, place->start);
+    tl_twin_slot *slot_index = &places[1 - handover_block.slot_index];
+    play_ready(slot_index, pid, slot_index->start);
     look();
 }
 
-static void end_twin(tl_twin_slot *place) {
-    place->pid = 0;
+static void end_twin(tl_twin_slot *slot_index) {
+    slot_index->pid = 0;
     look();
 }
 
@@ -149,8 +149,8 @@ static void test_a_candidate_is_loaded(void) {
     TEST_ASSERT_EQUAL_UINT32(6, places[1].pulse->number);
     TEST_ASSERT_EQUAL_UINT32(7, places[1].pulse->first);
     TEST_ASSERT_EQUAL_UINT32(0, places[1].pulse->handed_over);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
-    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
 }
 
 /* Later changes of the shared block have no effect. */
@@ -163,7 +163,7 @@ static void test_a_candidate_is_copied(void) {
 static void refuse_candidate(const char *why) {
     order(TL_LIVE_SHADOW);
     TEST_ASSERT_FALSE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, handover_block.shadow);
     TEST_ASSERT_NULL(places[1].text);
     TEST_ASSERT_EQUAL_size_t(0, places[1].queue->size);
     expect_refused(why);
@@ -228,8 +228,8 @@ static void test_a_shadow_that_ends(void) {
     tl_handover_control_note_end_of_shadow(&change, DIED);
     look();
     TEST_ASSERT_FALSE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
-    TEST_ASSERT_EQUAL_STRING(DIED, stage.why);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, handover_block.shadow);
+    TEST_ASSERT_EQUAL_STRING(DIED, handover_block.why);
 }
 
 static void test_another_shadow_waits_for_the_end_of_the_one_before(void) {
@@ -243,7 +243,7 @@ static void test_another_shadow_waits_for_the_end_of_the_one_before(void) {
     look();
     expect_obeyed(true);
     TEST_ASSERT_TRUE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
 }
 
 static void test_a_shadow_is_stopped_on_order(void) {
@@ -251,10 +251,10 @@ static void test_a_shadow_is_stopped_on_order(void) {
     order(TL_LIVE_NO_SHADOW);
     expect_obeyed(true);
     TEST_ASSERT_FALSE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, handover_block.shadow);
     places[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, STOPPED);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, handover_block.shadow);
 }
 
 static void test_an_unknown_order_has_no_effect(void) {
@@ -273,11 +273,11 @@ static void test_safe_hold(void) {
     expect_refused("safe hold");
     places[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, STOPPED);
-    TL_EXPECT_PARTS("safe hold", stage.why);
+    TL_EXPECT_PARTS("safe hold", handover_block.why);
     write_candidate();
     order(TL_LIVE_SHADOW);
     expect_refused("safe hold");
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, handover_block.shadow);
 }
 
 /* ---- a handover ---- */
@@ -294,27 +294,27 @@ static void announce(void) {
 static void expect_told_handover(int64_t tick, const char *hash) {
     char parts[64];
     (void)snprintf(parts, sizeof parts, "%lld|%.12s", (long long)tick, hash);
-    TL_EXPECT_PARTS(parts, told);
+    TL_EXPECT_PARTS(parts, was_reported);
 }
 
 static void test_a_handover(void) {
     begin_shadow(SHADOW);
     announce();
-    TEST_ASSERT_EQUAL_UINT32(1, stage.handovers);
-    TEST_ASSERT_EQUAL_UINT32(1, stage.to);
-    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, stage.tick);
-    expect_told_handover(stage.tick, places[1].hash);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.handovers);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.to);
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, handover_block.tick);
+    expect_told_handover(handover_block.tick, places[1].hash);
     look_after(TL_SECOND / 10);
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_TRUE(orders.soon);
     TEST_ASSERT_TRUE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
     places[0].pulse->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_TRUE(orders.shadow); /* the old one */
-    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
     look();
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_FALSE(orders.soon);
@@ -322,7 +322,7 @@ static void test_a_handover(void) {
 
 static void handover(uint32_t number) {
     announce();
-    places[stage.place].pulse->handed_over = number;
+    places[handover_block.slot_index].pulse->handed_over = number;
     look();
     TEST_ASSERT_TRUE(orders.swap);
 }
@@ -332,10 +332,10 @@ static void test_a_handover_back(void) {
     begin_shadow(SHADOW);
     handover(1);
     handover(2);
-    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
-    TEST_ASSERT_EQUAL_UINT32(2, stage.handovers);
-    TEST_ASSERT_EQUAL_UINT32(0, stage.to);
-    TEST_ASSERT_EQUAL_STRING(config.text, places[stage.place].text);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
+    TEST_ASSERT_EQUAL_UINT32(2, handover_block.handovers);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.to);
+    TEST_ASSERT_EQUAL_STRING(config.text, places[handover_block.slot_index].text);
 }
 
 static void test_a_twin_that_dies_before_its_tick(void) {
@@ -344,9 +344,9 @@ static void test_a_twin_that_dies_before_its_tick(void) {
     end_twin(&places[0]);
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_FALSE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
-    TL_EXPECT_PARTS("twin", stage.why);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, handover_block.shadow);
+    TL_EXPECT_PARTS("twin", handover_block.why);
 }
 
 /* So a configuration whose twin dies can be rolled back. */
@@ -357,7 +357,7 @@ static void test_a_handover_does_not_wait_for_a_dead_twin(void) {
     announce();
     look();
     TEST_ASSERT_TRUE(orders.swap);
-    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, stage.tick);
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, handover_block.tick);
 }
 
 static void test_a_twin_that_does_not_do_its_part(void) {
@@ -382,8 +382,8 @@ static void test_a_shadow_that_dies_before_its_tick(void) {
     places[0].pulse->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
-    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
 }
 
 static void test_handovers_that_are_rejected(void) {
@@ -397,9 +397,9 @@ static void test_handovers_that_are_rejected(void) {
     places[0].pulse->start++;
     order(TL_LIVE_HAND_OVER);
     expect_refused("shadow|ticks");
-    TEST_ASSERT_EQUAL_UINT32(0, stage.handovers);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow); /* it still runs */
-    TEST_ASSERT_EQUAL_STRING("", told);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.handovers);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow); /* it still runs */
+    TEST_ASSERT_EQUAL_STRING("", was_reported);
 }
 
 static void publish_tick(int64_t tick) {
@@ -412,7 +412,7 @@ static void test_a_twin_that_is_ahead(void) {
     begin_shadow(SHADOW);
     publish_tick(tick_at(now + 10 * TL_SECOND));
     announce();
-    TEST_ASSERT_EQUAL_INT64(tick_at(now + 10 * TL_SECOND) + 1, stage.tick);
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + 10 * TL_SECOND) + 1, handover_block.tick);
 }
 
 static void test_a_twin_with_an_impossible_tick(void) {
@@ -420,7 +420,7 @@ static void test_a_twin_with_an_impossible_tick(void) {
     publish_tick(INT64_MAX);
     order(TL_LIVE_HAND_OVER);
     expect_refused("ticks");
-    TEST_ASSERT_FALSE(tl_test_has_parts(stage.why, "shadow"));
+    TEST_ASSERT_FALSE(tl_test_has_parts(handover_block.why, "shadow"));
 }
 
 /* ---- signals ---- */
@@ -498,7 +498,7 @@ static void test_a_recorder_follows_when_all_end(void) {
     orders = (tl_orders){.end = false};
     tl_handover_control_poll(&change, now, true, &orders);
     TEST_ASSERT_TRUE(orders.recorder);
-    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
 }
 
 /* The live twin ended the run before the tick of the handover, so there is no handover. */
@@ -509,7 +509,7 @@ static void test_a_handover_that_the_end_overtakes(void) {
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
     tl_handover_control_poll(&change, now, true, &orders);
-    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_FALSE(orders.recorder);
 }

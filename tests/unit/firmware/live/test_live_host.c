@@ -18,7 +18,7 @@ static tl_live_config_manager_pulse pulse;
 static tl_live_twin_pulse twins[TL_TWIN_SLOTS];
 static tl_live_tuning tunings[TL_TWIN_SLOTS];
 static tl_live_recorder_pulse recorder;
-static tl_handover stage;
+static tl_handover handover_block;
 static tl_live_candidate candidate;
 static tl_live_host host;
 static tl_activation_host functions;
@@ -34,7 +34,7 @@ static void begin_host(void) {
                           .twins = {&twins[0], &twins[1]},
                           .tunings = {&tunings[0], &tunings[1]},
                           .recorder = &recorder,
-                          .stage = &stage,
+                          .handover_block = &handover_block,
                           .candidate = &candidate,
                           .text = "began",
                           .text_hash = "0b",
@@ -48,7 +48,7 @@ void setUp(void) {
     memset(twins, 0, sizeof twins);
     memset(tunings, 0, sizeof tunings);
     memset(&recorder, 0, sizeof recorder);
-    memset(&stage, 0, sizeof stage);
+    memset(&handover_block, 0, sizeof handover_block);
     memset(&candidate, 0, sizeof candidate);
     begin_host();
 }
@@ -58,20 +58,20 @@ void tearDown(void) {}
 /* ---- supervisor and twins ---- */
 
 static void obey(tl_live_shadow state, const char *text) {
-    (void)snprintf(stage.why, sizeof stage.why, "%s", text);
-    stage.shadow = (uint32_t)state;
-    stage.order = pulse.order.number;
+    (void)snprintf(handover_block.why, sizeof handover_block.why, "%s", text);
+    handover_block.shadow = (uint32_t)state;
+    handover_block.order = pulse.order.number;
 }
 
 static void announce(void) {
-    stage.to = 1 - stage.place;
-    stage.handovers++;
-    stage.order = pulse.order.number;
+    handover_block.to = 1 - handover_block.slot_index;
+    handover_block.handovers++;
+    handover_block.order = pulse.order.number;
 }
 
-static tl_lock_tolerances tolerances_in(size_t place) {
+static tl_lock_tolerances tolerances_in(size_t slot_index) {
     tl_lock_tolerances found;
-    TEST_ASSERT_TRUE(tl_latest_read(&tunings[place].tolerances, &found, sizeof found));
+    TEST_ASSERT_TRUE(tl_latest_read(&tunings[slot_index].tolerances, &found, sizeof found));
     return found;
 }
 
@@ -91,12 +91,12 @@ static tl_activation_phase phase(void) {
     return shadow.phase;
 }
 
-static tl_activation_news handed_over(void) {
+static tl_activation_answer handed_over(void) {
     return functions.has_handed_over(functions.context, why);
 }
 
-static const char *in_force(void) {
-    functions.in_force(functions.context, hash);
+static const char *active_text(void) {
+    functions.active_text(functions.context, hash);
     return hash;
 }
 
@@ -106,8 +106,8 @@ static bool tune(const char *of) {
     return functions.tune(functions.context, &version, "", "{}", &values);
 }
 
-static void publish(uint32_t place, tl_run_status *figures) {
-    tl_latest_publish(&twins[place].figures, figures, sizeof *figures);
+static void publish(uint32_t slot_index, tl_run_status *figures) {
+    tl_latest_publish(&twins[slot_index].figures, figures, sizeof *figures);
 }
 
 /* ---- orders ---- */
@@ -128,7 +128,7 @@ static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_STRING("{ \"a\": 1 }", candidate.text);
     TEST_ASSERT_EQUAL_STRING(OTHER, candidate.hash);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
-    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
 }
 
 static void test_one_order_at_a_time(void) {
@@ -142,14 +142,14 @@ static void test_one_order_at_a_time(void) {
 static void test_an_end_waits_until_it_can_be_ordered(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     functions.end_shadow(functions.context);
-    tl_live_host_look(&host);
+    tl_live_host_poll(&host);
     TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
-    obey(TL_LIVE_SHADOW_LIVES, "");
-    tl_live_host_look(&host);
+    obey(TL_LIVE_SHADOW_RUNS, "");
+    tl_live_host_poll(&host);
     TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_NO_SHADOW, pulse.order.verb);
     obey(TL_LIVE_SHADOW_NONE, "");
-    tl_live_host_look(&host);
+    tl_live_host_poll(&host);
     TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
 }
@@ -157,7 +157,7 @@ static void test_an_end_waits_until_it_can_be_ordered(void) {
 static void test_a_shadow_is_looked_at(void) {
     static tl_run_status figures;
     TEST_ASSERT_TRUE(begin("{}", OTHER));
-    obey(TL_LIVE_SHADOW_LIVES, "");
+    obey(TL_LIVE_SHADOW_RUNS, "");
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
     figures = (tl_run_status){.phase = TL_RUN_RECORDED, .tick = 40, .last = 60, .steps = 7, .outputs = 1};
     figures.used = TL_SECOND / 2;
@@ -237,7 +237,7 @@ static void test_files_of_fmus(void) {
 
 static void begin_and_handover(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
-    obey(TL_LIVE_SHADOW_LIVES, "");
+    obey(TL_LIVE_SHADOW_RUNS, "");
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_HAND_OVER, pulse.order.verb);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
@@ -247,15 +247,15 @@ static void test_a_handover(void) {
     begin_and_handover();
     announce();
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
-    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
-    stage.place = 1;
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
-    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
+    handover_block.slot_index = 1;
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     announce();
-    stage.place = 0;
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
-    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
+    handover_block.slot_index = 0;
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
 }
 
 static void test_a_handover_that_is_refused(void) {
@@ -272,11 +272,11 @@ static void test_a_successor_sees_what_came_of_a_handover(void) {
     memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
     announce();
-    stage.place = 1;
+    handover_block.slot_index = 1;
     begin_host();
     memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
-    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     obey(TL_LIVE_SHADOW_ENDED, "died");
     begin_host();
@@ -288,20 +288,20 @@ static void test_a_successor_sees_what_came_of_a_handover(void) {
 static void test_tunings_go_to_the_live_slot(void) {
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
-    TEST_ASSERT_EQUAL_STRING(TUNED, in_force());
+    TEST_ASSERT_EQUAL_STRING(TUNED, active_text());
     recorder.state.tuning = 2;
     begin_and_handover();
     announce();
-    stage.place = 1;
-    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    handover_block.slot_index = 1;
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1])); /* above those of the recorder */
     TEST_ASSERT_FALSE(tune(OTHER));
     recorder.state.tuning = 4;
     TEST_ASSERT_TRUE(tune(OTHER));
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, functions.was_taken(functions.context, why));
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, functions.tuning_result(functions.context, why));
     tl_live_tuning_answer_with(&twins[1].tuned, 6, 1, NULL);
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, functions.was_taken(functions.context, why));
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, functions.tuning_result(functions.context, why));
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
 }
 
@@ -310,17 +310,17 @@ static void test_a_new_shadow_gets_no_old_tuning(void) {
     tl_live_tuning_head head;
     begin_and_handover();
     announce();
-    stage.place = 1;
+    handover_block.slot_index = 1;
     TEST_ASSERT_TRUE(tune(TUNED));
     recorder.state.tuning = 2;
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     announce();
-    stage.place = 0;
+    handover_block.slot_index = 0;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_tuning_read(&tunings[1], &head, NULL));
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_live_tuning_read(&tunings[1], &head, NULL));
-    stage.place = 1;
-    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    handover_block.slot_index = 1;
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1]));
 }
@@ -331,7 +331,7 @@ static void test_failures_are_those_of_the_configuration(void) {
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(2, view.figures.twin_failures);
     TEST_ASSERT_FALSE(view.figures.twin_alive);
-    stage.place = 1;
+    handover_block.slot_index = 1;
     twins[1].number = 3;
     twins[1].first = 3;
     tl_heartbeats_set_ready(&twins[1].beats);
@@ -345,11 +345,11 @@ static void test_why_the_twin_has_failed(void) {
     char failure[TL_HANDOVER_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("", view.figures.failure);
-    tl_latest_publish(&stage.failure, failure, sizeof failure);
+    tl_latest_publish(&handover_block.failure, failure, sizeof failure);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("it hung, in fmi2DoStep of mo\\x1Btor", view.figures.failure);
     memset(failure, 'x', sizeof failure); /* not terminated */
-    tl_latest_publish(&stage.failure, failure, sizeof failure);
+    tl_latest_publish(&handover_block.failure, failure, sizeof failure);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_size_t(TL_RUN_FAILURE - 1, strlen(view.figures.failure));
 }

@@ -35,9 +35,9 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-static void wish(uint32_t number, int64_t from) {
+static void live_request(uint32_t number, int64_t from) {
     pulse.past_from = from;
-    pulse.resume = tl_live_wish_of(7, number);
+    pulse.resume = tl_live_request_of(7, number);
 }
 
 static tl_status read_past(void) {
@@ -46,54 +46,54 @@ static tl_status read_past(void) {
 }
 
 static void test_one_wish_after_the_other(void) {
-    tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(0, answer.wish);
-    wish(1, 40);
-    tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
+    tl_live_samples_read(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(0, answer.live_request);
+    live_request(1, 40);
+    tl_live_samples_read(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
-    wish(2, NEWEST);
-    tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
+    live_request(2, NEWEST);
+    tl_live_samples_read(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
-    wish(3, NEWEST + 1);
-    tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
+    live_request(3, NEWEST + 1);
+    tl_live_samples_read(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
 }
 
 /* It is answered once. */
 static void test_a_wish_that_was_answered(void) {
-    wish(1, 40);
-    tl_live_samples_look(&wishes, run.path);
+    live_request(1, 40);
+    tl_live_samples_read(&wishes, run.path);
     answer.size = 1;
-    tl_live_samples_look(&wishes, run.path);
+    tl_live_samples_read(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(1, answer.size);
 }
 
 /* The memory is the machine's again, and whoever has begun gets no more. */
 static void test_nobody_wants_any_more(void) {
-    wish(1, 40);
-    tl_live_samples_look(&wishes, run.path);
+    live_request(1, 40);
+    tl_live_samples_read(&wishes, run.path);
     pulse.begun = 1;
-    tl_live_samples_look(&wishes, run.path);
+    tl_live_samples_read(&wishes, run.path);
     const unsigned char *bytes = resume.bytes;
     for (size_t i = 0; i < ROOM; i++) {
         TEST_ASSERT_EQUAL_UINT8(0, bytes[i]);
     }
-    wish(2, 40);
-    tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(tl_live_wish_of(7, 1), answer.wish);
+    live_request(2, 40);
+    tl_live_samples_read(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(tl_live_request_of(7, 1), answer.live_request);
 }
 
 static void test_a_database_that_is_none(void) {
-    wish(1, 40);
-    tl_live_samples_look(&wishes, "/nowhere/run.db");
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
+    live_request(1, 40);
+    tl_live_samples_read(&wishes, "/nowhere/run.db");
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(answer.words[0].text, "/nowhere/run.db"), answer.words[0].text);
 }

@@ -33,10 +33,10 @@ static pid_t make_child(void) {
 
 static void wait_for_rest(void) {
     const struct timespec pause = {.tv_sec = 0, .tv_nsec = 10000000};
-    for (int i = 0; i < 3000 && !tl_reaper_rests(&reaper); i++) {
+    for (int i = 0; i < 3000 && !tl_reaper_is_idle(&reaper); i++) {
         (void)nanosleep(&pause, NULL);
     }
-    TEST_ASSERT_TRUE(tl_reaper_rests(&reaper));
+    TEST_ASSERT_TRUE(tl_reaper_is_idle(&reaper));
 }
 
 static void expect_gone(pid_t child) {
@@ -45,7 +45,7 @@ static void expect_gone(pid_t child) {
 }
 
 static void it_rests_at_first(void) {
-    TEST_ASSERT_TRUE(tl_reaper_rests(&reaper));
+    TEST_ASSERT_TRUE(tl_reaper_is_idle(&reaper));
 }
 
 static void the_dead_go(void) {
@@ -55,7 +55,7 @@ static void the_dead_go(void) {
         TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
         TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)child, &info, WEXITED | WNOWAIT));
         TEST_ASSERT_EQUAL_INT(0, kill(child, 0)); /* still there */
-        tl_reaper_take(&reaper, child);
+        tl_reaper_start(&reaper, child);
         wait_for_rest();
         expect_gone(child);
     }
@@ -64,9 +64,9 @@ static void the_dead_go(void) {
 /* One that is not dead yet takes as long as it likes. */
 static void nobody_waits_for_it(void) {
     pid_t child = make_child();
-    tl_reaper_take(&reaper, child);
-    TEST_ASSERT_FALSE(tl_reaper_rests(&reaper));
-    TEST_ASSERT_FALSE(tl_reaper_rests(&reaper));
+    tl_reaper_start(&reaper, child);
+    TEST_ASSERT_FALSE(tl_reaper_is_idle(&reaper));
+    TEST_ASSERT_FALSE(tl_reaper_is_idle(&reaper));
     TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
     wait_for_rest();
     expect_gone(child);
@@ -95,7 +95,7 @@ static void it_has_no_real_time_priority(void) {
         (void)waitpid(child, NULL, 0);
         TEST_IGNORE_MESSAGE("needs the permission for SCHED_FIFO");
     }
-    tl_reaper_take(&reaper, child);
+    tl_reaper_start(&reaper, child);
     TEST_ASSERT_EQUAL_INT(SCHED_OTHER, sched_getscheduler(other_thread()));
     (void)kill(child, SIGKILL);
     wait_for_rest();
@@ -104,9 +104,9 @@ static void it_has_no_real_time_priority(void) {
 
 static void it_can_be_left(void) {
     pid_t child = make_child();
-    tl_reaper_take(&reaper, child);
-    tl_reaper_leave(&reaper);
-    TEST_ASSERT_TRUE(tl_reaper_rests(&reaper));
+    tl_reaper_start(&reaper, child);
+    tl_reaper_stop(&reaper);
+    TEST_ASSERT_TRUE(tl_reaper_is_idle(&reaper));
     (void)kill(child, SIGKILL);
 }
 

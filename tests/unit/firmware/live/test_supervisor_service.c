@@ -14,7 +14,7 @@
 #include "firmware/process/service.h"
 #include "tests/support/stage.h"
 
-static tl_stage *stage;
+static tl_stage *handover_block;
 
 void setUp(void) {
     tl_stage_set();
@@ -97,7 +97,7 @@ static void test_strokes_go_on_until_all_have_ended(void) {
     int socket_ = fill_notify_socket();
     (void)setenv("WATCHDOG_USEC", "400000", 1);
     tl_stage_cast(TL_MEMBER_ACTIVATOR, "b");
-    stage->play_on = order_an_activator;
+    handover_block->play_on = order_an_activator;
     pid_t self = getpid();
     pid_t manager = fork();
     if (manager == 0) {
@@ -125,7 +125,7 @@ static void test_strokes_go_on_until_all_have_ended(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
+    handover_block = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
     RUN_TEST(test_nobody_waits_for_the_service_manager);
     RUN_TEST(test_ready_is_told_until_it_is_heard);
     RUN_TEST(test_strokes_go_on_until_all_have_ended);

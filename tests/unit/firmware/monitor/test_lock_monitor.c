@@ -18,17 +18,17 @@ static tl_plan_adjust adjust[2];
 static tl_plan_match match[2];
 static tl_config config;
 static tl_account account;
-static tl_lock_monitor judge;
+static tl_lock_monitor lock_monitor;
 static tl_record record;
 static tl_sample sample;
-static tl_lock_change told; /* the last change */
-static int changes;         /* since the last look */
+static tl_lock_change was_reported; /* the last change */
+static int changes;                 /* since the last look */
 
 void setUp(void) {
     memset(&record, 0, sizeof record);
     memset(&sample, 0, sizeof sample);
     memset(&config, 0, sizeof config);
-    memset(&told, 0, sizeof told);
+    memset(&was_reported, 0, sizeof was_reported);
     changes = 0;
     signals[0].plan.name = "torque";
     signals[1].plan.name = "omega";
@@ -44,16 +44,16 @@ void setUp(void) {
     config.step = TL_SECOND / 100;
     account.adjust[0] = (tl_account_adjust){.type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
     account.adjust[1] = (tl_account_adjust){.type = TL_BOOLEAN};
-    tl_lock_monitor_init(&judge, &config, &account);
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
 }
 
 void tearDown(void) {}
 
 static void step(void) {
-    tl_lock_monitor_sample(&judge, &sample);
-    const tl_lock_change *change = tl_lock_monitor_step(&judge, &record);
+    tl_lock_monitor_sample(&lock_monitor, &sample);
+    const tl_lock_change *change = tl_lock_monitor_step(&lock_monitor, &record);
     if (change != NULL) {
-        told = *change;
+        was_reported = *change;
         changes++;
     }
     record.step++;
@@ -82,25 +82,25 @@ static void mixed(int of_ten, double away, int count) {
 
 static void lock(void) {
     many(WITHIN, WINDOW);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
     changes = 0;
 }
 
 /* There was one change, to this state, and its cause has these parts. */
 static void expect_change(tl_lock_state state, const char *cause) {
     TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_STRING(tl_lock_state_name(state), tl_lock_state_name(told.to));
-    TL_EXPECT_PARTS(cause, told.cause);
+    TEST_ASSERT_EQUAL_STRING(tl_lock_state_name(state), tl_lock_state_name(was_reported.to));
+    TL_EXPECT_PARTS(cause, was_reported.cause);
     changes = 0;
 }
 
 static void expect_no_change(void) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(0, changes, told.cause);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, changes, was_reported.cause);
 }
 
 static tl_lock_tally tally(void) {
     tl_lock_tally found;
-    tl_lock_monitor_get(&judge, &found);
+    tl_lock_monitor_get(&lock_monitor, &found);
     return found;
 }
 
@@ -128,7 +128,7 @@ static void test_a_returned_change_stays_valid(void) {
     const tl_lock_change *first = NULL;
     record.outcome = TL_FIRST_GUESS;
     for (int i = 0; i < WINDOW; i++) {
-        first = tl_lock_monitor_step(&judge, &record);
+        first = tl_lock_monitor_step(&lock_monitor, &record);
     }
     TEST_ASSERT_NOT_NULL(first);
     const tl_lock_change before = *first;
@@ -143,7 +143,7 @@ static void test_lost_and_found(void) {
     expect_no_change();
     one(OUTSIDE);
     expect_change(TL_LOCK_LOST, "50 %|100 steps|tolerance");
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
     many(WITHIN, WINDOW + PART);
     expect_change(TL_LOCK_LOCKED, "80 %|100 steps");
     TEST_ASSERT_EQUAL_UINT64(1, tally().losses);
@@ -168,7 +168,7 @@ static void test_no_oscillation_between_states(void) {
     expect_no_change();
     mixed(2, OUTSIDE, 5 * WINDOW);
     TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
 }
 
 /* Every second step is within tolerance, the others are far off. */
@@ -179,9 +179,9 @@ static void test_a_twin_that_swings_is_lost(void) {
         one(i % 2 == 0 ? 1e-11 : FAR_AWAY);
     }
     TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_TRUE(judge.astray);
-    TL_EXPECT_PARTS("10 %|100 steps|10 tolerances|1e+03", told.cause);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TEST_ASSERT_TRUE(lock_monitor.astray);
+    TL_EXPECT_PARTS("10 %|100 steps|10 tolerances|1e+03", was_reported.cause);
 }
 
 /* With a limit cycle of u the limit is lower, because no search converges. */
@@ -193,7 +193,7 @@ static void test_a_limit_cycle(void) {
     }
     expect_change(TL_LOCK_LOST, "12 %|100 steps|10 %|motor.d|0|1.5|3 steps");
     many(WITHIN, 2 * WINDOW);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
 }
 
 static void test_what_is_no_limit_cycle(void) {
@@ -220,8 +220,8 @@ static void test_a_plant_that_jumps(void) {
         record.measured[0] = i % 2 == 0 ? 1000 : -1000;
         one(0);
     }
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
 }
 
 /* Astray at first, then exact: the first full window reports a loss, but no reset is due. */
@@ -230,8 +230,8 @@ static void test_a_twin_that_has_recovered(void) {
         one(i % 2 == 0 ? FAR_AWAY : -FAR_AWAY);
     }
     many(WITHIN, WINDOW - 4 * PART);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
 }
 
 /* An output without a good measurement does not count. */
@@ -245,7 +245,7 @@ static void test_what_swings_unmeasured(void) {
         one(WITHIN);
     }
     expect_no_change();
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
 }
 
 /* A steadily growing error is that of a wrong model, which a reset does not improve. */
@@ -254,15 +254,15 @@ static void test_a_twin_that_is_elsewhere(void) {
     for (int i = 0; i < 20 * WINDOW; i++) {
         one(9.9 * i);
     }
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
 }
 
 static void test_infinite_errors(void) {
     lock();
     many((double)INFINITY, 3 * PART);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_TRUE(judge.astray);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TEST_ASSERT_TRUE(lock_monitor.astray);
 }
 
 /* One step is enough, both in a full window and in the steps left at the end. It is counted. */
@@ -317,9 +317,9 @@ static void test_at_a_bound_for_a_minute(void) {
         record.u[0] = i < 10000 ? 2 : 0.5;
         record.u[1] = 1;
         one(WITHIN);
-        reached += judge.stay[0].turn == TL_BOUND_REACHED ? 1 : 0;
-        left += judge.stay[0].turn == TL_BOUND_LEFT ? 1 : 0;
-        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, judge.stay[1].turn);
+        reached += lock_monitor.stay[0].turn == TL_BOUND_REACHED ? 1 : 0;
+        left += lock_monitor.stay[0].turn == TL_BOUND_REMAINING ? 1 : 0;
+        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, lock_monitor.stay[1].turn);
     }
     TEST_ASSERT_EQUAL_INT(1, reached);
     TEST_ASSERT_EQUAL_INT(1, left);
@@ -383,14 +383,14 @@ static void test_no_good_matched_signal(void) {
     expect_change(TL_LOCK_FREE, "signal|50 %|100 steps");
     record.measured_quality[0] = TL_GOOD;
     many(WITHIN, WINDOW);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
     TEST_ASSERT_EQUAL_INT(1, changes);
 }
 
 static void test_a_signal_that_is_only_compared(void) {
     match[0].weight = 0;
     many(WITHIN, WINDOW);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, was_reported.to);
 }
 
 /* Between two messages a step has no measurement, but the horizon may have some. */
@@ -399,16 +399,16 @@ static void test_a_step_between_two_measurements(void) {
         record.measured_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
         many(WITHIN, 1);
     }
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
     for (int i = 0; i < WINDOW; i++) {
         record.measured_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
         many(3.0, 1); /* the compared steps are out of tolerance */
     }
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TL_EXPECT_PARTS("tolerance|50 %", told.cause);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
+    TL_EXPECT_PARTS("tolerance|50 %", was_reported.cause);
     record.measured_quality[0] = TL_STALE;
     many(WITHIN, 2 * WINDOW);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to); /* no step is compared any more */
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, was_reported.to); /* no step is compared any more */
 }
 
 static void test_nothing_is_adjusted(void) {
@@ -468,12 +468,12 @@ static void test_more_correction_than_usual(void) {
     expect_no_change();
     corrected(0.3, WINDOW);
     TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_TRACKING, told.to);
-    TL_EXPECT_PARTS("motor.d|3 times|0.24", told.cause);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_TRACKING, was_reported.to);
+    TL_EXPECT_PARTS("motor.d|3 times|0.24", was_reported.cause);
     changes = 0;
     corrected(0.05, 2 * WINDOW);
     TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
 }
 
 /* The usual correction is not known yet. */
@@ -500,7 +500,7 @@ static void test_at_a_bound(void) {
 /* A part has two steps if 0.1 s has fewer. */
 static void test_a_slow_twin(void) {
     config.step = TL_SECOND;
-    tl_lock_monitor_init(&judge, &config, &account);
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
     many(WITHIN, 20);
     expect_change(TL_LOCK_LOCKED, "100 %|20 steps");
 }
@@ -508,7 +508,7 @@ static void test_a_slow_twin(void) {
 /* The unit is a stroke, and three are a window. */
 static void test_strokes(void) {
     config.event.start.signal = "plant.valve";
-    tl_lock_monitor_init(&judge, &config, &account);
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
     for (int stroke = 0; stroke < 3; stroke++) {
         record.outcome = TL_HELD;
         for (int i = 0; i < WINDOW; i++) {
@@ -538,13 +538,13 @@ static void test_a_reset_starts_a_new_window(void) {
     for (int i = 0; i < WINDOW; i++) {
         one(i % 2 == 0 ? FAR_AWAY : -FAR_AWAY);
     }
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
     changes = 0;
-    TEST_ASSERT_TRUE(judge.astray);
+    TEST_ASSERT_TRUE(lock_monitor.astray);
     record.flags = TL_FLAG_RESET;
     one(WITHIN);
     record.flags = 0;
-    TEST_ASSERT_FALSE(judge.astray);
+    TEST_ASSERT_FALSE(lock_monitor.astray);
     many(WITHIN, WINDOW - 1);
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
     TEST_ASSERT_EQUAL_UINT64(3 * WINDOW, total());
@@ -557,21 +557,21 @@ static void test_a_tuning_applies_from_the_next_step_on(void) {
     adjust[0].upper = 2;
     account.adjust[0].least = -0.5;
     account.adjust[0].most = 10;
-    tl_lock_monitor_init(&judge, &config, &account);
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
     lock();
     tl_config_tuning(&config, &tuning);
     tuning.match[0].tolerance = match[0].tolerance * WITHIN / OUTSIDE; /* WITHIN is outside now */
     tuning.adjust[0].lower = -5;
     tuning.adjust[0].upper = 5;
     tl_config_retune(&config, &tuning);
-    tl_lock_monitor_retune(&judge, &tuning);
-    TEST_ASSERT_EQUAL_DOUBLE(-0.5, judge.adjust[0].lower);
-    TEST_ASSERT_EQUAL_DOUBLE(5, judge.adjust[0].upper);
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, lock_monitor.adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(5, lock_monitor.adjust[0].upper);
     many(WITHIN, WINDOW / 2);
     expect_change(TL_LOCK_LOST, "50 %|100 steps|tolerance");
     tuning.match[0].tolerance = 2;
     tl_config_retune(&config, &tuning);
-    tl_lock_monitor_retune(&judge, &tuning);
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
     many(WITHIN, WINDOW / 4);
     expect_no_change();
     many(WITHIN, WINDOW / 2 + PART / 2);
@@ -585,10 +585,10 @@ static void test_other_tolerances(void) {
     match[0].weight = 1e-300;
     match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1e300, .weight = 1e300};
     config.match_count = 2;
-    tl_lock_monitor_init(&judge, &config, &account);
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
     many(2.0, WINDOW);
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
-    judge.tolerances = &tolerances;
+    lock_monitor.tolerances = &tolerances;
     many(2.0, WINDOW / 2);
     expect_change(TL_LOCK_LOST, "50 %|100 steps|tolerance");
     many(0.5, WINDOW + PART);
@@ -600,8 +600,8 @@ static void test_strokes_with_other_tolerances(void) {
     const tl_lock_tolerances tolerances = {.match[0] = {match[0].tolerance, match[0].weight}};
     match[0].tolerance = 10 * match[0].tolerance;
     config.event.start.signal = "plant.valve";
-    tl_lock_monitor_init(&judge, &config, &account);
-    judge.tolerances = &tolerances;
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
+    lock_monitor.tolerances = &tolerances;
     many(0.09, 3);
     expect_change(TL_LOCK_LOCKED, "100 %|3 strokes");
     many(0.2, 3);

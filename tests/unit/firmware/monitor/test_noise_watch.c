@@ -54,11 +54,11 @@ static void pass(int ticks, double deviation) {
             sample.values[k] = k == 2 ? deviation * tl_noise_normal(&noise) : 0.0;
         }
         for (size_t k = 0; k < 2; k++) {
-            double told = 0.0;
-            tl_noise_turn turn = tl_noise_watch_sample(&watch, &sample, k, &told);
+            double was_reported = 0.0;
+            tl_noise_turn turn = tl_noise_watch_sample(&watch, &sample, k, &was_reported);
             large += turn == TL_NOISE_IS_LARGE ? 1 : 0;
             small += turn == TL_NOISE_IS_SMALL ? 1 : 0;
-            sigma = turn != TL_NOISE_AS_BEFORE ? told : sigma;
+            sigma = turn != TL_NOISE_AS_BEFORE ? was_reported : sigma;
         }
     }
 }

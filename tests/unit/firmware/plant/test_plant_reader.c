@@ -163,9 +163,9 @@ static void wait_for_polls(size_t toy, size_t count) {
 
 static size_t links_told(void) {
     (void)pthread_mutex_lock(&lock);
-    size_t told = links;
+    size_t was_reported = links;
     (void)pthread_mutex_unlock(&lock);
-    return told;
+    return was_reported;
 }
 
 static void expect_reading(size_t signal, double value, tl_quality quality) {

@@ -382,7 +382,7 @@ static struct {
     tl_reading reading[16];
 } heard;
 
-static void hear(void *context, size_t signal, const tl_reading *reading) {
+static void on_event(void *context, size_t signal, const tl_reading *reading) {
     TEST_ASSERT_EQUAL_PTR(&heard, context);
     if (heard.count < sizeof heard.signal / sizeof heard.signal[0]) {
         heard.signal[heard.count] = signal;
@@ -394,7 +394,7 @@ static void hear(void *context, size_t signal, const tl_reading *reading) {
 static size_t hear_all(void) {
     memset(&heard, 0, sizeof heard);
     open_recording();
-    tl_recording_listen(recording, hear, &heard);
+    tl_recording_listen(recording, on_event, &heard);
     while (next()) {
     }
     return heard.count;

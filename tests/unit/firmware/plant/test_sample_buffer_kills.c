@@ -143,11 +143,12 @@ static void test_killed_at_any_instruction(void) {
         look(&random);
         look_at_what_is_left();
     }
-    char told[128];
-    (void)snprintf(told, sizeof told, "of %d kills %u left a slot odd, %u a post that was not counted; %lld posts",
-                   kills, left_odd, left_uncounted, (long long)newest);
-    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, told); /* else nothing was tried */
-    TEST_MESSAGE(told);
+    char was_reported[128];
+    (void)snprintf(was_reported, sizeof was_reported,
+                   "of %d kills %u left a slot odd, %u a post that was not counted; %lld posts", kills, left_odd,
+                   left_uncounted, (long long)newest);
+    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, was_reported); /* else nothing was tried */
+    TEST_MESSAGE(was_reported);
 }
 
 int main(void) {

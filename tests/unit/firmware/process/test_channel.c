@@ -78,11 +78,11 @@ static int answer(tl_channel *channel, uint32_t wanted) {
     }
     tl_channel_push(channel);
     for (;;) {
-        tl_channel_news news = tl_channel_take(channel, &type, payload);
-        if (news == TL_CHANNEL_BROKEN) {
+        tl_channel_answer outcome = tl_channel_take(channel, &type, payload);
+        if (outcome == TL_CHANNEL_BROKEN) {
             return 2;
         }
-        if (news == TL_CHANNEL_NOTHING) {
+        if (outcome == TL_CHANNEL_NOTHING) {
             if (tl_channel_wait(channel, wanted, 0, in_seconds(20)) != TL_CHANNEL_SOMETHING) {
                 return 3;
             }
@@ -111,13 +111,13 @@ static void drive(tl_channel *channel, uint32_t count, uint32_t wanted) {
     uint32_t sent = 0;
     uint32_t received = 0;
     bool steps = false;
-    bool told = false;
+    bool was_reported = false;
     while (type != TL_MESSAGE_ENDED) {
         while (steps && sent < count && send_one(channel, TL_MESSAGE_TICK, TICK, sent)) {
             sent++;
             tl_channel_push(channel);
         }
-        told = told || (received == count && tl_channel_offer(channel, TL_MESSAGE_END, NULL));
+        was_reported = was_reported || (received == count && tl_channel_offer(channel, TL_MESSAGE_END, NULL));
         uint32_t taken = 0;
         while (tl_channel_take(channel, &type, payload) == TL_CHANNEL_SOMETHING) {
             taken++;

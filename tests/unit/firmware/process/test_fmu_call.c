@@ -18,8 +18,8 @@ void tearDown(void) {
 
 static void nobody_is_called_at_first(void) {
     tl_fmu_call call;
-    TEST_ASSERT_FALSE(tl_fmu_calls_look(&block, &call));
-    TEST_ASSERT_EQUAL_PTR(&block, tl_fmu_calls_here());
+    TEST_ASSERT_FALSE(tl_fmu_calls_poll(&block, &call));
+    TEST_ASSERT_EQUAL_PTR(&block, tl_fmu_calls_in_use());
 }
 
 static void a_call_is_seen_until_it_ends(void) {
@@ -28,11 +28,11 @@ static void a_call_is_seen_until_it_ends(void) {
     uint32_t motor = tl_fmu_calls_name("motor");
     TEST_ASSERT_NOT_EQUAL_UINT32(drive, motor);
     tl_fmu_call_begin(motor, TL_FMU_DO_STEP);
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
     TEST_ASSERT_EQUAL_STRING("motor", call.fmu);
     TEST_ASSERT_EQUAL_STRING("fmi2DoStep", call.function);
     tl_fmu_call_end();
-    TEST_ASSERT_FALSE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_FALSE(tl_fmu_calls_poll(&block, &call));
 }
 
 static void two_calls_have_two_numbers(void) {
@@ -40,12 +40,12 @@ static void two_calls_have_two_numbers(void) {
     tl_fmu_call second;
     uint32_t motor = tl_fmu_calls_name("motor");
     tl_fmu_call_begin(motor, TL_FMU_DO_STEP);
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &first));
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &second));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &first));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &second));
     TEST_ASSERT_EQUAL_UINT32(first.begun, second.begun);
     tl_fmu_call_end();
     tl_fmu_call_begin(motor, TL_FMU_DO_STEP);
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &second));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &second));
     TEST_ASSERT_NOT_EQUAL_UINT32(first.begun, second.begun);
 }
 
@@ -63,7 +63,7 @@ static void too_many_names_share_the_last(void) {
         TEST_ASSERT_LESS_THAN_UINT32(TL_FMU_CALL_FMUS, tl_fmu_calls_name(name));
     }
     tl_fmu_call_begin(tl_fmu_calls_name("one too many"), TL_FMU_GET_REAL);
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
     TEST_ASSERT_EQUAL_STRING("c127", call.fmu);
 }
 
@@ -73,7 +73,7 @@ static void a_long_name_is_cut(void) {
     memset(name, 'n', sizeof name - 1);
     name[sizeof name - 1] = '\0';
     tl_fmu_call_begin(tl_fmu_calls_name(name), TL_FMU_GET_REAL);
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
     TEST_ASSERT_EQUAL_size_t(TL_FMU_CALL_NAME - 1, strlen(call.fmu));
     TEST_ASSERT_EQUAL_UINT32(tl_fmu_calls_name(name), tl_fmu_calls_name(name));
 }
@@ -82,7 +82,7 @@ static void every_function_has_a_name(void) {
     tl_fmu_call call;
     for (int function = TL_FMU_LOADING; function < TL_FMU_FUNCTIONS; function++) {
         tl_fmu_call_begin(0, (tl_fmu_function)function);
-        TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &call));
+        TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
         TEST_ASSERT_NOT_NULL(call.function);
     }
 }
@@ -90,9 +90,9 @@ static void every_function_has_a_name(void) {
 static void nonsense_in_the_block_is_not_believed(void) {
     tl_fmu_call call;
     memset(&block, 0xFF, sizeof block);
-    TEST_ASSERT_FALSE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_FALSE(tl_fmu_calls_poll(&block, &call));
     block.now = 0xFFFFFF00U | TL_FMU_DO_STEP;
-    TEST_ASSERT_TRUE(tl_fmu_calls_look(&block, &call));
+    TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
     TEST_ASSERT_EQUAL_size_t((TL_FMU_CALL_NAME - 1) / 4 * 4, strlen(call.fmu));
     TEST_ASSERT_EQUAL_STRING_LEN("\\xFF\\xFF", call.fmu, 8);
 }

@@ -40,38 +40,38 @@ static void may_send(tl_side side, const char *expected) {
 static void test_all_phases(void) {
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "re");
-    tl_protocol_go_on(&phases, TL_MESSAGE_READY);
+    tl_protocol_continue(&phases, TL_MESSAGE_READY);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "be");
-    tl_protocol_go_on(&phases, TL_MESSAGE_BUILT);
+    tl_protocol_continue(&phases, TL_MESSAGE_BUILT);
     may_send(TL_PARENT, "TFSE");
     may_send(TL_CHILD, "Rse");
-    tl_protocol_go_on(&phases, TL_MESSAGE_TICK);
-    tl_protocol_go_on(&phases, TL_MESSAGE_RESULT);
-    tl_protocol_go_on(&phases, TL_MESSAGE_SHOWN);
-    tl_protocol_go_on(&phases, TL_MESSAGE_SEEN);
+    tl_protocol_continue(&phases, TL_MESSAGE_TICK);
+    tl_protocol_continue(&phases, TL_MESSAGE_RESULT);
+    tl_protocol_continue(&phases, TL_MESSAGE_SHOWN);
+    tl_protocol_continue(&phases, TL_MESSAGE_SEEN);
     may_send(TL_PARENT, "TFSE");
     may_send(TL_CHILD, "Rse");
-    tl_protocol_go_on(&phases, TL_MESSAGE_FINISH);
+    tl_protocol_continue(&phases, TL_MESSAGE_FINISH);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "Rse");
-    tl_protocol_go_on(&phases, TL_MESSAGE_ENDED);
+    tl_protocol_continue(&phases, TL_MESSAGE_ENDED);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "");
 }
 
 /* The child's later phases do not reset the phase of the parent. */
 static void test_after_the_end_message_there_are_no_ticks(void) {
-    tl_protocol_go_on(&phases, TL_MESSAGE_END);
-    tl_protocol_go_on(&phases, TL_MESSAGE_READY);
-    tl_protocol_go_on(&phases, TL_MESSAGE_BUILT);
+    tl_protocol_continue(&phases, TL_MESSAGE_END);
+    tl_protocol_continue(&phases, TL_MESSAGE_READY);
+    tl_protocol_continue(&phases, TL_MESSAGE_BUILT);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "Rse");
 }
 
 /* The end of the child does not change the phase of the parent. */
 static void test_a_child_that_fails_early(void) {
-    tl_protocol_go_on(&phases, TL_MESSAGE_ENDED);
+    tl_protocol_continue(&phases, TL_MESSAGE_ENDED);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "");
 }

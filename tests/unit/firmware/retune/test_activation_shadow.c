@@ -72,7 +72,7 @@ static void test_a_shadow_that_is_far_worse(void) {
     run->off = 17.0;
     (void)tl_played_take("1e6", 2, TL_CONTROL_MAY_RESTART);
     tl_played_expect_refused(TL_CONTROL_INVALID, "motor.omega|17|0.25|tolerance|1|--accept-worse");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1e6", 2, TL_CONTROL_EVEN_WORSE));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1e6", 2, TL_CONTROL_ACCEPT_WORSE));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "motor.omega|17|0.25|tolerance|1"));
     TEST_ASSERT_EQUAL_INT(1, run->handovers);
 }
@@ -82,9 +82,9 @@ static void test_a_worse_shadow_that_does_not_lock(void) {
     run->off = 17.0;
     run->each.lock.steps[TL_LOCK_LOCKED] = 4;
     run->each.lock.steps[TL_LOCK_LOST] = 6;
-    (void)tl_played_take("1", 2, TL_CONTROL_EVEN_WORSE | TL_CONTROL_ONLY_CHECK);
+    (void)tl_played_take("1", 2, TL_CONTROL_ACCEPT_WORSE | TL_CONTROL_ONLY_CHECK);
     TEST_ASSERT_EQUAL_size_t(0, run->refusals.count); /* it was a check only */
-    (void)tl_played_take("1", 2, TL_CONTROL_EVEN_WORSE);
+    (void)tl_played_take("1", 2, TL_CONTROL_ACCEPT_WORSE);
     tl_played_expect_refused(TL_CONTROL_INVALID, "lock|40 %");
     TEST_ASSERT_EQUAL_size_t(1, run->refusals.count);
     TL_EXPECT_PARTS("refused|40 %", run->refusals.list[0].result);
@@ -97,12 +97,12 @@ static void test_a_shadow_that_cannot_be_ordered_yet(void) {
     tl_played_offer("1", 2, 0);
     while (run->activation.step != TL_CONTROL_SHADOW) {
         TEST_ASSERT_FALSE(tl_played_is_ended());
-        tl_activation_look(&run->activation);
+        tl_activation_poll(&run->activation);
     }
     for (int seconds = 0; seconds < 5; seconds++) {
         run->is_slow = true;
         run->activation.looked -= TL_SECOND;
-        tl_activation_look(&run->activation);
+        tl_activation_poll(&run->activation);
     }
     tl_played_look_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_DONE, run->said[run->count - 1].as.end.result);
@@ -140,9 +140,9 @@ static void test_a_shadow_that_skips_ticks(void) {
 static void test_a_shadow_that_dies(void) {
     (void)tl_played_offer("1", 2, TL_CONTROL_MAY_RESTART);
     while (run->other[0] == '\0') {
-        tl_activation_look(&run->activation);
+        tl_activation_poll(&run->activation);
     }
-    tl_activation_look(&run->activation);
+    tl_activation_poll(&run->activation);
     run->shadow.phase = TL_ACTIVATION_SHADOW_FAILED;
     (void)snprintf(run->shadow.why, sizeof run->shadow.why, "its FMU\033 has crashed");
     tl_played_look_until(tl_played_is_ended);
@@ -164,7 +164,7 @@ static void test_a_shadow_that_never_runs(void) {
 /* A check for which the box has too little memory does not end the twin of the version before. */
 static void test_a_check_without_room_on_probation(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->in_force, sizeof before);
+    memcpy(before, run->active_text, sizeof before);
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     TEST_ASSERT_EQUAL_INT(0, setenv("TRIAL_MEMORY", "500000000000000", 1));
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 3, TL_CONTROL_ONLY_CHECK | TL_CONTROL_MAY_RESTART));
@@ -235,7 +235,7 @@ static void test_a_probation_beside_a_shadow(void) {
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_FAILED, run->said[run->count - 1].as.end.result);
     TL_EXPECT_PARTS("probation|failed", tl_played_last_word());
     tl_played_look_until(tl_played_is_quiet);
-    tl_activation_look(&run->activation);
+    tl_activation_poll(&run->activation);
     tl_played_look_until(tl_played_is_quiet);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
 }

@@ -14,13 +14,13 @@ static tl_run_status before;
 static struct { tl_run_status work, beside; } now;
 static tl_comparison comparison;
 static char why[TL_COMPARISON_TEXT];
-static char told[LINES][TL_COMPARISON_TEXT];
+static char was_reported[LINES][TL_COMPARISON_TEXT];
 static size_t lines;
 
-static void hear(void *context, const char *text) {
+static void on_event(void *context, const char *text) {
     (void)context;
     TEST_ASSERT_LESS_THAN_size_t(LINES, lines);
-    (void)snprintf(told[lines++], TL_COMPARISON_TEXT, "%s", text);
+    (void)snprintf(was_reported[lines++], TL_COMPARISON_TEXT, "%s", text);
 }
 
 static void set_output(tl_run_status *work, size_t index, const char *name, uint64_t pairs, double sum) {
@@ -58,9 +58,9 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-static tl_comparison_result judge(void) {
+static tl_comparison_result lock_monitor(void) {
     tl_comparison_end(&comparison, &now.work, &now.beside);
-    return tl_comparison_judge(&comparison, 95.0, why);
+    return tl_comparison_evaluate(&comparison, 95.0, why);
 }
 
 /* The text has `first`, the value of the run's twin, before `second`, the value of the new twin. */
@@ -78,16 +78,16 @@ static void test_text(void) {
     set_output(&now.work, 0, "motor.omega", 150, 1e9 + 100.0);
     set_output(&now.work, 1, "motor.T", 4, 16.0);
     tl_comparison_end(&comparison, &now.work, &now.beside);
-    tl_comparison_tell(&comparison, hear, NULL);
+    tl_comparison_report(&comparison, on_event, NULL);
     TEST_ASSERT_EQUAL_size_t(5, lines);
-    TL_EXPECT_PARTS("motor.omega|2 rad/s|1 rad/s", told[0]);
-    expect_order("2 rad/s", "1 rad/s", told[0]);
-    TL_EXPECT_PARTS("motor.i|good|matched", told[1]);
-    expect_order("good", "matched", told[1]);
-    TL_EXPECT_PARTS("motor.T|matched|2 rad/s", told[2]);
-    expect_order("matched", "2 rad/s", told[2]);
-    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|2 deadlines|100 %", told[3]);
-    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|3|0 deadlines|100 %", told[4]);
+    TL_EXPECT_PARTS("motor.omega|2 rad/s|1 rad/s", was_reported[0]);
+    expect_order("2 rad/s", "1 rad/s", was_reported[0]);
+    TL_EXPECT_PARTS("motor.i|good|matched", was_reported[1]);
+    expect_order("good", "matched", was_reported[1]);
+    TL_EXPECT_PARTS("motor.T|matched|2 rad/s", was_reported[2]);
+    expect_order("matched", "2 rad/s", was_reported[2]);
+    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|2 deadlines|100 %", was_reported[3]);
+    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|3|0 deadlines|100 %", was_reported[4]);
 }
 
 static void test_impossible_values(void) {
@@ -99,21 +99,21 @@ static void test_impossible_values(void) {
         set_output(&now.work, i, "motor.omega", 0, 0.0); /* a second output of that name */
     }
     tl_comparison_end(&comparison, &now.work, &now.beside);
-    tl_comparison_tell(&comparison, hear, NULL);
+    tl_comparison_report(&comparison, on_event, NULL);
     TEST_ASSERT_EQUAL_size_t(4, lines);
-    TL_EXPECT_PARTS("motor.omega|good|-", told[0]);
-    TEST_ASSERT_NULL(strstr(told[0], "rad/s"));
+    TL_EXPECT_PARTS("motor.omega|good|-", was_reported[0]);
+    TEST_ASSERT_NULL(strstr(was_reported[0], "rad/s"));
 }
 
 static void test_a_good_one(void) {
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     TEST_ASSERT_EQUAL_STRING("", why);
 }
 
 static void test_the_runs_twin_suffers(void) {
     now.beside.deadline_misses = 20;
     now.work.deadline_misses = 20;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_MEMORY, lock_monitor());
     TL_EXPECT_PARTS("run's twin|20 deadlines|0|1000|two twins", why);
 }
 
@@ -122,16 +122,16 @@ static void test_the_runs_twin_suffers(void) {
 static void test_the_runs_twin_skips_ticks(void) {
     now.beside.skipped = 200;
     now.beside.gaps = 2;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     setUp();
     now.beside.skipped = 200;
     now.beside.gaps = 3;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_MEMORY, lock_monitor());
     TL_EXPECT_PARTS("run's twin|200|1000", why);
     setUp();
     now.beside.skipped = 251;
     now.beside.gaps = 1;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_MEMORY, lock_monitor());
 }
 
 /* The run's twin missed deadlines before: up to three times as many are accepted. */
@@ -141,52 +141,52 @@ static void test_the_runs_twin_as_ever(void) {
     now.beside.steps = now.beside.ticks = 1000;
     now.beside.deadline_misses = 29;
     now.work.outputs = 0;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
 }
 
 /* The shadow has no priority yet. */
 static void test_the_shadow_suffers(void) {
     now.work.skipped = now.work.ticks / 4;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     setUp();
     now.work.skipped = now.work.ticks / 4 + 1;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_MEMORY, lock_monitor());
     TL_EXPECT_PARTS("new twin|0 deadlines|251|1000", why);
 }
 
 static void test_the_runs_twin_was_restarted(void) {
     now.beside.twin_failures = before.twin_failures + 1;
     now.beside.skipped = 500;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, lock_monitor());
     TL_EXPECT_PARTS("run's twin", why);
 }
 
 static void test_few_misses_are_none(void) {
     now.work.deadline_misses = 10;
     now.work.skipped = 2;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
 }
 
 static void test_the_lock(void) {
     now.work.lock.steps[TL_LOCK_LOCKED] = 900;
     now.work.lock.steps[TL_LOCK_LOST] = 100;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, lock_monitor());
     TL_EXPECT_PARTS("new twin|lock|90 %|95 %|100 %", why);
     TEST_ASSERT_FALSE(tl_test_has_parts(why, "tolerances"));
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_judge(&comparison, 90.0, why));
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_judge(&comparison, 0.0, why));
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_evaluate(&comparison, 90.0, why));
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_evaluate(&comparison, 0.0, why));
 }
 
 static void test_the_lock_by_the_tolerances_before(void) {
     now.work.lock_before.steps[TL_LOCK_LOCKED] = 900;
     now.work.lock_before.steps[TL_LOCK_LOST] = 100;
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_WORSE, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_WORSE, lock_monitor());
     TL_EXPECT_PARTS("tolerances|new twin|lock|90 %|95 %|100 %", why);
 }
 
 static void test_no_step(void) {
     now.work = (tl_run_status){.ticks = 0};
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, lock_monitor());
     TL_EXPECT_PARTS("new twin|step", why);
 }
 
@@ -194,18 +194,18 @@ static void test_no_step(void) {
 static void test_another_twin_of_the_run(void) {
     now.beside = (tl_run_status){.ticks = 500, .steps = 500, .lock.steps[TL_LOCK_LOCKED] = 500};
     tl_comparison_end(&comparison, &now.work, &now.beside);
-    tl_comparison_tell(&comparison, hear, NULL);
-    TL_EXPECT_PARTS("500 steps", told[1]);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_judge(&comparison, 95.0, why));
+    tl_comparison_report(&comparison, on_event, NULL);
+    TL_EXPECT_PARTS("500 steps", was_reported[1]);
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_evaluate(&comparison, 95.0, why));
 }
 
 /* With an event horizon, the lock is not judged until a stroke ends. */
 static void test_a_lock_that_was_not_judged(void) {
     memset(&now.work.lock, 0, sizeof now.work.lock);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    tl_comparison_tell(&comparison, hear, NULL);
-    TL_EXPECT_PARTS("0 deadlines|lock", told[2]);
-    TL_EXPECT_PARTS("lock|probation", told[3]);
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
+    tl_comparison_report(&comparison, on_event, NULL);
+    TL_EXPECT_PARTS("0 deadlines|lock", was_reported[2]);
+    TL_EXPECT_PARTS("lock|probation", was_reported[3]);
 }
 
 /* Sets how many of 100 steps are in lock, lost, or without a good signal. */
@@ -220,14 +220,14 @@ static void set_lock(uint64_t locked, uint64_t lost, uint64_t free) {
 /* Both twins have seen the plant for a moment only, so that their locks cannot be compared. */
 static void test_a_plant_that_was_gone(void) {
     set_lock(1, 3, 96);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    tl_comparison_tell(&comparison, hear, NULL);
-    TL_EXPECT_PARTS("signal|96 %|lock", told[3]);
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
+    tl_comparison_report(&comparison, on_event, NULL);
+    TL_EXPECT_PARTS("signal|96 %|lock", was_reported[3]);
     set_lock(0, 49, 51);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     set_lock(0, 50, 50);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
-    tl_comparison_tell(&comparison, hear, NULL);
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, lock_monitor());
+    tl_comparison_report(&comparison, on_event, NULL);
     TEST_ASSERT_EQUAL_size_t(3, lines);
 }
 
@@ -239,7 +239,7 @@ static void set_outputs(uint64_t pairs, double now_off, double then_off) {
 }
 
 static bool is_worse(void) {
-    tl_comparison_result result = judge();
+    tl_comparison_result result = lock_monitor();
     TEST_ASSERT_TRUE(result == TL_COMPARISON_GOOD || result == TL_COMPARISON_WORSE);
     return result == TL_COMPARISON_WORSE;
 }

@@ -64,10 +64,10 @@ void tearDown(void) {
 }
 
 static void meet(void) {
-    TEST_ASSERT_FALSE(tl_control_is_knocked_at(listener));
+    TEST_ASSERT_FALSE(tl_control_has_connection(listener));
     TEST_ASSERT_FALSE(tl_control_accept(listener, &peer));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_connect(path, &client, &error));
-    TEST_ASSERT_TRUE(tl_control_is_knocked_at(listener));
+    TEST_ASSERT_TRUE(tl_control_has_connection(listener));
     TEST_ASSERT_TRUE(tl_control_accept(listener, &peer));
 }
 
@@ -81,7 +81,7 @@ static tl_control_request good_request(tl_control_verb verb) {
     return request;
 }
 
-static tl_control_news receive(tl_control_request *request) {
+static tl_control_answer receive(tl_control_request *request) {
     return tl_control_receive(&peer, request, taken, &size);
 }
 
@@ -89,7 +89,7 @@ static tl_control_news receive(tl_control_request *request) {
 static void assert_refused(void) {
     tl_control_request request;
     tl_control_reply reply;
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_GONE, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_CLOSED, receive(&request));
     TEST_ASSERT_EQUAL_INT(-1, peer.socket);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_next(client, SOON, &reply, NULL, &error));
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_END, reply.kind);
@@ -107,7 +107,7 @@ static void test_a_candidate_arrives(void) {
     meet();
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_NOTHING, receive(&request));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &sent, text, strlen(text), &error));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, receive(&request));
     TEST_ASSERT_EQUAL_size_t(strlen(text), size);
     TEST_ASSERT_EQUAL_STRING(text, taken);
     TEST_ASSERT_EQUAL_STRING("Zoë", request.who);
@@ -121,7 +121,7 @@ static void test_the_largest_candidate_arrives(void) {
     memset(large, 'x', TL_CONTROL_MOST);
     meet();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &sent, large, TL_CONTROL_MOST, &error));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, receive(&request));
     TEST_ASSERT_EQUAL_size_t(TL_CONTROL_MOST, size);
     TEST_ASSERT_EQUAL_MEMORY(large, taken, TL_CONTROL_MOST);
     free(large);
@@ -135,7 +135,7 @@ static void test_replies_arrive_in_order(void) {
     tl_control_reply sent = reply;
     meet();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &request, NULL, 0, &error));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, receive(&request));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_control_next(client, 0, &reply, taken, &error));
     TEST_ASSERT_TRUE(tl_control_send(&peer, &sent, text));
     tl_control_finish(&peer, TL_CONTROL_DONE, 7, "", "there it is");
@@ -212,7 +212,7 @@ static void test_one_request_for_each_connection(void) {
     tl_control_request request = good_request(TL_CONTROL_SHOW);
     meet();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &request, NULL, 0, &error));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, receive(&request));
     request = good_request(TL_CONTROL_SHOW);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &request, NULL, 0, &error));
     assert_refused();
@@ -297,7 +297,7 @@ static void test_a_client_that_is_gone(void) {
     meet();
     (void)close(client);
     client = -1;
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_GONE, receive(&request));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_CLOSED, receive(&request));
     TEST_ASSERT_EQUAL_INT(-1, peer.socket);
 }
 

@@ -33,7 +33,7 @@ static tl_probation_result pass(void) {
 }
 
 static tl_probation_result pass_seconds(double seconds) {
-    tl_probation_result result = TL_PROBATION_GOES_ON;
+    tl_probation_result result = TL_PROBATION_CONTINUES;
     for (int i = 0; i < (int)(10.0 * seconds + 0.5); i++) {
         result = pass();
     }
@@ -42,7 +42,7 @@ static tl_probation_result pass_seconds(double seconds) {
 
 /* The probation ends after this time with this result, and its reason has all parts. */
 static void expect_end(double goes_on_s, tl_probation_result result, const char *parts) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_PROBATION_GOES_ON, pass_seconds(goes_on_s - 0.1), probation.why);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_PROBATION_CONTINUES, pass_seconds(goes_on_s - 0.1), probation.why);
     TEST_ASSERT_EQUAL_STRING("", probation.why);
     TEST_ASSERT_EQUAL_INT_MESSAGE(result, pass(), probation.why);
     TL_EXPECT_PARTS(parts, probation.why);
@@ -55,9 +55,9 @@ static void expect_end(double goes_on_s, tl_probation_result result, const char 
 static void test_kept_by_its_lock(void) {
     begin(60, 95.0, false);
     now.lock.state = TL_LOCK_TRACKING;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(30));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(30));
     now.lock.state = TL_LOCK_DEGRADED;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(3));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(3));
     now.lock.state = TL_LOCK_LOCKED;
     expect_end(27, TL_PROBATION_KEPT, "lock|95 %");
 }
@@ -65,7 +65,7 @@ static void test_kept_by_its_lock(void) {
 static void test_too_little_lock(void) {
     begin(60, 95.0, false);
     now.lock.state = TL_LOCK_DEGRADED;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(17.4));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(17.4));
     now.lock.state = TL_LOCK_LOCKED;
     expect_end(42.6, TL_PROBATION_RETURN, "lock|71 %|95 %");
 }
@@ -107,7 +107,7 @@ static void test_steps_of_which_none_was_judged(void) {
 static void test_result_that_could_not_be_written(void) {
     begin(10, 0.0, false);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_feed(&probation, 10 * TL_SECOND, &now));
-    probation.result = TL_PROBATION_GOES_ON;
+    probation.result = TL_PROBATION_CONTINUES;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_feed(&probation, TL_SECOND, &now));
     TL_EXPECT_PARTS("failure", probation.why);
 }
@@ -156,7 +156,7 @@ static void test_a_device_that_does_not_answer_with_an_event_horizon(void) {
 
 static void test_confirmed(void) {
     begin(10, 95.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(1));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT,
                           tl_probation_decide(&probation, TL_PROBATION_KEPT, "anna has confirmed it"));
     TEST_ASSERT_EQUAL_STRING("anna has confirmed it", probation.why);
@@ -179,7 +179,7 @@ static void test_refused(void) {
 static void test_twin_that_fails(void) {
     now.twin_failures = 7;
     begin(60, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(5));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(5));
     now.twin_failures = 8;
     expect_end(0.1, TL_PROBATION_RETURN, "twin|failed");
 }
@@ -200,7 +200,7 @@ static void test_another_run_that_fails(void) {
     now.twin_failures = 7;
     begin(60, 0.0, true);
     now.twin_failures = 0;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(5));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(5));
     now.twin_failures = 1;
     expect_end(0.1, TL_PROBATION_RETURN, "twin|failed");
 }
@@ -216,9 +216,9 @@ static void test_twin_that_runs_late(void) {
     begin(600, 0.0, false);
     for (int i = 0; i < 5; i++) {
         now.twin_alive = false;
-        TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(29));
+        TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(29));
         now.twin_alive = true;
-        TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass());
+        TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass());
     }
 }
 
@@ -234,8 +234,8 @@ static tl_probation_result miss(uint64_t steps, uint64_t misses) {
 
 static void test_missed_deadlines(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, miss(1, 1)); /* too few steps to judge */
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, miss(1, 1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1, 1)); /* too few steps to judge */
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1, 1));
     now.ticks += 4;
     now.skipped += 4;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(2, 1));
@@ -244,7 +244,7 @@ static void test_missed_deadlines(void) {
 
 static void test_one_percent_is_no_more_than_that(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, miss(1000, 10));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1000, 10));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(1, 1));
 }
 
@@ -252,7 +252,7 @@ static void test_one_that_missed_before(void) {
     now.steps = now.ticks = 10000;
     now.deadline_misses = 200;
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, miss(1000, 60)); /* three times the share before */
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1000, 60)); /* three times the share before */
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(10, 2));
     TL_EXPECT_PARTS("62|1010|deadlines|6.14 %|2 %|0 ticks", probation.why);
 }
@@ -273,7 +273,7 @@ static void test_another_run_begins_at_0(void) {
     tl_probation_begin(&probation, &terms, &now, NULL);
     now = (tl_run_status){.ticks = 20, .steps = 20, .deadline_misses = 2, .twin_alive = true};
     now.lock.steps[TL_LOCK_FREE] = 20;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, tl_probation_feed(&probation, TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, tl_probation_feed(&probation, TL_SECOND, &now));
     TEST_ASSERT_EQUAL_UINT64(2, probation.account.misses);
     TEST_ASSERT_EQUAL_UINT64(20, probation.account.steps);
     now.ticks = now.steps = 15; /* a third run */
@@ -291,14 +291,14 @@ static void test_another_run_begins_at_0(void) {
 
 static void test_lost_lock(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     now.lock.state = TL_LOCK_LOST;
     expect_end(2.1, TL_PROBATION_RETURN, "lost|2.0 s");
 }
 
 /* Time passes in lock by its own tolerances, and in this state by those of the version before. */
 static tl_probation_result pass_before(tl_lock_state before, double seconds) {
-    tl_probation_result result = TL_PROBATION_GOES_ON;
+    tl_probation_result result = TL_PROBATION_CONTINUES;
     for (int i = 0; i < (int)(10.0 * seconds + 0.5); i++) {
         now.lock_before.state = before;
         now.lock_before.steps[before] += RATE / 10;
@@ -316,9 +316,9 @@ static void begin_wider(uint32_t given_s, double require_lock, bool must_confirm
 
 static void test_lost_by_the_tolerances_before(void) {
     begin_wider(600, 0.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOCKED, 20));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 2));
-    TEST_ASSERT_TRUE(tl_probation_is_lost_before(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOCKED, 20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 2));
+    TEST_ASSERT_TRUE(tl_probation_was_lost_before(&probation));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
     TL_EXPECT_PARTS("tolerances|lost|2.0 s|motor.omega|1 → 3", probation.why);
 }
@@ -326,14 +326,14 @@ static void test_lost_by_the_tolerances_before(void) {
 /* No lock is required, and the probation is too short for a loss of 2 s. */
 static void test_lost_before_when_a_short_one_ends(void) {
     begin_wider(1, 0.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 0.9));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 0.9));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
     TL_EXPECT_PARTS("tolerances|lost|motor.omega|1 → 3", probation.why);
 }
 
 static void test_too_little_lock_by_the_tolerances_before(void) {
     begin_wider(10, 95.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 1));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOCKED, 9));
     TL_EXPECT_PARTS("tolerances|lock|90 %|95 %|motor.omega|1 → 3", probation.why);
 }
@@ -341,20 +341,20 @@ static void test_too_little_lock_by_the_tolerances_before(void) {
 /* If a user must confirm, a loss by the tolerances before does not end the probation early. */
 static void test_lost_before_until_it_is_confirmed(void) {
     begin_wider(600, 95.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 500));
-    TEST_ASSERT_TRUE(tl_probation_is_lost_before(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 500));
+    TEST_ASSERT_TRUE(tl_probation_was_lost_before(&probation));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 100));
     TL_EXPECT_PARTS("confirmed", probation.why);
 }
 
 static void test_lost_with_breaks(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     for (int i = 0; i < 20; i++) {
         now.lock.state = TL_LOCK_LOST;
-        TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(2));
+        TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(2));
         now.lock.state = TL_LOCK_DEGRADED;
-        TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass());
+        TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass());
     }
 }
 
@@ -374,9 +374,9 @@ static void test_grace_of_a_short_one(void) {
 /* A single poll does not prove a loss, also if the last poll was long ago. */
 static void test_one_poll(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     now.lock.state = TL_LOCK_LOST;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
 }
 
@@ -385,9 +385,9 @@ static void test_one_poll(void) {
 static void test_resumption_with_the_rest_of_its_time(void) {
     begin(60, 95.0, false);
     now.lock.state = TL_LOCK_DEGRADED;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(3));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(3));
     now.lock.state = TL_LOCK_LOCKED;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(27));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(27));
     TEST_ASSERT_EQUAL_UINT64(30000, probation.account.left_ms);
     const tl_probation_account account = probation.account;
     memset(&probation, 0xFF, sizeof probation);
@@ -395,13 +395,13 @@ static void test_resumption_with_the_rest_of_its_time(void) {
     now.deadline_misses = 12345;
     now.twin_failures = 3;
     tl_probation_resume(&probation, &account);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, tl_probation_feed(&probation, 0, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, tl_probation_feed(&probation, 0, &now));
     expect_end(30, TL_PROBATION_KEPT, "lock|95 %");
 }
 
 static void test_grace_again(void) {
     begin(600, 0.0, true);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     const tl_probation_account account = probation.account;
     now.lock.state = TL_LOCK_LOST;
     tl_probation_resume(&probation, &account);
@@ -423,7 +423,7 @@ static void test_an_invalid_account(void) {
 /* A negative time does not count. A huge time ends the probation. */
 static void test_clock_that_jumps(void) {
     begin(10, 0.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, tl_probation_feed(&probation, -TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, tl_probation_feed(&probation, -TL_SECOND, &now));
     TEST_ASSERT_EQUAL_UINT64(10000, probation.account.left_ms);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_feed(&probation, INT64_MAX, &now));
     TEST_ASSERT_EQUAL_UINT64(0, probation.account.left_ms);

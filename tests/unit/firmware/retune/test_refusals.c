@@ -24,13 +24,13 @@ void setUp(void) {
 void tearDown(void) {}
 
 static tl_status add(const char *who, const char *reason) {
-    tl_control_request news;
-    memset(&news, 0, sizeof news);
-    tl_sha256(reason, strlen(reason), news.hash);
-    news.origin = TL_ORIGIN_LIMITED;
-    (void)snprintf(news.who, sizeof news.who, "%s", who);
-    (void)snprintf(news.why, sizeof news.why, "a new seal");
-    return tl_refusals_add(&refusals, &news, "refused", reason, &error);
+    tl_control_request candidate;
+    memset(&candidate, 0, sizeof candidate);
+    tl_sha256(reason, strlen(reason), candidate.hash);
+    candidate.origin = TL_ORIGIN_LIMITED;
+    (void)snprintf(candidate.who, sizeof candidate.who, "%s", who);
+    (void)snprintf(candidate.why, sizeof candidate.why, "a new seal");
+    return tl_refusals_add(&refusals, &candidate, "refused", reason, &error);
 }
 
 static void test_there_is_none(void) {

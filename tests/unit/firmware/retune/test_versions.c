@@ -44,9 +44,9 @@ static void open_here(void) {
 
 static uint64_t add_of(const char *text, tl_change_origin origin) {
     uint64_t number = 0;
-    const tl_version_news news = {
+    const tl_version_candidate candidate = {
         text, strlen(text), "anna", "omega drifts", origin, TL_RIGHT_RETUNE, TL_CHANGE_IN_PLACE};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&versions, &news, &number, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&versions, &candidate, &number, &error), error.text);
     return number;
 }
 
@@ -195,7 +195,7 @@ static void test_probation(void) {
     passed.tolerances.match[1].tolerance = 0.1;
     passed.tolerances.match[1].weight = 1e300;
     (void)snprintf(passed.widened, sizeof passed.widened, "motor.omega: tolerance 1 → 3");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_pass(&versions, &passed, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_save_probation(&versions, &passed, &error));
     open_here();
     expect_probation(50000);
     TEST_ASSERT_EQUAL_UINT64(1001, versions.probation.account.steps);
@@ -211,7 +211,7 @@ static void test_probation(void) {
 
 static void keep(uint64_t number) {
     activate(number, true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_KEPT, "in lock", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "in lock", &error));
 }
 
 /* The newest kept version that was sent with the right to commission. It is never removed to
@@ -224,7 +224,7 @@ static void test_the_version_that_was_commissioned_last(void) {
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
     activate(add_of("on probation", TL_ORIGIN_HAND), true);
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
     for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
         (void)snprintf(text, sizeof text, "by retune %d", i);
         keep(add(text));
@@ -248,7 +248,7 @@ static void expect_after(uint64_t active, tl_version_result result, const char *
 static void test_kept(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_KEPT, "ben has confirmed it", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "ben has confirmed it", &error));
     expect_after(2, TL_VERSION_KEPT, "ben has confirmed it");
     expect_choice("one", "two", 2, false);
 }
@@ -256,17 +256,18 @@ static void test_kept(void) {
 static void test_returned(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "nobody confirmed it", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "nobody confirmed it", &error));
     expect_after(1, TL_VERSION_RETURNED, "nobody confirmed it");
     expect_choice("one", "one", 1, false);
 }
 
 static void test_no_probation_is_under_way(void) {
     begin();
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_settle(&versions, TL_VERSION_KEPT, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "", &error));
     TL_EXPECT_PARTS("version|probation", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_settle(&versions, TL_VERSION_RETURNED, "", &error));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_pass(&versions, &account, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_save_probation(&versions, &account, &error));
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
     expect_result(1, TL_VERSION_ACTIVE, "");
 }
@@ -279,7 +280,7 @@ static void test_replaced_by_another(void) {
     TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_get(&versions, 3)->parent);
     expect_reason(2, TL_VERSION_RETURNED, "version 3");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
     open_here();
     expect_reason(2, TL_VERSION_RETURNED, "version 3");
@@ -302,14 +303,14 @@ static void test_version_to_return_to_needs_no_probation(void) {
 static void test_activated_again(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
     activate(2, true);
     for (int i = 0; i < 2; i++) {
         expect_result(2, TL_VERSION_PROBATION, "");
         TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
         open_here();
     }
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost again", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost again", &error));
     activate(2, false);
     for (int i = 0; i < 2; i++) {
         expect_result(2, TL_VERSION_ACTIVE, "");
@@ -334,9 +335,9 @@ static void test_refused(void) {
 static void test_escaped_texts(void) {
     uint64_t number = 0;
     open_here();
-    const tl_version_news news = {
+    const tl_version_candidate candidate = {
         "{}", 2, "an\xFFna\x1b[31m", "\"why\"\n\xC2\x9B", TL_ORIGIN_LIMITED, TL_RIGHT_COMMISSION, TL_CHANGE_RESTART};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &candidate, &number, &error));
     open_here();
     const tl_version *version = tl_versions_get(&versions, number);
     TEST_ASSERT_EQUAL_STRING("an\\xFFna\\x1B[31m", version->who);
@@ -352,12 +353,13 @@ static void test_escaped_reasons(void) {
     }
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "fmi2DoStep said \xC3\n", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "fmi2DoStep said \xC3\n", &error));
     open_here();
     expect_result(2, TL_VERSION_RETURNED, "fmi2DoStep said \\xC3\\x0A");
     for (size_t cut = 0; cut < 2; cut++) {
         activate(2, true);
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, reason + cut, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, reason + cut, &error));
         open_here();
         TEST_ASSERT_EQUAL_UINT64(1, versions.active);
         TEST_ASSERT_GREATER_THAN_size_t(TL_VERSION_WHY - 8, strlen(tl_versions_get(&versions, 2)->reason));
@@ -372,8 +374,8 @@ static void test_bytes(void) {
     uint64_t number = 0;
     char *text = NULL;
     open_here();
-    const tl_version_news news = {"a\0b\r\n", 5, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
+    const tl_version_candidate candidate = {"a\0b\r\n", 5, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &candidate, &number, &error));
     open_here();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_read(&versions, number, &text, &error));
     TEST_ASSERT_EQUAL_MEMORY("a\0b\r\n", text, 6);
@@ -516,13 +518,13 @@ static void test_invalid_record(void) {
 /* A foreign file has the largest possible number. */
 static void test_no_number_is_left(void) {
     uint64_t number = 0;
-    const tl_version_news news = {"two", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
+    const tl_version_candidate candidate = {"two", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     begin();
     write_file("999999999999999.record.json", "");
     (void)tl_stderr_capture_begin();
     open_here();
     free(tl_stderr_capture_end());
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_add(&versions, &news, &number, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_add(&versions, &candidate, &number, &error));
     TL_EXPECT_PARTS("/versions|record|number", error.text);
     TEST_ASSERT_EQUAL_size_t(1, versions.count);
     write_file("1000000000000000.record.json", ""); /* too many digits */
@@ -589,7 +591,7 @@ static void test_damaged_active(void) {
         setUp();
         begin();
         activate(add("two"), true);
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_KEPT, "good", &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "good", &error));
         activate(add("three"), true);
         char *active = tl_test_read_text(tl_scratch_path(&folder, "active.json"));
         char *changed = tl_test_replaced(active, "\"settled\":\t2", "\"settled\":\t1000000000000");
@@ -633,7 +635,7 @@ static void test_records_are_repaired(void) {
     begin();
     activate(add("two"), true);
     char *record = tl_test_read_text(tl_scratch_path(&folder, "2.record.json"));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_KEPT, "good", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "good", &error));
     write_file("2.record.json", record);
     free(record);
     open_here();
@@ -667,7 +669,7 @@ static void test_an_edited_file(void) {
     expect_choice("one", "two", 2, false);
     expect_choice_said("edited", "edited", 0, true, "configuration|file|changed");
     activate(add_of("edited", TL_ORIGIN_START), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
     open_here();
     expect_choice("edited", "two", 2, false); /* not tried again */
     expect_choice("one", "one", 0, true);     /* changed again */
@@ -747,19 +749,19 @@ static void expect_as_before(tl_status status) {
 
 static void test_a_full_disk(void) {
     uint64_t number = 0;
-    const tl_version_news news = {"four", 4, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
+    const tl_version_candidate candidate = {"four", 4, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     (void)signal(SIGXFSZ, SIG_IGN);
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &usual));
     begin();
     activate(add("two"), true);
     (void)add_of("three", TL_ORIGIN_RELOAD);
     fill_disk();
-    expect_as_before(tl_versions_add(&versions, &news, &number, &error));
+    expect_as_before(tl_versions_add(&versions, &candidate, &number, &error));
     expect_as_before(tl_versions_activate(&versions, 3, &account, &error));
     expect_as_before(tl_versions_refuse(&versions, 3, "bad", &error));
-    expect_as_before(tl_versions_pass(&versions, &account, &error));
-    expect_as_before(tl_versions_settle(&versions, TL_VERSION_KEPT, "", &error));
-    expect_as_before(tl_versions_settle(&versions, TL_VERSION_RETURNED, "", &error));
+    expect_as_before(tl_versions_save_probation(&versions, &account, &error));
+    expect_as_before(tl_versions_end_probation(&versions, TL_VERSION_KEPT, "", &error));
+    expect_as_before(tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "", &error));
     expect_choice("edited", "edited", 0, true); /* a run can start */
     expect_choice("one", "two", 2, false);
     empty_disk();

@@ -236,8 +236,9 @@ static const tl_probation_account passed = {.terms = {60, 95.0, false}, .left_ms
 
 static tl_status add(const char *text, tl_change_origin origin) {
     uint64_t number = 0;
-    const tl_version_news news = {text, strlen(text), "anna", "", origin, TL_RIGHT_RETUNE, TL_CHANGE_IN_PLACE};
-    return tl_versions_add(&versions, &news, &number, &error);
+    const tl_version_candidate candidate = {
+        text, strlen(text), "anna", "", origin, TL_RIGHT_RETUNE, TL_CHANGE_IN_PLACE};
+    return tl_versions_add(&versions, &candidate, &number, &error);
 }
 
 static tl_status open_folder(void) {
@@ -262,11 +263,11 @@ static tl_status activate_two(void) {
 }
 
 static tl_status pass(void) {
-    return tl_versions_pass(&versions, &passed, &error);
+    return tl_versions_save_probation(&versions, &passed, &error);
 }
 
 static tl_status keep(void) {
-    return tl_versions_settle(&versions, TL_VERSION_KEPT, "in lock", &error);
+    return tl_versions_end_probation(&versions, TL_VERSION_KEPT, "in lock", &error);
 }
 
 static tl_status add_three(void) {
@@ -278,7 +279,7 @@ static tl_status activate_three(void) {
 }
 
 static tl_status give_back(void) {
-    return tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error);
+    return tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error);
 }
 
 static tl_status add_same(void) {

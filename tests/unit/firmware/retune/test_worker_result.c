@@ -71,11 +71,11 @@ static void test_a_verdict_of_no_kind(void) {
 static void test_an_answer_about_states(void) {
     char why[TL_TWIN_CHECK_WHY];
     (void)snprintf(result.why, sizeof result.why, "y is\033");
-    TEST_ASSERT_TRUE(tl_worker_take_why(&result, why));
+    TEST_ASSERT_TRUE(tl_worker_read_reason(&result, why));
     TEST_ASSERT_EQUAL_STRING("y is\\x1B", why);
     memset(result.why, 'a', sizeof result.why); /* without an end */
     result.is_complete = 0;
-    TEST_ASSERT_FALSE(tl_worker_take_why(&result, why));
+    TEST_ASSERT_FALSE(tl_worker_read_reason(&result, why));
     TEST_ASSERT_EQUAL_size_t(TL_TWIN_CHECK_WHY - 1, strlen(why));
 }
 

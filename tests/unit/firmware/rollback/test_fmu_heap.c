@@ -47,7 +47,7 @@ static void take(block *one) {
     size_t alignment = (size_t)16 << tl_test_random_below(&dice, tl_test_random_chance(&dice, 5) ? 9 : 1);
     one->size = any_size();
     one->mark = (unsigned char)tl_test_random_below(&dice, 256);
-    one->bytes = tl_fmu_heap_take(&heap, one->size, alignment);
+    one->bytes = tl_fmu_heap_allocate(&heap, one->size, alignment);
     TEST_ASSERT_NOT_NULL(one->bytes);
     TEST_ASSERT_EQUAL_UINT64(0, (uintptr_t)one->bytes % alignment);
     TEST_ASSERT_TRUE(tl_fmu_heap_holds(&heap, one->bytes));
@@ -63,7 +63,7 @@ static void change_one(void) {
         return;
     }
     expect_marked(one);
-    tl_fmu_heap_give_back(&heap, one->bytes);
+    tl_fmu_heap_release(&heap, one->bytes);
     one->bytes = NULL;
 }
 
@@ -94,7 +94,7 @@ static void test_it_is_in_its_bytes(void) {
     dice_then = dice;
     for (int time = 0; time < 3; time++) {
         for (int i = 0; i < 100; i++) {
-            unsigned char *taken = tl_fmu_heap_take(&heap, any_size(), 16);
+            unsigned char *taken = tl_fmu_heap_allocate(&heap, any_size(), 16);
             TEST_ASSERT_TRUE(time == 0 || first[i] == taken);
             first[i] = taken;
         }
@@ -120,11 +120,11 @@ static void test_what_lies_behind_is_zero(void) {
     unsigned char *saved = malloc(used);
     TEST_ASSERT_NOT_NULL(saved);
     memcpy(saved, heap.base, used);
-    memset(tl_fmu_heap_take(&heap, 100000, 16), 0xAA, 100000);
+    memset(tl_fmu_heap_allocate(&heap, 100000, 16), 0xAA, 100000);
     memcpy(heap.base, saved, used);
     tl_fmu_heap_restored(&heap, used);
     free(saved);
-    const unsigned char *again = tl_fmu_heap_take(&heap, 100000, 16);
+    const unsigned char *again = tl_fmu_heap_allocate(&heap, 100000, 16);
     for (size_t i = 0; i < 100000; i++) {
         TEST_ASSERT_EQUAL_HEX8(0, again[i]);
     }
@@ -135,7 +135,7 @@ static void test_in_any_order(void) {
     size_t small = tl_fmu_heap_used(&heap);
     unsigned char *saved = malloc(RESERVE);
     TEST_ASSERT_NOT_NULL(saved);
-    memset(tl_fmu_heap_take(&heap, 100000, 16), 0xAA, 100000);
+    memset(tl_fmu_heap_allocate(&heap, 100000, 16), 0xAA, 100000);
     size_t large = tl_fmu_heap_used(&heap);
     memcpy(saved, heap.base, large);
     tl_fmu_heap_restored(&heap, small);
@@ -148,11 +148,11 @@ static void test_in_any_order(void) {
 
 static void test_a_class_wastes_a_quarter_at_most(void) {
     for (size_t size = 1; size < RESERVE / 4; size += 1 + size / 7) {
-        void *taken = tl_fmu_heap_take(&heap, size, 16);
+        void *taken = tl_fmu_heap_allocate(&heap, size, 16);
         TEST_ASSERT_NOT_NULL(taken);
         TEST_ASSERT_LESS_OR_EQUAL_UINT64(size + size / 4 + 16, tl_fmu_heap_size(taken));
         TEST_ASSERT_GREATER_OR_EQUAL_UINT64(size, tl_fmu_heap_size(taken));
-        tl_fmu_heap_give_back(&heap, taken);
+        tl_fmu_heap_release(&heap, taken);
         if (tl_fmu_heap_used(&heap) > RESERVE / 2) {
             tearDown();
             setUp();
@@ -162,26 +162,26 @@ static void test_a_class_wastes_a_quarter_at_most(void) {
 
 static void test_no_room(void) {
     size_t used = tl_fmu_heap_used(&heap);
-    TEST_ASSERT_NULL(tl_fmu_heap_take(&heap, RESERVE, 16));
-    TEST_ASSERT_NULL(tl_fmu_heap_take(&heap, SIZE_MAX, 16));
-    TEST_ASSERT_NULL(tl_fmu_heap_take(&heap, SIZE_MAX / 2, 4096));
-    TEST_ASSERT_NULL(tl_fmu_heap_take(&heap, 16, (size_t)1 << (8 * sizeof(size_t) - 1)));
+    TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, RESERVE, 16));
+    TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, SIZE_MAX, 16));
+    TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, SIZE_MAX / 2, 4096));
+    TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, 16, (size_t)1 << (8 * sizeof(size_t) - 1)));
     TEST_ASSERT_EQUAL_UINT64(used, tl_fmu_heap_used(&heap));
-    while (tl_fmu_heap_take(&heap, 1000000, 16) != NULL) {
+    while (tl_fmu_heap_allocate(&heap, 1000000, 16) != NULL) {
     }
-    TEST_ASSERT_NOT_NULL(tl_fmu_heap_take(&heap, 100, 16));
+    TEST_ASSERT_NOT_NULL(tl_fmu_heap_allocate(&heap, 100, 16));
 }
 
 /* An FMU that writes before its block. */
 static void test_a_destroyed_head(void) {
-    unsigned char *taken = tl_fmu_heap_take(&heap, 100, 16);
+    unsigned char *taken = tl_fmu_heap_allocate(&heap, 100, 16);
     memset(taken - 16, 0xFF, 16);
     TEST_ASSERT_EQUAL_UINT64(0, tl_fmu_heap_size(taken));
-    tl_fmu_heap_give_back(&heap, taken);
-    TEST_ASSERT_NOT_NULL(tl_fmu_heap_take(&heap, 100, 16));
+    tl_fmu_heap_release(&heap, taken);
+    TEST_ASSERT_NOT_NULL(tl_fmu_heap_allocate(&heap, 100, 16));
     memset(heap.base, 0xFF, 8); /* how much is used */
     TEST_ASSERT_LESS_OR_EQUAL_UINT64(RESERVE, tl_fmu_heap_used(&heap));
-    TEST_ASSERT_NULL(tl_fmu_heap_take(&heap, 5000, 16));
+    TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, 5000, 16));
 }
 
 /* Each takes, marks, looks and gives back: nobody else's block is its own. */
@@ -189,13 +189,13 @@ static void *work_beside(void *failures) {
     for (int i = 0; i < ROUNDS; i++) {
         unsigned char *own[8];
         for (size_t k = 0; k < 8; k++) {
-            own[k] = tl_fmu_heap_take(&heap, 64, 16);
+            own[k] = tl_fmu_heap_allocate(&heap, 64, 16);
             memset(own[k], (int)((uintptr_t)failures / sizeof(int) % 200 + k), 64);
         }
         for (size_t k = 0; k < 8; k++) {
             *(int *)failures +=
                 own[k][0] != own[k][63] || own[k][0] != (unsigned char)((uintptr_t)failures / sizeof(int) % 200 + k);
-            tl_fmu_heap_give_back(&heap, own[k]);
+            tl_fmu_heap_release(&heap, own[k]);
         }
     }
     return NULL;

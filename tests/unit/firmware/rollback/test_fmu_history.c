@@ -89,12 +89,12 @@ static void expect_model(const model *expected) {
 /* ---- paths ---- */
 
 static void test_back_and_on(void) {
-    void *beginning = tl_fmu_history_keep(&history);
+    void *beginning = tl_fmu_history_save(&history);
     model first = fmu;
     give();
     give();
     model second = fmu;
-    void *later = tl_fmu_history_keep(&history);
+    void *later = tl_fmu_history_save(&history);
     give();
     TEST_ASSERT_FALSE(tl_fmu_history_is_at(&history, later));
     TEST_ASSERT_TRUE(go(later));
@@ -111,9 +111,9 @@ static void test_shortest_path(void) {
     uint32_t first;
     bool anew;
     give();
-    void *near = tl_fmu_history_keep(&history);
+    void *near = tl_fmu_history_save(&history);
     give();
-    void *far = tl_fmu_history_keep(&history);
+    void *far = tl_fmu_history_save(&history);
     TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &anew));
     TEST_ASSERT_TRUE(first == TL_FMU_HISTORY_NONE && !anew);
     TEST_ASSERT_TRUE(go(near));
@@ -133,7 +133,7 @@ typedef struct place {
  * free. */
 static void test_any_tree(void) {
     place places[PLACES] = {{.kept = NULL}};
-    void *root = tl_fmu_history_keep(&history);
+    void *root = tl_fmu_history_save(&history);
     model beginning = fmu;
     for (int round = 0; round < ROUNDS; round++) {
         place *one = &places[tl_test_random_below(&dice, PLACES)];
@@ -146,12 +146,12 @@ static void test_any_tree(void) {
             expect_model(&beginning);
         }
         give();
-        tl_fmu_history_give_back(&history, one->kept);
-        *one = (place){tl_fmu_history_keep(&history), fmu};
+        tl_fmu_history_restore(&history, one->kept);
+        *one = (place){tl_fmu_history_save(&history), fmu};
     }
     TEST_ASSERT_FALSE(history.has_run_over);
     for (int i = 0; i < PLACES; i++) {
-        tl_fmu_history_give_back(&history, places[i].kept);
+        tl_fmu_history_restore(&history, places[i].kept);
     }
     TEST_ASSERT_TRUE(go(root));
     uint32_t calls = 0;
@@ -164,13 +164,13 @@ static void test_any_tree(void) {
 /* ---- limits ---- */
 
 static void test_beyond_most(void) {
-    void *root = tl_fmu_history_keep(&history);
+    void *root = tl_fmu_history_save(&history);
     for (int i = 0; i < MOST; i++) {
         give();
     }
-    void *last = tl_fmu_history_keep(&history);
+    void *last = tl_fmu_history_save(&history);
     give();
-    void *beyond = tl_fmu_history_keep(&history);
+    void *beyond = tl_fmu_history_save(&history);
     TEST_ASSERT_TRUE(tl_fmu_history_is_at(&history, beyond));
     TEST_ASSERT_TRUE(go(beyond)); /* the FMU is in that state already */
     give();
@@ -179,16 +179,16 @@ static void test_beyond_most(void) {
     TEST_ASSERT_EQUAL_UINT32(MOST, fmu.steps);
     TEST_ASSERT_TRUE(go(root));
     TEST_ASSERT_FALSE(history.has_run_over);
-    tl_fmu_history_give_back(&history, beyond);
+    tl_fmu_history_restore(&history, beyond);
 }
 
 static void test_lost(void) {
     give();
-    void *kept = tl_fmu_history_keep(&history);
+    void *kept = tl_fmu_history_save(&history);
     model expected = fmu;
     give();
     tl_fmu_history_lose(&history);
-    void *nowhere = tl_fmu_history_keep(&history);
+    void *nowhere = tl_fmu_history_save(&history);
     tl_fmu_history_lose(&history);
     TEST_ASSERT_FALSE(go(nowhere));
     TEST_ASSERT_TRUE(go(kept));
@@ -197,12 +197,12 @@ static void test_lost(void) {
 
 /* Each kept state lies on its own branch. */
 static void test_no_room(void) {
-    void *root = tl_fmu_history_keep(&history);
+    void *root = tl_fmu_history_save(&history);
     for (int i = 0; !history.has_run_over; i++) {
         TEST_ASSERT_LESS_OR_EQUAL_INT(MOST + TL_FMU_HISTORY_BRANCHES, i);
         TEST_ASSERT_TRUE(go(root));
         give();
-        (void)tl_fmu_history_keep(&history);
+        (void)tl_fmu_history_save(&history);
     }
     TEST_ASSERT_TRUE(go(root));
 }
@@ -210,16 +210,16 @@ static void test_no_room(void) {
 /* States from before the restart are unreachable, but can be released. */
 static void test_restart(void) {
     give();
-    void *before = tl_fmu_history_keep(&history);
-    void *again = tl_fmu_history_keep(&history);
+    void *before = tl_fmu_history_save(&history);
+    void *again = tl_fmu_history_save(&history);
     tl_fmu_history_begin(&history);
     fmu = (model){.sum = 1};
     TEST_ASSERT_FALSE(go(before));
     give();
-    void *kept = tl_fmu_history_keep(&history);
+    void *kept = tl_fmu_history_save(&history);
     model expected = fmu;
-    tl_fmu_history_give_back(&history, before);
-    tl_fmu_history_give_back(&history, again);
+    tl_fmu_history_restore(&history, before);
+    tl_fmu_history_restore(&history, again);
     give();
     TEST_ASSERT_TRUE(go(kept));
     expect_model(&expected);

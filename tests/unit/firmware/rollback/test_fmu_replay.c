@@ -90,16 +90,16 @@ static const tl_fmi2 functions = {.set_real = set_real,
                                   .get_boolean = get_boolean,
                                   .do_step = do_step};
 
-static tl_fmi2_replay told;
+static tl_fmi2_replay was_reported;
 static tl_fmu_replay replay;
 
 void setUp(void) {
     drift = 0.0;
     refuses_reset = false;
     resets = 0;
-    told = (tl_fmi2_replay){.most = MOST};
+    was_reported = (tl_fmi2_replay){.most = MOST};
     replay = (tl_fmu_replay){.most = MOST,
-                             .told = &told,
+                             .was_reported = &was_reported,
                              .functions = &functions,
                              .instance = &fmu,
                              .reset = reset,
@@ -156,8 +156,8 @@ static void test_to_any_place_in_any_order(void) {
         TEST_ASSERT_EQUAL_MEMORY(&then[order[i]], &fmu, sizeof fmu);
         (void)step(order[i], -5.0); /* elsewhere */
     }
-    TEST_ASSERT_FALSE(told.differs || told.is_over);
-    TEST_ASSERT_GREATER_THAN_UINT64(0, told.steps);
+    TEST_ASSERT_FALSE(was_reported.differs || was_reported.is_over);
+    TEST_ASSERT_GREATER_THAN_UINT64(0, was_reported.steps);
     for (unsigned i = 0; i < STEPS; i++) {
         tl_fmu_replay_give_back(&replay, &states[i]);
         TEST_ASSERT_NULL(states[i]);
@@ -190,9 +190,9 @@ static void test_one_that_does_not_do_the_same_again(void) {
     (void)step(1, 1.0);
     drift = 1e-12;
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
-    TEST_ASSERT_TRUE(told.differs);
+    TEST_ASSERT_TRUE(was_reported.differs);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore_start(&replay));
-    TEST_ASSERT_FALSE(told.differs);
+    TEST_ASSERT_FALSE(was_reported.differs);
     tl_fmu_replay_give_back(&replay, &state);
 }
 
@@ -222,7 +222,7 @@ static void test_too_far(void) {
     fmi2FMUstate state = NULL;
     for (unsigned i = 0; i < MOST; i++) {
         (void)step(i, 0.5);
-        TEST_ASSERT_FALSE(told.is_over);
+        TEST_ASSERT_FALSE(was_reported.is_over);
     }
     (void)step(MOST, 0.5);
     (void)tl_fmu_replay_keep(&replay, &state);
@@ -235,12 +235,13 @@ static void test_too_far(void) {
 static void test_an_unknown_call(void) {
     static const fmi2ValueReference other[] = {5};
     tl_fmu_replay_note(&replay, TL_PROLOGUE_SET_REAL, other, 1, u, fmi2OK);
-    TEST_ASSERT_TRUE(told.is_over);
+    TEST_ASSERT_TRUE(was_reported.is_over);
 }
 
 static void test_without_ports(void) {
     tl_fmu_replay_end(&replay);
-    replay = (tl_fmu_replay){.most = MOST, .told = &told, .functions = &functions, .instance = &fmu, .reset = reset};
+    replay = (tl_fmu_replay){
+        .most = MOST, .was_reported = &was_reported, .functions = &functions, .instance = &fmu, .reset = reset};
     tl_fmu_replay_begin(&replay);
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_start(&replay));
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore_start(&replay));

@@ -48,7 +48,7 @@ static void begin(tl_control_verb verb) {
     }
     tl_dialogue_begin(&dialogue, scratch.folder);
     TEST_ASSERT_TRUE(tl_control_accept(listener, &peer));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, tl_control_receive(&peer, &request, room, &size));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, tl_control_receive(&peer, &request, room, &size));
     TEST_ASSERT_EQUAL_size_t(verb == TL_CONTROL_TAKE ? 2 : 0, size);
 }
 

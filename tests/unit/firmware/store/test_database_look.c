@@ -83,16 +83,16 @@ static void *empty_it(void *context) {
     return NULL;
 }
 
-static tl_database_whereabouts look_while_it_is_emptied(tl_time delay) {
+static tl_database_file_state look_while_it_is_emptied(tl_time delay) {
     emptying later = {.delay = delay};
-    tl_database_whereabouts found = TL_DATABASE_IN_PLACE;
+    tl_database_file_state found = TL_DATABASE_IN_PLACE;
     pthread_t thread;
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, empty_it, &later));
     while (!__atomic_load_n(&later.is_there, __ATOMIC_ACQUIRE)) {
     }
     __atomic_store_n(&later.goes, true, __ATOMIC_RELEASE);
     while (found == TL_DATABASE_IN_PLACE) {
-        found = tl_database_file_look(&file);
+        found = tl_database_file_check(&file);
     }
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
     TEST_ASSERT_EQUAL_INT(0, later.result);
@@ -105,7 +105,7 @@ static void test_emptied_at_any_instant(void) {
         tl_time delay = (tl_time)tl_test_random_below(&dice, LONGEST_NS);
         TEST_ASSERT_EQUAL_INT(TL_DATABASE_CUT, look_while_it_is_emptied(delay));
         write_content(content, size);
-        TEST_ASSERT_EQUAL_INT(TL_DATABASE_IN_PLACE, tl_database_file_look(&file));
+        TEST_ASSERT_EQUAL_INT(TL_DATABASE_IN_PLACE, tl_database_file_check(&file));
     }
 }
 
@@ -113,16 +113,16 @@ static void test_another_content(void) {
     static const char foreign[] = "date;speed\n";
     TEST_ASSERT_EQUAL_INT(0, truncate(file.path, 0));
     write_content(foreign, sizeof foreign - 1);
-    TEST_ASSERT_EQUAL_INT(TL_DATABASE_OVERWRITTEN, tl_database_file_look(&file));
+    TEST_ASSERT_EQUAL_INT(TL_DATABASE_OVERWRITTEN, tl_database_file_check(&file));
     TEST_ASSERT_EQUAL_INT(0, truncate(file.path, 0));
     write_content(content, size);
 }
 
 static void test_cut_in_half(void) {
     TEST_ASSERT_EQUAL_INT(0, truncate(file.path, (off_t)(size / 2)));
-    TEST_ASSERT_EQUAL_INT(TL_DATABASE_CUT, tl_database_file_look(&file));
+    TEST_ASSERT_EQUAL_INT(TL_DATABASE_CUT, tl_database_file_check(&file));
     write_content(content, size);
-    TEST_ASSERT_EQUAL_INT(TL_DATABASE_IN_PLACE, tl_database_file_look(&file));
+    TEST_ASSERT_EQUAL_INT(TL_DATABASE_IN_PLACE, tl_database_file_check(&file));
 }
 
 int main(void) {

@@ -21,11 +21,11 @@ void tearDown(void) {
 static void expect_same(const char *given) {
     char before[PATH_MAX];
     char after[PATH_MAX];
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_place(given, before, NULL));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_resolve(given, before, NULL));
     FILE *file = fopen(given, "w");
     TEST_ASSERT_NOT_NULL(file);
     (void)fclose(file);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_place(given, after, NULL));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_resolve(given, after, NULL));
     TEST_ASSERT_EQUAL_STRING(after, before);
     TEST_ASSERT_EQUAL_INT('/', before[0]);
     TEST_ASSERT_EQUAL_INT(0, unlink(given));
@@ -44,7 +44,7 @@ static void test_same_path_before_and_after_creation(void) {
 static void test_a_missing_folder(void) {
     char path[PATH_MAX];
     tl_error error;
-    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_database_place("nowhere/run.db", path, &error));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_database_resolve("nowhere/run.db", path, &error));
     TEST_ASSERT_EQUAL_STRING("", path);
 }
 

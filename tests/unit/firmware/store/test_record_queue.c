@@ -582,50 +582,50 @@ static void a_checkpoint_comes_after_a_waiting_start(void) {
 
 /* The writer does not wait for a reader that reads no checkpoints. */
 static void the_two_newest_checkpoints_are_kept(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     for (int64_t tick = 1; tick < 20; tick++) {
         put_checkpoint(tick, 100 + (size_t)tick);
-        TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+        TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
         TEST_ASSERT_EQUAL_INT64(tick, left.tick);
         TEST_ASSERT_EQUAL_size_t(100 + (size_t)tick, left.size);
         TEST_ASSERT_TRUE(is_filled(left.bytes, left.size, left.tick));
-        TEST_ASSERT_EQUAL_INT(tick > 1, tl_record_queue_checkpoint_left(&queue, 1, &left));
+        TEST_ASSERT_EQUAL_INT(tick > 1, tl_record_queue_saved_checkpoint(&queue, 1, &left));
         TEST_ASSERT_TRUE(tick == 1 || left.tick == tick - 1);
-        TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 2, &left));
+        TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 2, &left));
     }
 }
 
 static unsigned char *bytes_of(int64_t tick) {
-    tl_record_queue_left left;
-    unsigned which = tl_record_queue_checkpoint_left(&queue, 0, &left) && left.tick == tick ? 0 : 1;
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, which, &left));
+    tl_record_queue_saved left;
+    unsigned which = tl_record_queue_saved_checkpoint(&queue, 0, &left) && left.tick == tick ? 0 : 1;
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, which, &left));
     TEST_ASSERT_EQUAL_INT64(tick, left.tick);
     return memory + (left.bytes - memory);
 }
 
 static void a_damaged_checkpoint_is_ignored(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     put_checkpoint(1, 5000);
     put_checkpoint(2, 5000);
     bytes_of(2)[4999] ^= 1;
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_EQUAL_INT64(1, left.tick);
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 1, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 1, &left));
     TEST_ASSERT_EQUAL_INT64(1, take_checkpoint(0));
     TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(0));
     tl_record_queue_open(&settings, memory, &taken, &queue); /* keeps the undamaged one */
     put_checkpoint(3, 5000);
     TEST_ASSERT_EQUAL_INT64(3, take_checkpoint(0));
     bytes_of(1)[0] ^= 0x80;
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 1, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 1, &left));
     queue.control->places[1].mark[0] ^= 4; /* its tick */
     queue.control->places[0].mark[0] ^= 4;
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
 }
 
 /* A checkpoint is damaged after the reader has read it: its number is not used again. */
 static void the_number_of_a_read_checkpoint_is_not_reused(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     put_checkpoint(1, 100);
     put_checkpoint(2, 100);
     TEST_ASSERT_EQUAL_INT64(1, take_checkpoint(0));
@@ -634,7 +634,7 @@ static void the_number_of_a_read_checkpoint_is_not_reused(void) {
     tl_record_queue_open(&settings, memory, &taken, &queue);
     put_checkpoint(3, 100);
     TEST_ASSERT_EQUAL_INT64(3, take_checkpoint(0));
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 1, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 1, &left));
     TEST_ASSERT_EQUAL_INT64(1, left.tick);
 }
 
@@ -646,14 +646,14 @@ static void succeed(void) {
 }
 
 static void expect_left(uint64_t *position, int64_t tick) {
-    TEST_ASSERT_TRUE(tl_record_queue_entry_left(&queue, position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_entry(&queue, position, &entry));
     check_sample(tick, start.resumption.start);
-    TEST_ASSERT_TRUE(tl_record_queue_entry_left(&queue, position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_entry(&queue, position, &entry));
     check_step(tick);
 }
 
 static void a_successor_finds_checkpoints_and_entries(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     start.resumption = (tl_resumption){TL_RESUMED_START, 12, 34, 5600, 1700000000001};
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     for (int64_t tick = 0; tick < 30; tick++) {
@@ -666,25 +666,25 @@ static void a_successor_finds_checkpoints_and_entries(void) {
     taken.ring = queue.published; /* all entries are read */
     queue.ring[queue.written % RING] = 0xB5;
     succeed();
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_EQUAL_INT64(29, left.tick);
     expect_beginning(&start.resumption, &left.beginning);
-    TEST_ASSERT_TRUE(tl_record_queue_entry_left(&queue, &left.position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
     check_sample(30, 5600);
-    TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &left.position, &entry));
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 1, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 1, &left));
     TEST_ASSERT_TRUE(is_filled(left.bytes, left.size, 19));
     for (int64_t tick = 20; tick < 30; tick++) {
         expect_left(&left.position, tick);
     }
-    TEST_ASSERT_TRUE(tl_record_queue_entry_left(&queue, &left.position, &entry));
-    TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &left.position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
     expect_nothing();
 }
 
 /* A checkpoint has the tuning that was active when it was made. */
 static void a_checkpoint_has_the_active_tuning(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     tl_run_tuning configured = tuning_of(1);
     tl_run_tuning wanted = tuning_of(7);
     start.holds = false;
@@ -694,44 +694,44 @@ static void a_checkpoint_has_the_active_tuning(void) {
     TEST_ASSERT_TRUE(tl_record_queue_put_tuning(&queue, &wanted) && put_both(1));
     put_checkpoint(1, 1000);
     succeed();
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_EQUAL_MEMORY(&wanted, &left.tuning, sizeof wanted);
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 1, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 1, &left));
     TEST_ASSERT_EQUAL_MEMORY(&configured, &left.tuning, sizeof configured);
-    TEST_ASSERT_TRUE(tl_record_queue_entry_left(&queue, &left.position, &entry));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
     TEST_ASSERT_EQUAL_INT(TL_ENTRY_TUNING, entry.kind);
     expect_tuning(7);
 }
 
 static void a_twin_that_cannot_be_saved_leaves_its_entries(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(0));
     tl_record_queue_put_checkpoint(&queue, 0, 0);
     TEST_ASSERT_TRUE(put_both(1));
     succeed();
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_EQUAL_size_t(0, left.size);
     expect_left(&left.position, 1);
 }
 
 static void overwritten_entries_are_not_found(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     put_checkpoint(-1, 10);
     int64_t tick = 0;
-    while (tl_record_queue_checkpoint_left(&queue, 0, &left)) {
+    while (tl_record_queue_saved_checkpoint(&queue, 0, &left)) {
         uint64_t position = left.position;
         /* a dead writer may have half-written one more entry of the largest size */
         TEST_ASSERT_TRUE(queue.written - position <= RING - tl_recorder_entry_largest(&settings.shape));
         TEST_ASSERT_TRUE(put_both(tick++));
         taken.ring = queue.written;
-        TEST_ASSERT_TRUE(!tl_record_queue_checkpoint_left(&queue, 0, &left) ||
-                         tl_record_queue_entry_left(&queue, &position, &entry));
+        TEST_ASSERT_TRUE(!tl_record_queue_saved_checkpoint(&queue, 0, &left) ||
+                         tl_record_queue_saved_entry(&queue, &position, &entry));
     }
     TEST_ASSERT_GREATER_THAN_UINT64(RING / 2, queue.written - left.position);
-    TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &left.position, &entry));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
     uint64_t beyond = queue.written + 1;
-    TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &beyond, &entry));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_entry(&queue, &beyond, &entry));
 }
 
 /* An unread entry is damaged: the successor keeps the entries before it. */
@@ -781,18 +781,18 @@ static void an_end_within_an_entry(void) {
 
 /* Entries before a dropped one that may be overwritten are not found. */
 static void an_earlier_end_finds_no_older_entries(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     put_checkpoint(-1, 10);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
     int64_t tick = 0;
-    while (tl_record_queue_checkpoint_left(&queue, 0, &left)) {
+    while (tl_record_queue_saved_checkpoint(&queue, 0, &left)) {
         taken.ring = queue.written;
         TEST_ASSERT_TRUE(put_both(tick++));
     }
     queue.ring[taken.ring % RING] = 0;
     succeed();
     TEST_ASSERT_EQUAL_UINT64(taken.ring, queue.written);
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
 }
 
 /* ---- complete ticks ---- */
@@ -874,13 +874,13 @@ static void a_new_run_leaves_the_sample_to_the_run_before(void) {
 
 /* In mode ahead, the checkpoint was made after the twin got the sample. */
 static void a_run_that_resumes_after_the_sample_leaves_it(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(4) && put_sample(5));
     put_checkpoint(5, 100);
     tl_record_queue_open(&settings, memory, &taken, &queue);
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_EQUAL_INT64(5, left.tick);
-    TEST_ASSERT_FALSE(tl_record_queue_entry_left(&queue, &left.position, &entry));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_entry(&queue, &left.position, &entry));
     begin_another(TL_RESUMED_CHECKPOINT, 6);
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
     take_both(4);
@@ -889,13 +889,13 @@ static void a_run_that_resumes_after_the_sample_leaves_it(void) {
 
 /* A checkpoint after a dropped sample is dropped, too. */
 static void a_checkpoint_is_dropped_with_its_sample(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start) && put_both(4) && put_sample(5));
     put_checkpoint(5, 100);
     tl_record_queue_open(&settings, memory, &taken, &queue);
     begin_another(TL_RESUMED_START, 5);
     TEST_ASSERT_TRUE(put_both(5) && put_both(6));
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 0, &left));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 0, &left));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
     take_both(4);
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
@@ -906,12 +906,12 @@ static void a_checkpoint_is_dropped_with_its_sample(void) {
 /* ---- no reader ---- */
 
 static void without_a_reader_a_successor_finds_all(void) {
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start)); /* the first writer has a reader */
     for (int life = 0; life < 3; life++) {
         memset(&queue, 0xA5, sizeof queue);
         tl_record_queue_open(&settings, memory, NULL, &queue);
-        TEST_ASSERT_TRUE(life == 0 || tl_record_queue_checkpoint_left(&queue, 0, &left));
+        TEST_ASSERT_TRUE(life == 0 || tl_record_queue_saved_checkpoint(&queue, 0, &left));
         TEST_ASSERT_TRUE(life == 0 || left.tick == 995);
         for (int64_t tick = 996; life > 0 && tick < 1000; tick++) {
             expect_left(&left.position, tick);
@@ -958,7 +958,7 @@ static unsigned char *byte_of(unsigned place, size_t offset) {
 
 static void unused_memory_cannot_be_accessed(void) {
     tl_record_queue_settings large = settings;
-    tl_record_queue_left left;
+    tl_record_queue_saved left;
     large.checkpoint_bytes = 100000;
     use_block(&large);
     put_checkpoint(1, 5000);
@@ -971,24 +971,24 @@ static void unused_memory_cannot_be_accessed(void) {
     TEST_ASSERT_FALSE(can_be_read(byte_of(1, 0)));
     TEST_ASSERT_FALSE(can_be_read(byte_of(2, 0)));
     TEST_ASSERT_FALSE(can_be_read(byte_of(2, 99999)));
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left) && is_filled(left.bytes, left.size, 2));
-    TEST_ASSERT_FALSE(tl_record_queue_checkpoint_left(&queue, 1, &left)); /* inaccessible */
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left) && is_filled(left.bytes, left.size, 2));
+    TEST_ASSERT_FALSE(tl_record_queue_saved_checkpoint(&queue, 1, &left)); /* inaccessible */
     put_checkpoint(3, CHECKPOINT);
     TEST_ASSERT_TRUE(can_be_read(byte_of(0, 12287)) && can_be_read(byte_of(1, 12287)));
     TEST_ASSERT_FALSE(can_be_read(byte_of(1, 12288)));
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&queue, 100000));
     TEST_ASSERT_TRUE(can_be_read(byte_of(1, 99999)));
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &left) && is_filled(left.bytes, left.size, 3));
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 1, &left) && is_filled(left.bytes, left.size, 2));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &left) && is_filled(left.bytes, left.size, 3));
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 1, &left) && is_filled(left.bytes, left.size, 2));
     tl_block_close(&block);
 }
 
 /* ---- threads ---- */
 
-static int64_t told[TELLERS];
+static int64_t was_reported[TELLERS];
 
 static void *tell(void *context) {
-    int64_t teller = (int64_t *)context - told;
+    int64_t teller = (int64_t *)context - was_reported;
     char text[TL_EVENT_TEXT];
     memset(text, 'a' + (int)teller, sizeof text - 1);
     text[sizeof text - 1] = '\0';
@@ -1061,7 +1061,7 @@ static void threads_put_and_one_reads(void) {
     uint64_t events = 0;
     for (int i = 0; i < TELLERS; i++) {
         last[i] = -1;
-        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, &told[i]));
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, &was_reported[i]));
     }
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[TELLERS], NULL, put_story, NULL));
     while (next < STORY) {

@@ -143,12 +143,12 @@ static void demand(bool right, int otherwise) {
 
 /* Checks a checkpoint and the entries after it. */
 static progress look_back(unsigned which) {
-    tl_record_queue_left left;
-    demand(tl_record_queue_checkpoint_left(&queue, which, &left), NOTHING_LEFT);
+    tl_record_queue_saved left;
+    demand(tl_record_queue_saved_checkpoint(&queue, which, &left), NOTHING_LEFT);
     progress at = {.sample = left.tick, .step = left.tick};
     demand(which > 0 || left.tick >= noted->checkpoint, OLD_CHECKPOINT);
     demand(is_filled(left.bytes, left.size, left.tick), BAD_CHECKPOINT);
-    while (tl_record_queue_entry_left(&queue, &left.position, &entry)) {
+    while (tl_record_queue_saved_entry(&queue, &left.position, &entry)) {
         demand(follows(&entry, &at), BAD_ENTRY);
     }
     demand(at.sample >= noted->samples && at.step >= noted->steps, LESS_THAN_PUT);
@@ -223,14 +223,14 @@ static void start_tellers(void) {
 }
 
 static void live(pid_t reader) {
-    tl_record_queue_left older;
+    tl_record_queue_saved older;
     (void)prctl(PR_SET_PDEATHSIG, SIGKILL); /* if the test fails */
     demand(getppid() == reader, ORPHAN);
     (void)mprotect(taken, PAGE, PROT_READ);
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
     (void)tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT);
     progress at = look_back(0);
-    if (tl_record_queue_checkpoint_left(&queue, 1, &older)) {
+    if (tl_record_queue_saved_checkpoint(&queue, 1, &older)) {
         progress same = look_back(1);
         demand(same.sample == at.sample && same.step == at.step, LESS_THAN_PUT);
     } else {
@@ -267,7 +267,7 @@ static int64_t newest_checkpoint;
 static uint64_t events;
 static uint64_t skipped;
 static uint64_t checkpoints;
-static int64_t told[TELLERS]; /* process · 10⁹ + number of the newest event */
+static int64_t was_reported[TELLERS]; /* process · 10⁹ + number of the newest event */
 
 static void take_entries(void) {
     uint64_t position = taken->ring;
@@ -281,7 +281,7 @@ static void take_entries(void) {
 
 static void check_event(const tl_recorder_event_entry *event) {
     char right[TL_EVENT_TEXT];
-    int64_t *last = &told[event->source[0] == '1'];
+    int64_t *last = &was_reported[event->source[0] == '1'];
     memset(right, 'A' + (int)(event->tick % 1000000000 % 50), sizeof right);
     right[sizeof right - 1] = '\0';
     TEST_ASSERT_EQUAL_STRING(right, event->text);
@@ -369,7 +369,7 @@ static size_t usual_lives(void) {
 static void begin(void) {
     at = (progress){.sample = -1, .step = -1};
     newest_checkpoint = life = noted->life = -1;
-    memset(told, 0xFF, sizeof told);
+    memset(was_reported, 0xFF, sizeof was_reported);
     tl_record_queue_reader_open(&settings, readable.bytes, &reader);
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT));

@@ -95,7 +95,7 @@ static void a_sample_that_waits(void) {
     tl_record_queue_reader another;
     put_sample();
     TEST_ASSERT_FALSE(take());
-    tl_record_queue_reader_leave(&reader);
+    tl_record_queue_reader_finish(&reader);
     TEST_ASSERT_TRUE(take());
     TEST_ASSERT_EQUAL_INT(TL_ENTRY_SAMPLE, entry.kind);
     TEST_ASSERT_EQUAL_INT64(3, entry.sample.tick);
@@ -112,7 +112,7 @@ static void a_sample_that_waits(void) {
 /* A wrong count of waiting bytes is limited to the ring. */
 static void more_waits_than_a_ring_holds(void) {
     queue.control->put = RING + 1;
-    tl_record_queue_reader_leave(&reader);
+    tl_record_queue_reader_finish(&reader);
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
     queue.control->head = 10;
     queue.control->put = RING + 1;
@@ -324,7 +324,7 @@ static void control_characters_of_events(void) {
 
 /* Makes a checkpoint with any mark and a valid digest. */
 static void make_place(uint64_t number, const tl_record_queue_mark *mark) {
-    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_PLACES];
+    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_CHECKPOINTS];
     memcpy(place->mark, mark, sizeof *mark);
     const unsigned char *bytes =
         (const unsigned char *)queue.control + tl_record_queue_checkpoint_at(&queue.settings, 0);

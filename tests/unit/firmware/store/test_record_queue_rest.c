@@ -45,7 +45,7 @@ void tearDown(void) {
 }
 
 static void test_all_of_it(void) {
-    TEST_ASSERT_EQUAL_UINT64(2 * TICKS + EVENTS, tl_record_queue_rest_count(&settings, memory, &taken));
+    TEST_ASSERT_EQUAL_UINT64(2 * TICKS + EVENTS, tl_record_queue_count_remaining(&settings, memory, &taken));
 }
 
 /* The start of a run and read events do not count. */
@@ -53,13 +53,13 @@ static void test_partly_read(void) {
     taken.events = 1;
     taken.ring = queue.published - 2 * tl_recorder_entry_size(&settings.shape, TL_ENTRY_STEP) -
                  tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE);
-    TEST_ASSERT_EQUAL_UINT64(3 + EVENTS - 1, tl_record_queue_rest_count(&settings, memory, &taken));
+    TEST_ASSERT_EQUAL_UINT64(3 + EVENTS - 1, tl_record_queue_count_remaining(&settings, memory, &taken));
 }
 
 static void test_events_only(void) {
     free(memory);
     fill(0);
-    TEST_ASSERT_EQUAL_UINT64(EVENTS, tl_record_queue_rest_count(&settings, memory, &taken));
+    TEST_ASSERT_EQUAL_UINT64(EVENTS, tl_record_queue_count_remaining(&settings, memory, &taken));
 }
 
 /* Invalid positions: the function returns, and reads no memory outside of the queue. */
@@ -67,7 +67,7 @@ static void test_invalid_positions(void) {
     const uint64_t positions[] = {1, 1U << 17, 1U << 20, UINT64_MAX / 2, UINT64_MAX};
     for (size_t i = 0; i < sizeof positions / sizeof positions[0]; i++) {
         taken = (tl_record_queue_taken){.ring = positions[i], .events = positions[i]};
-        TEST_ASSERT_TRUE(tl_record_queue_rest_count(&settings, memory, &taken) <= 2 * TICKS + EVENTS);
+        TEST_ASSERT_TRUE(tl_record_queue_count_remaining(&settings, memory, &taken) <= 2 * TICKS + EVENTS);
     }
 }
 

@@ -25,12 +25,12 @@ enum { OTHER_USER = 65534 };
 
 static tl_writer_bench bench;
 static char beside[PATH_MAX + 16];
-static char aside[PATH_MAX + 16];
+static char renamed[PATH_MAX + 16];
 
 void setUp(void) {
     tl_writer_bench_begin(&bench);
     (void)snprintf(beside, sizeof beside, "%s.beside", bench.path);
-    (void)snprintf(aside, sizeof aside, "%s.damaged-1", bench.path);
+    (void)snprintf(renamed, sizeof renamed, "%s.damaged-1", bench.path);
     tl_log_set_level(TL_LOG_ERROR - 1);
 }
 
@@ -74,7 +74,7 @@ static void expect_new_file(void) {
     int64_t size = size_of(bench.path);
     tl_writer_bench_forget(&bench);
     tl_writer_bench_record(&bench, 20);
-    TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(size, size_of(renamed));
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs"));
     TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "damaged|run.db.damaged-1"));
@@ -102,7 +102,7 @@ static void test_damaged_pages(void) {
 /* Waiting entries are not lost. */
 static void test_damage_during_a_run(void) {
     char wal[PATH_MAX + 24];
-    (void)snprintf(wal, sizeof wal, "%s-wal", aside);
+    (void)snprintf(wal, sizeof wal, "%s-wal", renamed);
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 7);
     tl_writer_bench_put(&bench, 0, 1000);
@@ -122,7 +122,7 @@ static void test_damage_during_a_run(void) {
                                                      " FROM runs JOIN beginnings USING (run)"));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events WHERE source = 'twin'"));
     TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal)); /* its log was renamed, too */
-    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(aside, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(renamed, "SELECT samples_written FROM runs"));
 }
 
 /* Damaged pages, which the writer before has not read again. */
@@ -140,7 +140,7 @@ static void test_damage_that_a_successor_finds(void) {
     TEST_ASSERT_EQUAL_STRING("10 1000 7", tl_sql_text(bench.path, "SELECT samples_written || ' ' || removed_before ||"
                                                                   " ' ' || start_ns FROM runs JOIN beginnings USING"
                                                                   " (run)"));
-    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(aside));
+    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(renamed));
 }
 
 /* The number of renamed files is limited: the next damaged file keeps its name. */
@@ -370,7 +370,7 @@ static void expect_truncation(bool to_nothing) {
     write_now();
     tl_writer_bench_close_well(&bench);
     expect_one_run(bench.path, "10 1010 0");
-    TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(size, size_of(renamed));
     TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "damaged|run.db.damaged-1|cut"));
 }
 
@@ -395,7 +395,7 @@ static void test_a_file_that_another_program_shortens(void) {
     tl_writer_bench_put(&bench, 1010, 10);
     write_now();
     tl_writer_bench_close_well(&bench);
-    TEST_ASSERT_EQUAL_INT64(-1, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(renamed));
     TEST_ASSERT_EQUAL_INT64(1020, ask("SELECT samples_written FROM runs"));
     TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
 }
@@ -439,7 +439,7 @@ static void test_a_file_that_is_being_overwritten(void) {
     int how = 0;
     TEST_ASSERT_EQUAL_INT(other, waitpid(other, &how, 0));
     TEST_ASSERT_EQUAL_INT(0, how);
-    TEST_ASSERT_EQUAL_INT64(-1, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(renamed));
     TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
     expect_one_run(beside, "10 10 20");
 }
@@ -724,7 +724,7 @@ static void test_a_damaged_file_in_its_place_between_two_writers(void) {
     begin_and_be_killed(10);
     TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
     expect_restarted(bench.path, "10 10 20", "gone|20 samples|damaged|run.db.damaged-1");
-    char *second = content_of(aside, &after);
+    char *second = content_of(renamed, &after);
     TEST_ASSERT_EQUAL_size_t(before, after);
     TEST_ASSERT_EQUAL_INT(0, memcmp(first, second, before));
     free(first);

@@ -133,7 +133,7 @@ static bool is_over(void) {
 static void write_now(void) {
     bool over = is_over();
     if (over) {
-        tl_recorder_writer_leave(bench.writer);
+        tl_recorder_writer_finish_ring(bench.writer);
     }
     bench.goes_on = !over;
     tl_recorder_writer_write(bench.writer);

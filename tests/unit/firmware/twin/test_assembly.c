@@ -176,12 +176,12 @@ static void test_a_configuration_that_is_wrong(void) {
 /* Problems of the twin are reported with the line in the file. */
 static void test_a_twin_that_cannot_be_built(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"motor.d\"", "\"motor.J\""));
-    char place[128];
+    char slot_index[128];
     char *text = tl_test_read_text(path);
-    (void)snprintf(place, sizeof place, "line %zu|synchronise.adjust.motor.J|fixed",
+    (void)snprintf(slot_index, sizeof slot_index, "line %zu|synchronise.adjust.motor.J|fixed",
                    tl_test_line_of(text, "\"motor.J\""));
     free(text);
-    expect_said(place);
+    expect_said(slot_index);
     TEST_ASSERT_EQUAL_size_t(1, assembly.problems.report.count);
     TEST_ASSERT_NULL(assembly.twin);
     TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count); /* they must be unloaded, too */

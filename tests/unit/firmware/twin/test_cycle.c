@@ -42,7 +42,7 @@ static char database[PATH_MAX];
 static tl_realtime_missing missing;
 static tl_live_tuning tuning;
 static tl_live_tuning_answer answer;
-static tl_live_tuning_head told;
+static tl_live_tuning_head was_reported;
 static tl_recorder_known known;
 
 /* ---- a slow FMU ---- */
@@ -74,11 +74,11 @@ void setUp(void) {
     memset(&missing, 0, sizeof missing);
     memset(&tuning, 0, sizeof tuning);
     memset(&answer, 0, sizeof answer);
-    memset(&told, 0, sizeof told);
-    tl_sha256(OTHER, strlen(OTHER), told.hash);
-    told.size = (uint32_t)strlen(OTHER);
+    memset(&was_reported, 0, sizeof was_reported);
+    tl_sha256(OTHER, strlen(OTHER), was_reported.hash);
+    was_reported.size = (uint32_t)strlen(OTHER);
     known = (tl_recorder_known){
-        .number = 2, .hash = told.hash, .text = OTHER, .who = "ann", .origin = "test", .why = "it was wrong"};
+        .number = 2, .hash = was_reported.hash, .text = OTHER, .who = "ann", .origin = "test", .why = "it was wrong"};
     slow_call = 0;
     reset_call = 0;
     checkpoint_bytes = 0;
@@ -320,17 +320,17 @@ static void test_a_reset_of_the_fmus(void) {
 /* The tolerance is so wide that no step is searched, until another tuning comes. */
 static void begin_wide(tl_time step, tl_pairing measurements) {
     make_twin(step, 0, measurements);
-    tl_config_tuning(&twin.assembly.config, &told.tuning);
-    told.tuning.match[0].tolerance = 100.0;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&twin.assembly, &told.tuning, &error), error.text);
+    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
+    was_reported.tuning.match[0].tolerance = 100.0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&twin.assembly, &was_reported.tuning, &error), error.text);
     start();
     watch(20);
-    told.tuning.match[0].tolerance = 0.5;
-    told.tuning.time = step / 2;
+    was_reported.tuning.match[0].tolerance = 0.5;
+    was_reported.tuning.time = step / 2;
 }
 
 static void tell(uint32_t number) {
-    TEST_ASSERT_EQUAL_UINT32(number, tl_live_tuning_write(&tuning, &told, OTHER));
+    TEST_ASSERT_EQUAL_UINT32(number, tl_live_tuning_write(&tuning, &was_reported, OTHER));
 }
 
 static void wait_for_answer(uint32_t number, tl_live_tuning_answer *heard) {
@@ -368,7 +368,7 @@ static void retune_in_mode(tl_pairing measurements) {
                                                           "configuration"));
     char sql[128];
     (void)snprintf(sql, sizeof sql, "SELECT tick FROM events WHERE source = 'retune' AND text LIKE '%%%.12s%%'",
-                   told.hash);
+                   was_reported.hash);
     TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, sql));
     TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", heard.tick));
     /* An error of 5 is 0.05 of the wide tolerance, and ten of the other one.
@@ -389,13 +389,13 @@ static void test_another_tuning_in_mode_ahead(void) {
 static void test_a_tuning_that_is_rejected(void) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, TL_LAG);
-    told.tuning.evaluations = 61;
+    was_reported.tuning.evaluations = 61;
     tell(2);
     wait_for_answer(2, &heard);
     TEST_ASSERT_EQUAL_UINT32(1, heard.refused);
     TL_EXPECT_PARTS("61|60", heard.why);
-    told.tuning.evaluations = 60;
-    told.hash[0] = 'x';
+    was_reported.tuning.evaluations = 60;
+    was_reported.hash[0] = 'x';
     tell(4);
     wait_for_answer(4, &heard);
     TL_EXPECT_PARTS("hash", heard.why);
@@ -413,7 +413,7 @@ static void test_a_tuning_that_is_rejected(void) {
 static void test_a_tuning_that_is_half_written(void) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, TL_LAG);
-    tuning.head.tuning = told.tuning;
+    tuning.head.tuning = was_reported.tuning;
     __atomic_store_n(&tuning.head.number, 1, __ATOMIC_RELEASE);
     watch(shown.ticks + 10);
     TEST_ASSERT_EQUAL_UINT32(0, answer.number);
@@ -430,10 +430,10 @@ static void test_a_tuning_that_the_twin_already_has(void) {
     tearDown();
     setUp();
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&twin.assembly.config, &told.tuning);
+    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
     tell(2);
     make_recorder();
-    tl_run_tuning configured = {.number = 2, .values = told.tuning};
+    tl_run_tuning configured = {.number = 2, .values = was_reported.tuning};
     tl_record_queue_name_configuration(&box.queue, &configured);
     start();
     watch(UINT64_MAX);
@@ -446,12 +446,12 @@ static void test_a_tuning_that_the_twin_already_has(void) {
 static void test_a_tuning_after_a_failed_resume(void) {
     static tl_record_queue_start before;
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&twin.assembly.config, &told.tuning);
-    told.tuning.margin = 0.25;
+    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
+    was_reported.tuning.margin = 0.25;
     tell(2);
     make_recorder();
-    tl_run_tuning taken = {.tick = 5, .number = 2, .values = told.tuning};
-    memcpy(taken.hash, told.hash, sizeof taken.hash);
+    tl_run_tuning taken = {.tick = 5, .number = 2, .values = was_reported.tuning};
+    memcpy(taken.hash, was_reported.hash, sizeof taken.hash);
     tl_account_take(twin.assembly.twin, &before.account);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &before) && tl_record_queue_put_tuning(&box.queue, &taken));
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "failed resume"));

@@ -26,7 +26,7 @@
 enum { PLACES = TL_TWIN_SLOTS };
 
 /* Everything of one slot. */
-typedef struct place {
+typedef struct slot_index {
     tl_follower twin;
     tl_journal journal;
     tl_test_queue box;
@@ -41,10 +41,10 @@ typedef struct place {
     tl_recorder_known known; /* another configuration */
     char hash[TL_SHA256_TEXT];
     char database[PATH_MAX];
-} place;
+} slot_index;
 
-static place places[PLACES];
-static tl_handover stage;
+static slot_index places[PLACES];
+static tl_handover handover_block;
 static tl_sample_buffer_slot slots[1024];
 static uint64_t posts;
 static tl_plant_input input;
@@ -55,7 +55,7 @@ static tl_scratch scratch;
 static tl_error error;
 
 void setUp(void) {
-    memset(&stage, 0, sizeof stage);
+    memset(&handover_block, 0, sizeof handover_block);
     memset(slots, 0, sizeof slots);
     posts = 0;
     input = (tl_plant_input){.buffers = {{.slots = slots, .count = &posts, .depth = 1024}}, .count = 1};
@@ -65,7 +65,7 @@ void setUp(void) {
 }
 
 /* Ends the cycle of a slot, without assertions. */
-static void close_place(place *self) {
+static void close_place(slot_index *self) {
     if (self->cycle != NULL) {
         (void)tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error);
         self->cycle = NULL;
@@ -90,7 +90,7 @@ void tearDown(void) {
 /* ---- slots ---- */
 
 /* The two twins differ in their tolerance. */
-static void make_twin(place *self, tl_time step) {
+static void make_twin(slot_index *self, tl_time step) {
     tl_follower_begin(&self->twin, step);
     self->twin.fmu.model.capabilities.can_serialize_state = can_save;
     self->twin.plan.plan.measurements = measurements;
@@ -99,7 +99,7 @@ static void make_twin(place *self, tl_time step) {
     self->twin.assembly.config.record_resume = TL_SECOND;
 }
 
-static void make_recorder(place *self) {
+static void make_recorder(slot_index *self) {
     tl_recorder_settings settings = tl_follower_recording(&self->twin, self->database);
     tl_sha256(OTHER, strlen(OTHER), self->hash);
     self->known = (tl_recorder_known){
@@ -115,7 +115,7 @@ static void put_event(void *context, int64_t tick, tl_severity severity, const c
 }
 
 /* Starts the cycle of a slot; a shadow starts at `tick` of the run. */
-static void start(place *self, tl_time step, bool is_shadow, int64_t tick) {
+static void start(slot_index *self, tl_time step, bool is_shadow, int64_t tick) {
     char name[32];
     uint32_t index = (uint32_t)(self - places);
     memset(self, 0, sizeof *self);
@@ -137,14 +137,14 @@ static void start(place *self, tl_time step, bool is_shadow, int64_t tick) {
                                         .journal = &self->journal,
                                         .tuning = &self->tuning,
                                         .answer = &self->answer,
-                                        .place = {.stage = &stage,
-                                                  .place = index,
-                                                  .handovers = stage.handovers,
-                                                  .handed_over = &self->handed_over,
-                                                  .is_shadow = is_shadow,
-                                                  .tick = tick,
-                                                  .start = run_start,
-                                                  .started = 1000}};
+                                        .slot_index = {.handover_block = &handover_block,
+                                                       .slot_index = index,
+                                                       .handovers = handover_block.handovers,
+                                                       .handed_over = &self->handed_over,
+                                                       .is_shadow = is_shadow,
+                                                       .tick = tick,
+                                                       .start = run_start,
+                                                       .started = 1000}};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &self->cycle, &error), error.text);
 }
 
@@ -167,7 +167,7 @@ static void live_on(tl_time for_how_long) {
     }
 }
 
-static void live_until_tick(const place *self, int64_t tick) {
+static void live_until_tick(const slot_index *self, int64_t tick) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (self->shown.tick < tick) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not continue");
@@ -176,7 +176,7 @@ static void live_until_tick(const place *self, int64_t tick) {
     }
 }
 
-static void live_until_handed_over(const place *self, uint32_t number) {
+static void live_until_handed_over(const slot_index *self, uint32_t number) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (__atomic_load_n(&self->handed_over, __ATOMIC_ACQUIRE) != number) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a slot has not done its part");
@@ -185,7 +185,7 @@ static void live_until_handed_over(const place *self, uint32_t number) {
 }
 
 /* Waits until the slot has published whether it is the shadow. */
-static void live_until_shadow(const place *self, bool is_shadow) {
+static void live_until_shadow(const slot_index *self, bool is_shadow) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (self->shown.is_shadow != is_shadow) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "a slot has not changed its role");
@@ -194,7 +194,7 @@ static void live_until_shadow(const place *self, bool is_shadow) {
 }
 
 /* Waits until a shadow has caught up. */
-static void live_until_live(const place *self) {
+static void live_until_live(const slot_index *self) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (!self->shown.is_live) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the shadow is not live");
@@ -205,20 +205,20 @@ static void live_until_live(const place *self) {
 /* Announces a handover to this slot, as the supervisor does and `more` ticks earlier.
  * Waits until both slots have reported it. Returns its first tick. */
 static int64_t handover_to(uint32_t to, int64_t more) {
-    uint32_t number = stage.handovers + 1;
+    uint32_t number = handover_block.handovers + 1;
     tl_time step = places[to].twin.assembly.config.step;
-    stage.to = to;
-    stage.tick = (tl_clock_now(NULL) + tl_handover_ahead(step) - run_start) / step + 1 + more;
-    __atomic_store_n(&stage.handovers, number, __ATOMIC_RELEASE);
-    TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < tl_time_of_step(run_start, step, stage.tick),
+    handover_block.to = to;
+    handover_block.tick = (tl_clock_now(NULL) + tl_handover_ahead(step) - run_start) / step + 1 + more;
+    __atomic_store_n(&handover_block.handovers, number, __ATOMIC_RELEASE);
+    TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < tl_time_of_step(run_start, step, handover_block.tick),
                              "the test announced the handover too late");
     live_until_handed_over(&places[0], number);
     live_until_handed_over(&places[1], number);
-    stage.place = to;
-    return stage.tick;
+    handover_block.slot_index = to;
+    return handover_block.tick;
 }
 
-static void end(place *self) {
+static void end(slot_index *self) {
     tl_status status = tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error);
     self->cycle = NULL;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
@@ -232,14 +232,14 @@ static void end(place *self) {
 
 /* ---- what was recorded ---- */
 
-static int64_t number(const place *self, const char *what, int64_t run) {
+static int64_t number(const slot_index *self, const char *what, int64_t run) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT %s WHERE run = %lld", what, (long long)run);
     return tl_sql_integer(self->database, sql);
 }
 
 /* The samples and steps of a run have no gap; its own ticks are first … last. */
-static void expect_whole(const place *self, int64_t run, int64_t first, int64_t last) {
+static void expect_whole(const slot_index *self, int64_t run, int64_t first, int64_t last) {
     int64_t lead = measurements == TL_AHEAD ? 0 : 1;
     int64_t least = number(self, "min(tick) FROM samples", run);
     int64_t most = number(self, "max(tick) FROM samples", run);
@@ -258,7 +258,7 @@ enum { STEPS = 8192 };
 
 static tl_history_tick steps[STEPS]; /* of a run, as recorded */
 
-static void read_steps(const place *self, int64_t number_of_run) {
+static void read_steps(const slot_index *self, int64_t number_of_run) {
     tl_history *history = NULL;
     const tl_history_run *run = NULL;
     tl_history_ticks *ticks = NULL;
@@ -279,7 +279,7 @@ static void read_steps(const place *self, int64_t number_of_run) {
 }
 
 /* Makes a new twin, and loads the first checkpoint as a replay does. */
-static void begin_again(place *self, const tl_recording_beginning *beginning, tl_recovery *recovery) {
+static void begin_again(slot_index *self, const tl_recording_beginning *beginning, tl_recovery *recovery) {
     tl_account account;
     tl_twin_destroy(self->twin.assembly.twin);
     self->twin.assembly.twin = tl_test_plan_build(&self->twin.plan);
@@ -306,7 +306,7 @@ static size_t expect_same_step(const tl_twin_result *result) {
 }
 
 /* Each u and the number of executions are as recorded. */
-static void expect_repeated(place *self, int64_t number_of_run) {
+static void expect_repeated(slot_index *self, int64_t number_of_run) {
     static tl_twin_result result;
     tl_recording *recording = NULL;
     tl_recording_tick tick;
@@ -342,14 +342,14 @@ static void begin_both(tl_time step) {
     TEST_ASSERT_TRUE(places[1].shown.is_shadow);
 }
 
-static void expect_events(const place *self, int64_t count, const char *like) {
+static void expect_events(const slot_index *self, int64_t count, const char *like) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE text LIKE '%s'", like);
     TEST_ASSERT_EQUAL_INT64(count, tl_sql_integer(self->database, sql));
 }
 
 /* The event of a handover, with its first tick and a further part. */
-static void expect_handover_event(const place *self, int64_t tick, const char *more) {
+static void expect_handover_event(const slot_index *self, int64_t tick, const char *more) {
     char like[64];
     (void)snprintf(like, sizeof like, "%%tick %lld%%%s%%", (long long)tick, more);
     expect_events(self, 1, like);
@@ -379,7 +379,7 @@ static void handover_in_mode(tl_pairing mode) {
     expect_whole(&places[0], 2, back, last);
     TEST_ASSERT_EQUAL_INT64(there, number(&places[1], "resumed_tick FROM beginnings", 1));
     TEST_ASSERT_EQUAL_INT64(back, number(&places[0], "resumed_tick FROM beginnings", 2));
-    TEST_ASSERT_EQUAL_STRING(TL_LIVE_TAKEN_OVER, tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
+    TEST_ASSERT_EQUAL_STRING(TL_LIVE_HANDED_OVER, tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
     expect_handover_event(&places[1], there, "");
     expect_handover_event(&places[0], back, "");
     expect_events(&places[0], 0, "%too late%");
@@ -424,10 +424,10 @@ static void test_the_live_twin_is_dead(void) {
     begin_both(4 * MILLISECOND);
     end(&places[0]);
     (void)tl_cycle_status_now(places[1].cycle, &places[1].shown);
-    stage.to = 1;
-    stage.tick = places[1].shown.tick + 30;
-    __atomic_store_n(&stage.handovers, 1, __ATOMIC_RELEASE);
-    live_until_tick(&places[1], stage.tick + 10);
+    handover_block.to = 1;
+    handover_block.tick = places[1].shown.tick + 30;
+    __atomic_store_n(&handover_block.handovers, 1, __ATOMIC_RELEASE);
+    live_until_tick(&places[1], handover_block.tick + 10);
     TEST_ASSERT_EQUAL_UINT32(1, places[1].handed_over);
     TEST_ASSERT_FALSE(places[1].shown.is_shadow);
     end(&places[1]);
@@ -438,9 +438,9 @@ static void test_the_live_twin_is_dead(void) {
 /* A handover that is announced too late begins with the next tick. Both runs report it. */
 static void test_a_handover_in_the_past(void) {
     begin_both(4 * MILLISECOND);
-    stage.to = 1;
-    stage.tick = 3;
-    __atomic_store_n(&stage.handovers, 1, __ATOMIC_RELEASE);
+    handover_block.to = 1;
+    handover_block.tick = 3;
+    __atomic_store_n(&handover_block.handovers, 1, __ATOMIC_RELEASE);
     live_until_handed_over(&places[0], 1);
     live_until_handed_over(&places[1], 1); /* may have to catch up first */
     live_until_tick(&places[1], places[1].shown.tick + 20);
@@ -456,16 +456,16 @@ static void test_a_handover_in_the_past(void) {
 
 /* A cycle ignores handovers from before its start, and handovers to its own slot. */
 static void test_handovers_that_are_ignored(void) {
-    stage.handovers = 4;
-    stage.to = 1;
-    stage.tick = 12;
+    handover_block.handovers = 4;
+    handover_block.to = 1;
+    handover_block.tick = 12;
     live_on(MILLISECOND);
     start(&places[0], 4 * MILLISECOND, false, 0);
     live_until_tick(&places[0], 30);
     TEST_ASSERT_FALSE(places[0].shown.is_shadow);
     TEST_ASSERT_EQUAL_UINT32(0, places[0].handed_over);
-    stage.to = 0;
-    __atomic_store_n(&stage.handovers, 5, __ATOMIC_RELEASE);
+    handover_block.to = 0;
+    __atomic_store_n(&handover_block.handovers, 5, __ATOMIC_RELEASE);
     live_until_tick(&places[0], 50);
     TEST_ASSERT_FALSE(places[0].shown.is_shadow);
     TEST_ASSERT_EQUAL_UINT32(5, places[0].handed_over);
@@ -473,15 +473,15 @@ static void test_handovers_that_are_ignored(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(places[0].database, "SELECT count(*) FROM runs"));
 }
 
-static void tell_tuning(place *self, double tolerance) {
+static void tell_tuning(slot_index *self, double tolerance) {
     tl_live_tuning_head head = {.size = (uint32_t)strlen(OTHER)};
     tl_live_tuning_answer heard;
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     memcpy(head.hash, self->hash, sizeof head.hash);
     tl_config_tuning(&self->twin.assembly.config, &head.tuning);
     head.tuning.match[0].tolerance = tolerance;
-    uint32_t told = tl_live_tuning_write(&self->tuning, &head, OTHER);
-    while (!tl_live_tuning_answered(&self->answer, told, &heard)) {
+    uint32_t was_reported = tl_live_tuning_write(&self->tuning, &head, OTHER);
+    while (!tl_live_tuning_answered(&self->answer, was_reported, &heard)) {
         TEST_ASSERT_TRUE(tl_clock_now(NULL) < until);
         live_on(MILLISECOND);
     }

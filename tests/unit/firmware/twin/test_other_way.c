@@ -21,7 +21,7 @@ static tl_twin_job order;
 static tl_component_methods checked;
 static tl_other_method found[TL_RECORDER_COMPONENTS];
 static tl_error error;
-static char told[TL_OTHER_METHOD_TEXT];
+static char was_reported[TL_OTHER_METHOD_TEXT];
 
 void setUp(void) {
     tl_report report = {0};
@@ -88,8 +88,8 @@ static void test_no_process(void) {
 /* ---- report ---- */
 
 static void expect_told(const tl_other_method *other, const char *parts) {
-    tl_other_method_describe(other, told);
-    TL_EXPECT_PARTS(parts, told);
+    tl_other_method_describe(other, was_reported);
+    TL_EXPECT_PARTS(parts, was_reported);
 }
 
 static void test_report_of_each_result(void) {
@@ -103,10 +103,10 @@ static void test_report_of_each_result(void) {
     expect_told(&other, "60 steps|\"rollback\": \"replay\"");
     other = (tl_other_method){.kind = TL_OTHER_METHOD_NONE};
     expect_told(&other, "cannot");
-    TEST_ASSERT_NULL(strstr(told, "\"rollback\""));
+    TEST_ASSERT_NULL(strstr(was_reported, "\"rollback\""));
     other = (tl_other_method){.kind = TL_OTHER_METHOD_UNKNOWN, .text = "cause 17"};
     expect_told(&other, "not|cause 17");
-    TEST_ASSERT_NULL(strstr(told, "\"rollback\""));
+    TEST_ASSERT_NULL(strstr(was_reported, "\"rollback\""));
 }
 
 /* The longest report fits. */
@@ -117,9 +117,9 @@ static void test_reports_are_not_cut(void) {
                                       .save = INT64_MAX / 2,
                                       .restore = INT64_MAX / 2,
                                       .bytes = UINT64_MAX};
-    tl_other_method_describe(&other, told);
-    TL_EXPECT_PARTS("17592186044416.0 MiB|\"rollback\": \"memory\"", told);
-    TEST_ASSERT_LESS_THAN_size_t(sizeof told - 1, strlen(told));
+    tl_other_method_describe(&other, was_reported);
+    TL_EXPECT_PARTS("17592186044416.0 MiB|\"rollback\": \"memory\"", was_reported);
+    TEST_ASSERT_LESS_THAN_size_t(sizeof was_reported - 1, strlen(was_reported));
 }
 
 int main(int argc, char **argv) {

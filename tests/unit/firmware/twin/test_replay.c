@@ -145,14 +145,15 @@ static void run_live(void) {
 
 static void run_again(void) {
     static tl_account account;
-    static tl_lock_monitor judge;
+    static tl_lock_monitor lock_monitor;
     static tl_journal journal;
     static tl_watch watch;
-    tl_replay replay = {.config = &assembly.config, .account = &account, .watch = &watch, .judge = &judge};
+    tl_replay replay = {
+        .config = &assembly.config, .account = &account, .watch = &watch, .lock_monitor = &lock_monitor};
     tl_summary summary;
     open_run(again_path);
     tl_twin_child *child = tl_test_start_twin(&assembly.config, TL_TELLS_COUNTS, &account);
-    tl_lock_monitor_init(&judge, &assembly.config, &account);
+    tl_lock_monitor_init(&lock_monitor, &assembly.config, &account);
     tl_journal_init(&journal, NULL);
     tl_watch_init(&watch, &assembly.config, &journal);
     expect_ok(tl_recording_open(live_path, &assembly.config, &replay.recording, &error));

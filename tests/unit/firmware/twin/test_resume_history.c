@@ -30,7 +30,7 @@ static tl_resume_history *history;
 static unsigned char *image;
 static tl_resume resume;
 static tl_error error;
-static char told[TOLD][TL_RESUME_TEXT];
+static char was_reported[TOLD][TL_RESUME_TEXT];
 static tl_severity severities[TOLD];
 static size_t told_count;
 
@@ -106,11 +106,11 @@ static void make(tl_pairing measurements) {
 
 /* ---- search ---- */
 
-static void hear(void *context, tl_severity severity, const char *text) {
+static void on_event(void *context, tl_severity severity, const char *text) {
     TEST_ASSERT_EQUAL_PTR(&course, context);
     TEST_ASSERT_LESS_THAN_size_t(TOLD, told_count);
     severities[told_count] = severity;
-    (void)snprintf(told[told_count++], TL_RESUME_TEXT, "%s", text);
+    (void)snprintf(was_reported[told_count++], TL_RESUME_TEXT, "%s", text);
 }
 
 static void open_history(void) {
@@ -124,7 +124,7 @@ static void open_history(void) {
         .fmus = fmus,
         .boot = boot,
         .components = course.account.components,
-        .tell = hear,
+        .tell = on_event,
         .context = &course,
     };
     history = tl_resume_history_open(&settings);
@@ -147,8 +147,8 @@ static bool next(void) {
 }
 
 static void expect_told(size_t count, tl_severity severity, const char *parts) {
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, told[0]);
-    TL_EXPECT_PARTS(parts, told[count - 1]);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, was_reported[0]);
+    TL_EXPECT_PARTS(parts, was_reported[count - 1]);
     TEST_ASSERT_EQUAL_INT(severity, severities[count - 1]);
 }
 
@@ -166,7 +166,7 @@ static void follow(tl_resume_outcome wanted) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = hear, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     tl_course_read(&course);
     TEST_ASSERT_EQUAL_INT(wanted, outcome);
@@ -270,8 +270,8 @@ static void test_unusable_checkpoints(void) {
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_size_t(2, told_count);
-    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|damaged", told[0]);
-    TL_EXPECT_PARTS("checkpoint|tick 60|run 1|version", told[1]);
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|damaged", was_reported[0]);
+    TL_EXPECT_PARTS("checkpoint|tick 60|run 1|version", was_reported[1]);
     close_history();
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(0), sha256 ="
                          " 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'");
@@ -280,7 +280,7 @@ static void test_unusable_checkpoints(void) {
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     expect_told(2, TL_EVENT_WARNING, "tick 60|version");
-    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|empty", told[0]);
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|empty", was_reported[0]);
 }
 
 /* The FMU fails with the damaged inputs, so the resume fails and a new run begins. */
@@ -292,7 +292,7 @@ static void test_inputs_with_which_an_fmu_fails(void) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FOLLOWED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = hear, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_RESUME_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);
@@ -323,7 +323,7 @@ static void expect_none(const char *statements, tl_severity severity, const char
         TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, told_count, parts);
     }
     expect_told(1, severity, parts);
-    expect_nouns(parts, told[0]);
+    expect_nouns(parts, was_reported[0]);
     close_history();
     tl_kept_file_write(&whole, path);
     tl_kept_file_free(&whole);
@@ -351,7 +351,7 @@ static void test_why_no_resume_point_is_found(void) {
     expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "FMU|run 1");
     expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "run 1|boot ID");
     expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO, "run 1|record.resume_s");
-    TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(told[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(was_reported[0]));
     expect_none("UPDATE beginnings SET start_ns = start_ns + 4000000000000", TL_EVENT_INFO, "clock|run 1");
     expect_none("DELETE FROM checkpoints; DELETE FROM main.samples WHERE tick = 140", TL_EVENT_INFO,
                 "run 1|checkpoint|FMU|ticks");

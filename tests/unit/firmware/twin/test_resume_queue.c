@@ -28,7 +28,7 @@ static tl_record_queue queue; /* of the live twin */
 static tl_resume_queue *left;
 static tl_resume resume;
 static tl_error error;
-static char told[TOLD][TL_RESUME_TEXT];
+static char was_reported[TOLD][TL_RESUME_TEXT];
 static tl_severity severities[TOLD];
 static size_t told_count;
 
@@ -130,20 +130,20 @@ static void make(tl_pairing measurements) {
 
 /* ---- search ---- */
 
-static void hear(void *context, tl_severity severity, const char *text) {
+static void on_event(void *context, tl_severity severity, const char *text) {
     TEST_ASSERT_EQUAL_PTR(&course, context);
     TEST_ASSERT_LESS_THAN_size_t(TOLD, told_count);
     severities[told_count] = severity;
-    (void)snprintf(told[told_count++], TL_RESUME_TEXT, "%s", text);
+    (void)snprintf(was_reported[told_count++], TL_RESUME_TEXT, "%s", text);
 }
 
 static void look(void) {
     close_left();
-    left = tl_resume_queue_open(&queue, &course.assembly, hear, &course);
+    left = tl_resume_queue_open(&queue, &course.assembly, on_event, &course);
 }
 
 static void expect_past(tl_resumed_from from, int64_t first, int64_t last) {
-    TEST_ASSERT_TRUE_MESSAGE(tl_resume_queue_next(left, &resume), told_count > 0 ? told[told_count - 1] : "");
+    TEST_ASSERT_TRUE_MESSAGE(tl_resume_queue_next(left, &resume), told_count > 0 ? was_reported[told_count - 1] : "");
     TEST_ASSERT_EQUAL_INT(from, resume.from);
     TEST_ASSERT_EQUAL_INT64(TL_RESUME_UNNUMBERED, resume.run);
     TEST_ASSERT_EQUAL_INT64(first, resume.first);
@@ -153,8 +153,8 @@ static void expect_past(tl_resumed_from from, int64_t first, int64_t last) {
 }
 
 static void expect_told(size_t count, tl_severity severity, const char *parts) {
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, told[0]);
-    TL_EXPECT_PARTS(parts, told[count - 1]);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, was_reported[0]);
+    TL_EXPECT_PARTS(parts, was_reported[count - 1]);
     TEST_ASSERT_EQUAL_INT(severity, severities[count - 1]);
 }
 
@@ -172,7 +172,7 @@ static tl_resume_outcome follow_into(tl_record_queue *into) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings following = {
-        .assembly = &course.assembly, .queue = into, .tell = hear, .context = &course};
+        .assembly = &course.assembly, .queue = into, .tell = on_event, .context = &course};
     expect_ok(tl_resume_follow(&following, &resume, &summary, &outcome, &error));
     course.next = resume.last + 1;
     return outcome;
@@ -278,8 +278,8 @@ static void test_older_resume_points(void) {
 /* The newest checkpoint is damaged; the other one leads to the same tick. */
 static void test_a_damaged_checkpoint(void) {
     make(TL_LAG);
-    tl_record_queue_left newest;
-    TEST_ASSERT_TRUE(tl_record_queue_checkpoint_left(&queue, 0, &newest));
+    tl_record_queue_saved newest;
+    TEST_ASSERT_TRUE(tl_record_queue_saved_checkpoint(&queue, 0, &newest));
     memory[newest.bytes - memory + 50] ^= 1;
     be_born();
     look();
@@ -574,7 +574,7 @@ static void test_killed_at_any_moment(void) {
         TEST_ASSERT_TRUE(child >= 0);
         if (child == 0) {
             be_born();
-            left = tl_resume_queue_open(&queue, &course.assembly, hear, &course);
+            left = tl_resume_queue_open(&queue, &course.assembly, on_event, &course);
             if (tl_resume_queue_next(left, &resume)) {
                 go_on();
             } else {

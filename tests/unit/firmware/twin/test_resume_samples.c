@@ -128,7 +128,7 @@ static void test_up_to_a_gap(void) {
 static void handover(int64_t taken_over_at) {
     static tl_record_queue_start start;
     tl_course_search(&run.course, HANDOVER - 1, &run.box.queue);
-    TEST_ASSERT_TRUE(tl_record_queue_put_end(&run.box.queue, TL_LIVE_TAKEN_OVER));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&run.box.queue, TL_LIVE_HANDED_OVER));
     tl_account_take(run.course.assembly.twin, &start.account);
     start.resumption = (tl_resumption){
         .from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = taken_over_at, .start = run.course.start, .started = 1000};

@@ -278,7 +278,7 @@ static void give(int64_t number, bool last) {
     tick.sample.instant = number * config.step;
     tick.sample.stamps[0] = tick.sample.instant;
     tick.sample.stamps[1] = tick.sample.instant;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_child_give(child, &tick, last, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_child_enqueue(child, &tick, last, &error));
 }
 
 static void take(int64_t number, unsigned wanted) {
@@ -386,7 +386,7 @@ static void test_a_pair(void) {
 
 static void test_ways(void) {
     tl_twin_outcome tried;
-    order.task = TL_TASK_WAYS;
+    order.task = TL_TASK_METHODS;
     order.rollback[1] = TL_ROLLBACK_REPLAY;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
@@ -620,7 +620,7 @@ static void test_what_it_prints(void) {
 
 static void test_invalid_ways(void) {
     tl_twin_outcome tried;
-    order.task = TL_TASK_WAYS;
+    order.task = TL_TASK_METHODS;
     start_liar("ways that are none", 0, TL_OK);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
     TEST_ASSERT_EQUAL_STRING("", error.text);

@@ -133,7 +133,7 @@ static void expect_tally(tally found, int64_t steps, int64_t records, int64_t la
     bool end = false;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error)); /* it stays at its end */
     TEST_ASSERT_TRUE(end);
-    TEST_ASSERT_NULL(tl_twin_feed_look(feed));
+    TEST_ASSERT_NULL(tl_twin_feed_poll(feed));
 }
 
 /* ---- modes ---- */
@@ -239,7 +239,7 @@ static void test_looking_takes_nothing(void) {
     open_feed(false, true);
     for (int64_t tick = 0; tick < SOME; tick++) {
         for (int i = 0; i < 3; i++) {
-            const tl_recording_tick *next = tl_twin_feed_look(feed);
+            const tl_recording_tick *next = tl_twin_feed_poll(feed);
             TEST_ASSERT_NOT_NULL(next);
             TEST_ASSERT_EQUAL_INT64(tick, next->sample.tick);
         }
@@ -247,7 +247,7 @@ static void test_looking_takes_nothing(void) {
         TEST_ASSERT_FALSE(end);
         TEST_ASSERT_EQUAL_INT64(tick, fed.tick->sample.tick);
     }
-    TEST_ASSERT_NULL(tl_twin_feed_look(feed));
+    TEST_ASSERT_NULL(tl_twin_feed_poll(feed));
 }
 
 static void test_stopped_it_gives_no_more(void) {
@@ -258,10 +258,10 @@ static void test_stopped_it_gives_no_more(void) {
     for (int i = 0; i < SOME; i++) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error));
     }
-    TEST_ASSERT_NOT_NULL(tl_twin_feed_look(feed)); /* read already, and yet not given */
+    TEST_ASSERT_NOT_NULL(tl_twin_feed_poll(feed)); /* read already, and yet not given */
     tl_twin_feed_stop(feed);
     tl_twin_feed_stop(feed);
-    TEST_ASSERT_NULL(tl_twin_feed_look(feed));
+    TEST_ASSERT_NULL(tl_twin_feed_poll(feed));
     expect_tally((tally){.steps = SOME}, SOME, 0, 0);
 }
 

@@ -52,8 +52,8 @@ static void expect_order(void) {
     TEST_ASSERT_FALSE(job.unconfined);
 }
 
-static bool lies_in_block(const void *place) {
-    uintptr_t at = (uintptr_t)place;
+static bool lies_in_block(const void *slot_index) {
+    uintptr_t at = (uintptr_t)slot_index;
     return at >= (uintptr_t)block.bytes && at <= (uintptr_t)block.bytes + block.size;
 }
 

@@ -9,10 +9,10 @@
 #include "firmware/twin/assembly.h"
 #include "tests/support/scratch.h"
 
-enum { MANY = 2 * TL_TWIN_PLACES + 44 };
+enum { MANY = 2 * TL_TWIN_READABLE + 44 };
 
 static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH",
-                                        "PYTHONHOME",      "PATH",       TL_TWIN_PLACES_HOME};
+                                        "PYTHONHOME",      "PATH",       TL_TWIN_READABLE_HOME};
 enum { VARIABLES = sizeof variables / sizeof variables[0], LISTS = 3 };
 
 static tl_scratch scratch;
@@ -20,7 +20,7 @@ static char root[PATH_MAX]; /* of all that the tests make, without links */
 static tl_config_component component;
 static tl_assembly_file found;
 static tl_assembly assembly;
-static tl_twin_places places;
+static tl_readable_paths places;
 
 void setUp(void) {
     component = (tl_config_component){.name = "motor"};
@@ -32,7 +32,7 @@ void setUp(void) {
 }
 
 void tearDown(void) {
-    tl_twin_places_free(&places);
+    tl_readable_paths_free(&places);
 }
 
 /* Of what is below the root; four at a time. */
@@ -88,7 +88,7 @@ static void remove_tree(void) {
 
 /* Just these, in that order; NULL ends them. */
 static void expect_places(const char *const *expected) {
-    tl_twin_places_find(&assembly, &places);
+    tl_readable_paths_find(&assembly, &places);
     size_t count = 0;
     for (; expected[count] != NULL; count++) {
         TEST_ASSERT_LESS_THAN_size_t(places.count, count);
@@ -146,7 +146,7 @@ static void test_folders_in_variables(void) {
         TEST_ASSERT_EQUAL_INT(0, chdir(root)); /* so that "data" could be found */
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
         expect_places((const char *const[]){in_root("data"), in_root("lib"), NULL});
-        tl_twin_places_free(&places);
+        tl_readable_paths_free(&places);
         TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
     }
 }
@@ -172,11 +172,11 @@ static void test_never_a_home(void) {
     char list[4 * PATH_MAX];
     (void)snprintf(list, sizeof list, "%s:%s:%s:%s:/tmp:/var/", root, in_root("venv"), in_root("venv/lib/.."),
                    in_root("venv/lib"));
-    TEST_ASSERT_EQUAL_INT(0, setenv(TL_TWIN_PLACES_HOME, in_root("venv"), 1));
+    TEST_ASSERT_EQUAL_INT(0, setenv(TL_TWIN_READABLE_HOME, in_root("venv"), 1));
     for (size_t i = 0; i < LISTS; i++) {
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
         expect_places((const char *const[]){in_root("venv/lib"), NULL});
-        tl_twin_places_free(&places);
+        tl_readable_paths_free(&places);
         TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
     }
 }
@@ -213,12 +213,12 @@ static void test_more_than_there_is_room_for(void) {
     }
     component.reads = reads;
     component.read_count = 20;
-    tl_twin_places_find(&assembly, &places);
+    tl_readable_paths_find(&assembly, &places);
     TEST_ASSERT_EQUAL_size_t(10, places.count);
-    tl_twin_places_free(&places);
+    tl_readable_paths_free(&places);
     component.read_count = MANY;
-    tl_twin_places_find(&assembly, &places);
-    TEST_ASSERT_EQUAL_size_t(TL_TWIN_PLACES, places.count);
+    tl_readable_paths_find(&assembly, &places);
+    TEST_ASSERT_EQUAL_size_t(TL_TWIN_READABLE, places.count);
     for (size_t i = 0; i < MANY; i += 2) {
         (void)unlink(in_root(names[i]));
     }
@@ -228,8 +228,8 @@ static void test_freed_it_is_empty(void) {
     tl_config_name reads[] = {{.name = "data"}};
     component.reads = reads;
     component.read_count = 1;
-    tl_twin_places_find(&assembly, &places);
-    tl_twin_places_free(&places);
+    tl_readable_paths_find(&assembly, &places);
+    tl_readable_paths_free(&places);
     TEST_ASSERT_EQUAL_size_t(0, places.count);
 }
 

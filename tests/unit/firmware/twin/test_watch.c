@@ -44,43 +44,43 @@ void tearDown(void) {}
 static char *told_lines(size_t count) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     tl_journal_drain(&journal);
-    char *told = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(told);
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(told), told);
-    return told;
+    char *was_reported = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(was_reported);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, tl_test_count_lines(was_reported), was_reported);
+    return was_reported;
 }
 
 static void expect_nothing(void) {
-    char *told = told_lines(0);
-    TEST_ASSERT_EQUAL_STRING("", told);
-    free(told);
+    char *was_reported = told_lines(0);
+    TEST_ASSERT_EQUAL_STRING("", was_reported);
+    free(was_reported);
 }
 
 /* One line with these parts was logged since the last call. */
 static void expect_told(const char *parts) {
-    char *told = told_lines(1);
-    TL_EXPECT_PARTS(parts, told);
-    free(told);
+    char *was_reported = told_lines(1);
+    TL_EXPECT_PARTS(parts, was_reported);
+    free(was_reported);
 }
 
 /* The same with two lines. */
 static void expect_two_told(const char *first_parts, const char *second_parts) {
-    char *told = told_lines(2);
-    char *second = strchr(told, '\n') + 1;
+    char *was_reported = told_lines(2);
+    char *second = strchr(was_reported, '\n') + 1;
     second[-1] = '\0';
-    TL_EXPECT_PARTS(first_parts, told);
+    TL_EXPECT_PARTS(first_parts, was_reported);
     TL_EXPECT_PARTS(second_parts, second);
-    free(told);
+    free(was_reported);
 }
 
 /* One line, which names the value `from` before the value `to`. */
 static void expect_told_change(const char *parts, const char *from, const char *to) {
-    char *told = told_lines(1);
-    TL_EXPECT_PARTS(parts, told);
-    TL_EXPECT_PARTS(from, told);
-    TL_EXPECT_PARTS(to, told);
-    TEST_ASSERT_TRUE_MESSAGE(strstr(told, from) < strstr(told, to), told);
-    free(told);
+    char *was_reported = told_lines(1);
+    TL_EXPECT_PARTS(parts, was_reported);
+    TL_EXPECT_PARTS(from, was_reported);
+    TL_EXPECT_PARTS(to, was_reported);
+    TEST_ASSERT_TRUE_MESSAGE(strstr(was_reported, from) < strstr(was_reported, to), was_reported);
+    free(was_reported);
 }
 
 static void see(tl_quality torque, tl_quality omega) {
@@ -284,7 +284,7 @@ static void test_free_running(void) {
 static void test_the_state_of_the_lock(void) {
     static const struct {
         tl_lock_state state;
-        const char *told;
+        const char *was_reported;
     } cases[] = {
         {TL_LOCK_FREE, "warning|lock|free|cause 17"},         {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
         {TL_LOCK_TRACKING, "warning|lock|tracking|cause 17"}, {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
@@ -293,7 +293,7 @@ static void test_the_state_of_the_lock(void) {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         const tl_lock_change change = {.to = cases[i].state, .cause = "cause 17"};
         tl_watch_lock(&watch, 5, &change);
-        expect_told(cases[i].told);
+        expect_told(cases[i].was_reported);
     }
 }
 

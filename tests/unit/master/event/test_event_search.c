@@ -42,7 +42,7 @@ static void try(double u) {
                          : late < 0.0            ? TL_EVENT_EARLY
                          : late > 0.0            ? TL_EVENT_LATE
                                                  : TL_EVENT_EXACT;
-    tl_event_search_tell(&search, u, fabs(late), side);
+    tl_event_search_report(&search, u, fabs(late), side);
 }
 
 /* The whole search; the best u. */
@@ -141,7 +141,7 @@ static void a_trial_that_fails_is_passed_by(void) {
     try(0.01);
     for (int i = 0; i < 30 && tl_event_search_next(&search, &u); i++) {
         if (u > 0.03) {
-            tl_event_search_tell(&search, u, HUGE_VAL, TL_EVENT_UNKNOWN);
+            tl_event_search_report(&search, u, HUGE_VAL, TL_EVENT_UNKNOWN);
         } else {
             try(u);
         }

@@ -110,7 +110,7 @@ static void a_bad_value_is_held_and_its_quality_stays(void) {
 }
 
 static void before_any_good_value_the_initial_one_is_held(void) {
-    tl_plant_hold(&plant, REAL_SIGNAL, 42.0);
+    tl_plant_set_initial(&plant, REAL_SIGNAL, 42.0);
     push(0, 0.0, TL_NO_LINK);
     tl_plant_deliver(&plant, 0);
     TEST_ASSERT_EQUAL_DOUBLE(42.0, real);

@@ -31,7 +31,7 @@ static struct ways {
     bool sees_final; /* y depends on the final flag of a step */
     int kept, preferred, given_up;
     tl_fmi2_times times;
-    fmi2FMUstate aside, beginning;
+    fmi2FMUstate full_copy, beginning;
     char why[120];
     tl_fmi2 own;
 } ways;
@@ -59,12 +59,12 @@ static fmi2Status restore(fmi2Component instance, fmi2FMUstate state) {
 static fmi2Status keep(fmi2Component instance) {
     ways.kept++;
     now += ways.by_copy;
-    return ways.own.get_fmu_state(instance, &ways.aside);
+    return ways.own.get_fmu_state(instance, &ways.full_copy);
 }
 
 static fmi2Status come_back(fmi2Component instance) {
     now += ways.by_copy;
-    return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.aside);
+    return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.full_copy);
 }
 
 /* Switches to the other method. */
@@ -74,15 +74,15 @@ static fmi2Status give_up_states(fmi2Component instance, const char *why) {
     if (ways.refuses) {
         return fmi2Error;
     }
-    fmi2FMUstate beginning = ways.is_by_copy ? ways.beginning : ways.aside;
+    fmi2FMUstate beginning = ways.is_by_copy ? ways.beginning : ways.full_copy;
     ways.is_by_copy = !ways.is_by_copy;
     fmu.functions.is_unaware = ways.is_by_copy;
     return ways.own.set_fmu_state(instance, beginning);
 }
 
 static void let_go(fmi2Component instance) {
-    if (ways.aside != NULL) {
-        (void)ways.own.free_fmu_state(instance, &ways.aside);
+    if (ways.full_copy != NULL) {
+        (void)ways.own.free_fmu_state(instance, &ways.full_copy);
     }
     if (ways.beginning != NULL) {
         (void)ways.own.free_fmu_state(instance, &ways.beginning);
@@ -123,7 +123,7 @@ static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times
     return ways.own.get_fmu_state(instance, &ways.beginning);
 }
 
-static const tl_fmi2_fallback aside = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
+static const tl_fmi2_fallback full_copy = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
 
 /* ---- a twin with one FMU ---- */
 
@@ -136,7 +136,7 @@ void setUp(void) {
     fmu.functions.set_fmu_state = restore;
     fmu.functions.do_step = do_step;
     fmu.functions.get_real = get_real;
-    fmu.functions.aside = &aside;
+    fmu.functions.full_copy = &full_copy;
     fmu.control.clock = &now;
     fmu.control.cost = STEP;
     (void)tl_test_plan_component(&plan, "motor", &fmu);
@@ -275,7 +275,7 @@ static fmi2Status keep_and_count(fmi2Component instance) {
 static void find_steps_until_timed(void) {
     static const tl_fmi2_fallback counting = {keep_and_count, come_back,  give_up_states, let_go,
                                               size,           has_choice, prefer_copy};
-    fmu.functions.aside = &counting;
+    fmu.functions.full_copy = &counting;
     lead(with);
     steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last round begins with a copy */
     tearDown();

@@ -64,10 +64,10 @@ static void build(size_t count, uint32_t prediction, int64_t dwell) {
 }
 
 /* Bits of the plant and of what it is told. */
-static const tl_record *tick(unsigned real, unsigned told) {
+static const tl_record *tick(unsigned real, unsigned was_reported) {
     for (size_t i = 0; i < switches; i++) {
         run.sample.values[i] = (double)(real >> i & 1U);
-        run.sample.values[switches + i] = (double)(told >> i & 1U);
+        run.sample.values[switches + i] = (double)(was_reported >> i & 1U);
     }
     run.sample.values[2 * switches] = 1.0; /* which is 0 in the twin */
     return tl_test_run_tick(&run, &call_log);
@@ -91,13 +91,13 @@ static void what_is_real_is_found_whatever_is_told(void) {
         for (unsigned number = 0; number < 4096; number++) {
             unsigned all = (1U << count) - 1;
             unsigned real = (number * 5 + number / 7) & all;
-            unsigned told = (number / 3) & all;
+            unsigned was_reported = (number / 3) & all;
             unsigned before = committed(&run.record);
-            const tl_record *record = tick(real, told);
+            const tl_record *record = tick(real, was_reported);
             TEST_ASSERT_EQUAL_HEX32(real, committed(record));
             TEST_ASSERT_EQUAL_INT(real == before ? TL_FIRST_GUESS : TL_OPTIMISED, record->outcome);
             TEST_ASSERT_TRUE(record->evaluations <= 1 + count); /* the start, and each negation */
-            record = tick(real, told);
+            record = tick(real, was_reported);
             TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
             TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
         }

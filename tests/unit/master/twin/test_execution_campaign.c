@@ -161,7 +161,7 @@ static uint32_t reach_of(size_t k) {
 }
 
 /* Each step of each FMU. Only the first instance saves nothing. */
-static void hear(void *context, const tl_test_fmu *fmu, const tl_test_entry *step, uint64_t lineage) {
+static void on_event(void *context, const tl_test_fmu *fmu, const tl_test_entry *step, uint64_t lineage) {
     (void)context;
     size_t k = (size_t)(fmu - network.fmus);
     heard *ear = &ears[k];
@@ -181,7 +181,7 @@ static void hear(void *context, const tl_test_fmu *fmu, const tl_test_entry *ste
 
 static void listen(void) {
     for (size_t k = 0; k < network.count; k++) {
-        network.fmus[k].control.trace = hear;
+        network.fmus[k].control.trace = on_event;
     }
 }
 

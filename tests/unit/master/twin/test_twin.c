@@ -533,13 +533,13 @@ static void a_liar_at_rest_is_found(void) {
 }
 
 /* A second rollback method that restores exactly. It uses the states of the test FMU. */
-typedef struct aside {
+typedef struct full_copy {
     fmi2FMUstate kept;
     int given_up, let_go;
     char why[120];
-} aside;
+} full_copy;
 
-static aside asides[3];
+static full_copy asides[3];
 
 static size_t fmu_of(fmi2Component instance) {
     for (size_t i = 0; i < 3; i++) {
@@ -600,7 +600,7 @@ static tl_record first_step(bool lies) {
     memset(asides, 0, sizeof asides);
     for (size_t i = 0; i < 3; i++) {
         tl_test_fmu_variable(&fmus[i], "lag")->start.real = 0.5;
-        fmus[i].functions.aside = &other_way;
+        fmus[i].functions.full_copy = &other_way;
     }
     fmus[0].control.state_lies = fmus[2].control.state_lies = lies;
     tl_test_run_build(&run, &plan);
