@@ -27,8 +27,7 @@ typedef struct tl_plant_io_sink {
      * once if a part of it recovers, with `up` unchanged. */
     void (*link)(void *context, bool up, const char *text);
     /* Reports once that a part fails while the link is up (one unit answers with an exception, a
-     * row
-     * is malformed): a person should act. NULL: link() is called, with `up` true. */
+     * row is malformed): a person should act. NULL: link() is called, with `up` true. */
     void (*part_failed)(void *context, const char *text);
     void *context;
 } tl_plant_io_sink;

@@ -1,10 +1,9 @@
 /* The FMU thread: it makes all calls of the FMUs, from loading to freeing.
  *
  * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. The data
- *          that an FMU
- *          keeps in thread-local variables or in an interpreter's thread state must be there in its
- *          next call. FMUs also expect the stack that they were tested with: TL_FMU_THREAD_STACK,
- *          the usual size of a main thread.
+ *          that an FMU keeps in thread-local variables or in an interpreter's thread state must be
+ *          there in its next call. FMUs also expect the stack that they were tested with:
+ *          TL_FMU_THREAD_STACK, the usual size of a main thread.
  * Jobs:    the thread executes one job after the other. While it waits, the caller checks how long
  *          the current FMU call lasts, unless another process does.
  * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.

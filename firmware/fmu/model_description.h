@@ -16,8 +16,7 @@
 /* ---- XML attribute texts to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
  *
  * Purpose: converts strictly. White space around a value is allowed, as XML Schema says; any other
- *          extra
- *          character is an error.
+ *          extra character is an error.
  * Errors:  returns false and leaves *value unchanged.
  * Thread:  any, after tl_locale_use() (os.h): the locale must have a decimal point.
  */

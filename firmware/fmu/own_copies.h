@@ -100,8 +100,7 @@ tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index);
  *          references to it.
  * Shared:  linkers store one text for several names, and one name may begin inside another. So
  *          after renaming, the function reads all names of the file again: each must be unchanged
- *          or have
- *          its new value.
+ *          or have its new value.
  * Trust:   the file is untrusted, see above.
  * Thread:  one at a time for each file.
  */
@@ -124,10 +123,9 @@ typedef enum tl_elf_outcome {
 tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *renames, size_t count);
 
 /* Changes symbols that are unique in the process (STB_GNU_UNIQUE) to STB_GLOBAL (C++ uses the
- * former for
- * static variables of templates and inline functions). Symbols of the C++ standard library stay
- * unique: that library is shared, and some of its symbols are compared by address. Returns the
- * number of changed symbols. */
+ * former for static variables of templates and inline functions). Symbols of the C++ standard
+ * library stay unique: that library is shared, and some of its symbols are compared by address.
+ * Returns the number of changed symbols. */
 size_t tl_elf_part_unique(tl_elf_file *file);
 
 /* Returns true if the library may open other libraries at run time. */

@@ -19,7 +19,7 @@
 /* Process titles begin with these. */
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
-#define TL_LIVE_CONFIG_MANAGER "activator"
+#define TL_LIVE_CONFIG_MANAGER "config manager"
 #define TL_LIVE_TWIN "twin"
 #define TL_LIVE_TWIN_SHADOW "twin, shadow" /* title changes at a handover; space for that: */
 #define TL_LIVE_TWIN_ROOM "        "

@@ -260,7 +260,7 @@ static pid_t begin_member(void *context, tl_member which, const tl_start *start,
         return pid;
     case TL_MEMBER_IO:
         return start_plain(self, TL_LIVE_IS_IO, handover_words(self)->slot_index, error);
-    case TL_MEMBER_ACTIVATOR:
+    case TL_MEMBER_CONFIG_MANAGER:
         self->was_manager_started = true;
         for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
             memcpy(self->job.hash[i], self->slots[i].hash, sizeof self->job.hash[i]);
@@ -421,7 +421,7 @@ static void poll_orders(void *context, bool ends, tl_orders *orders) {
     }
     update_priority(self);
     orders->end = __atomic_load_n(&manager_status(self)->restart, __ATOMIC_ACQUIRE) != 0;
-    orders->activator =
+    orders->config_manager =
         self->listener >= 0 && (!self->was_manager_started || tl_control_has_connection(self->listener));
     if (orders->end && !ends) {
         self->again = true;
@@ -542,7 +542,7 @@ static int run_members(tl_process_tree *self) {
                   [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
                   [TL_MEMBER_TWIN] = &self->slots[0].pulse->beats,
                   [TL_MEMBER_SHADOW] = &self->slots[1].pulse->beats,
-                  [TL_MEMBER_ACTIVATOR] = &manager_status(self)->beats},
+                  [TL_MEMBER_CONFIG_MANAGER] = &manager_status(self)->beats},
         .context = self,
         .begin = begin_member,
         .ended = note_end,

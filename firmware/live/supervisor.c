@@ -137,15 +137,15 @@ static const char *const member_names[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the
                                                      [TL_MEMBER_IO] = "the plant reader",
                                                      [TL_MEMBER_TWIN] = "the twin",
                                                      [TL_MEMBER_SHADOW] = "the shadow",
-                                                     [TL_MEMBER_ACTIVATOR] = "the config manager"};
+                                                     [TL_MEMBER_CONFIG_MANAGER] = "the config manager"};
 
 /* Order of the end: the twin needs io to its end, and both pass their last data to the recorder. */
-static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
-                                                TL_MEMBER_RECORDER};
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_CONFIG_MANAGER, TL_MEMBER_TWIN,
+                                                TL_MEMBER_IO, TL_MEMBER_RECORDER};
 
 /* Members that are started on order; the run does not depend on them. */
 static bool is_ordered(tl_member which) {
-    return which == TL_MEMBER_SHADOW || which == TL_MEMBER_ACTIVATOR;
+    return which == TL_MEMBER_SHADOW || which == TL_MEMBER_CONFIG_MANAGER;
 }
 
 static member *twin_of(supervisor *self) {
@@ -421,7 +421,7 @@ static void note_end_of_shadow(supervisor *self) {
 
 /* The next config manager finishes its work. */
 static void note_end_of_manager(supervisor *self, tl_time now) {
-    member *ended = self->members[TL_MEMBER_ACTIVATOR];
+    member *ended = self->members[TL_MEMBER_CONFIG_MANAGER];
     char reason[TL_RESTARTS_REASON];
     bool is_orderly = tl_child_ended_as_asked(&ended->child) && ended->child.end.code == 0;
     tl_child_describe(&ended->child, reason);
@@ -430,7 +430,7 @@ static void note_end_of_manager(supervisor *self, tl_time now) {
     ended->failures = is_orderly ? 0 : ended->failures + 1;
     if (!is_orderly && !self->is_ending) {
         begin_pause(ended, now, pause_after(ended->failures + 1));
-        count_failure(self, TL_MEMBER_ACTIVATOR, now, reason);
+        count_failure(self, TL_MEMBER_CONFIG_MANAGER, now, reason);
     }
 }
 
@@ -653,7 +653,7 @@ static void monitor_member(supervisor *self, tl_member which, tl_time now, tl_ti
             monitor_running(self, which, now, passed);
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
-        } else if (which == TL_MEMBER_ACTIVATOR) {
+        } else if (which == TL_MEMBER_CONFIG_MANAGER) {
             note_end_of_manager(self, now);
         } else {
             self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
@@ -669,7 +669,7 @@ static bool continue_end(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
         member *next = self->members[end_order[i]];
         if (next->state == ABSENT ||
-            (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == RUNNING && next->child.killed)) {
+            (end_order[i] == TL_MEMBER_CONFIG_MANAGER && next->state == RUNNING && next->child.killed)) {
             continue;
         }
         /* A recorder that has just started would be killed by the signal, and there is data to
@@ -746,7 +746,7 @@ static void poll_orders(supervisor *self, tl_time now) {
         swap_twins(self, now);
     }
     update_ordered(self, TL_MEMBER_SHADOW, orders.shadow, now);
-    update_ordered(self, TL_MEMBER_ACTIVATOR, orders.activator, now);
+    update_ordered(self, TL_MEMBER_CONFIG_MANAGER, orders.config_manager, now);
     if (orders.recorder) {
         change_recorder(self, now);
     }

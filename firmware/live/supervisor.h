@@ -86,7 +86,7 @@ typedef enum tl_member {
     TL_MEMBER_IO,
     TL_MEMBER_TWIN,
     TL_MEMBER_SHADOW,
-    TL_MEMBER_ACTIVATOR,
+    TL_MEMBER_CONFIG_MANAGER,
     TL_MEMBERS
 } tl_member;
 
@@ -99,13 +99,13 @@ typedef enum tl_wait {
 
 /* Orders, read in each loop. An order applies while it is given; `swap` is executed each time. */
 typedef struct tl_orders {
-    bool end;       /* end all */
-    bool shadow;    /* a shadow is wanted; restarted as long as this is ordered */
-    bool activator; /* a config manager is wanted; started if there is none */
-    bool kill_twin; /* the twin is late in a swap */
-    bool swap;      /* ignored once all end */
-    bool recorder;  /* replace the recorder */
-    bool soon;      /* an event is expected: the next loop is in 2 ms */
+    bool end;            /* end all */
+    bool shadow;         /* a shadow is wanted; restarted as long as this is ordered */
+    bool config_manager; /* a config manager is wanted; started if there is none */
+    bool kill_twin;      /* the twin is late in a swap */
+    bool swap;           /* ignored once all end */
+    bool recorder;       /* replace the recorder */
+    bool soon;           /* an event is expected: the next loop is in 2 ms */
 } tl_orders;
 
 typedef struct tl_supervisor_settings {

@@ -45,8 +45,7 @@ typedef struct tl_assembly {
 
 /* Loads the FMUs and builds the twin. The configuration must be loaded; tl_assembly_open() may have
  * been called before. Logs every problem and returns the status of the first one. After a failure
- * the assembly
- * must still be freed. */
+ * the assembly must still be freed. */
 tl_status tl_assembly_build(tl_assembly *assembly);
 
 enum { TL_ASSEMBLY_NAME = 64 };

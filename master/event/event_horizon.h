@@ -70,8 +70,7 @@ void tl_event_horizon_forget(tl_event_horizon *self, size_t component);
 void tl_event_horizon_end(tl_event_horizon *self);
 
 /* As tl_synchroniser_step(), for the step that ends at the newest sample. `budget` NULL: a missed
- * tick,
- * without a search. */
+ * tick, without a search. */
 tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_budget *budget, tl_record *record,
                                 tl_error *error);
 
@@ -86,8 +85,7 @@ bool tl_event_horizon_reset(tl_event_horizon *self);
 void tl_event_horizon_abandon(tl_event_horizon *self);
 
 /* Applies a tuning after tl_synchroniser_retune(). Before the first step (`begun` is false) u is
- * nominal. A
- * search in progress restarts. */
+ * nominal. A search in progress restarts. */
 void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun);
 
 /* Archives the u in use. A stroke in progress is lost when loading. */

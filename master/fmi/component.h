@@ -132,8 +132,7 @@ tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_err
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
 /* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states
- * are
- * wrong. Returns false if there is no method for it. */
+ * are wrong. Returns false if there is no method for it. */
 bool tl_component_save_copy(tl_component *component);
 
 /* Bytes that this copy would take now; 0: not known, or there is no method. */

@@ -213,8 +213,7 @@ void tl_exchange_drop_copies(tl_exchange *exchange);
 
 /* Between steps, before macro step `step`: the rollback of a component is not exact. From now on it
  * is saved and restored by its other method (tl_fmi2_fallback), from its present state; all caches
- * are
- * emptied. *done is false if there is no such method, or not now. */
+ * are emptied. *done is false if there is no such method, or not now. */
 tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
                                      tl_error *error);
 

@@ -39,10 +39,9 @@
  *          These are averages over minutes. If the recent average differs by more than three
  *          standard errors, the older one is dropped.
  * Verdict: over the last TL_FREE_RUN_CHECK_TRIALS trials and the known noise: u rests at nominal if
- *          the
- *          harm is above zero by 1.5 standard errors. It rests until the resting twin is further
- *          off than a locked one would be: by the same margin over these trials, or by a large one
- *          at once.
+ *          the harm is above zero by 1.5 standard errors. It rests until the resting twin is
+ *          further off than a locked one would be: by the same margin over these trials, or by a
+ *          large one at once.
  * Bounded: an error counts as 3 tolerances at most, so that no outlier decides.
  * Source:  not the dissertation: the covariance penalty of statistics, and the correlation of
  *          innovations that adaptive filters use.

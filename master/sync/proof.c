@@ -125,9 +125,8 @@ static tl_status choose_faster(speed_test *self, bool *taken) {
 }
 
 /* During a proof (tl_exchange_keep_copies()), with all components at the start of step `first`,
- * proved by
- * their states, and with no other states than those of tl_exchange_save(): decides for each
- * component that has a choice. `now`: ns. *taken: at least one uses a copy. All are where they
+ * proved by their states, and with no other states than those of tl_exchange_save(): decides for
+ * each component that has a choice. `now`: ns. *taken: at least one uses a copy. All are where they
  * were, and saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored, and
  * *culprit is its index. */
 static tl_status tl_rollback_choose_faster(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),

@@ -22,8 +22,7 @@
  *          memory takes, for example because they rebuild a solver. A search does little else. So
  *          both are measured in repeated rounds of save, step and restore.
  * Choice:  a copy, if a round by states takes TL_ROLLBACK_TIMING_MARGIN times as long and the gain
- *          is
- *          not negligible. Otherwise the FMU's own states.
+ *          is not negligible. Otherwise the FMU's own states.
  * Exact:   the copy is not proved yet; the caller proves all components again. If the copy is not
  *          exact, the component returns to its own states (tl_component_restore_copy()).
  * Bits:    no result depends on the choice, because both methods are exact. The number of states
@@ -52,8 +51,7 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          refused because of that, and it must not be the first one of the run.
  * Fallback: a component whose states are wrong gets its next rollback method, if there is one
  *           (tl_fmi2_fallback), and all are proved again. If there is a full copy of it, the cause
- *           of
- *           the difference is determined (verifier.h). If a copy is as exact as its states and
+ *           of the difference is determined (verifier.h). If a copy is as exact as its states and
  *           faster, the component uses the copy, and all are proved again.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */

@@ -53,8 +53,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          its inputs and outputs of the next TL_VERIFIED_STEPS committed steps are noted. Then it
  *          is rolled back, executes them again, and is restored to where it was.
  * No harm: if there is a full copy besides its own states (tl_fmi2_fallback) of at most 16 MiB, it
- *          is
- *          restored from that copy, not from a state of the kind in question. Values, caches and
+ *          is restored from that copy, not from a state of the kind in question. Values, caches and
  *          counts of executions are unchanged; these executions are counted separately.
  * Time:    the work of a turn is done between two ticks, whole or not at all: it needs
  *          TL_VERIFIER_TEXT times its expected duration.

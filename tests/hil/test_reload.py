@@ -312,13 +312,13 @@ def test_rollback_by_restart():
         end_orderly(live)
 
 
-def test_activator_killed_during_wait():
-    """The activator dies during a probation: a client with --wait continues with the next one."""
+def test_config_manager_killed_during_wait():
+    """The config manager dies during a probation: a client with --wait continues with the next one."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         with Program("reload", live.edited(tolerance(0.5)), "--control", live.socket, "--wait", "--probation", "6") as waiting:
             wait_until(lambda: len(live.versions()) == 2 and "probation" in live.versions()[2][1], "its probation", live.log)
-            os.kill(member(live, "activator"), signal.SIGKILL)
+            os.kill(member(live, "config manager"), signal.SIGKILL)
             code, out, log = waiting.end()
             expect(code == 0 and has_line(out, "version 2|kept"), f"{code}\n{out}{log}")
             expect_line(out, "run|60 s")
@@ -425,7 +425,7 @@ def test_deaths_on_probation():
         wait_for_run(live, live.database, 1)
         code, out, err = live.reload(live.edited(tolerance(0.8)), "--until-confirmed", "--probation", "600")
         expect(code == 0, f"{code}\n{out}{err}")
-        for role in "activator", "recorder", "io":
+        for role in "config manager", "recorder", "io":
             live.kill_one(role)
             live.wait_for_tick(live.database)
         code, out, _ = live.reload(None, "--state")
@@ -440,14 +440,14 @@ def test_deaths_on_probation():
 
 
 def test_a_client_after_many_kills():
-    """The activator is killed eight times within seconds. Each client still gets its answer
+    """The config manager is killed eight times within seconds. Each client still gets its answer
     soon."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         code, out, err = live.reload(live.edited(tolerance(0.8)), "--until-confirmed", "--probation", "600")
         expect(code == 0, f"{code}\n{out}{err}")
         for _ in range(8):
-            os.kill(member(live, "activator"), signal.SIGKILL)
+            os.kill(member(live, "config manager"), signal.SIGKILL)
             asked = time.monotonic()
             code, out, err = live.reload(None, "--state")
             at_most(time.monotonic() - asked, 5, "seconds until the client has its answer (2 on an idle machine)")
@@ -507,17 +507,17 @@ def held(pid):
     return [os.readlink(f"{folder}/{name}") for name in os.listdir(folder) if os.path.islink(f"{folder}/{name}")]
 
 
-def test_resources_of_the_activator():
-    """The activator has no socket but the control socket, no FMU and no database. It ends when it
+def test_resources_of_the_config_manager():
+    """The config manager has no socket but the control socket, no FMU and no database. It ends when it
     is idle."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        wait_until(lambda: not [pid for pid in children(live.pid) if "activator" in title(pid)], "its end", live.log)
+        wait_until(lambda: not [pid for pid in children(live.pid) if "config manager" in title(pid)], "its end", live.log)
         live.reload(None, "--state")
-        activator = live.child(role="activator")
-        maps = open(f"/proc/{activator}/maps", encoding="utf-8").read()
-        wait_until(lambda: " ".join(held(activator)).count("socket:") == 1, "a closed connection", lambda: f"{held(activator)}")
-        expect("motor.so" not in maps and not [name for name in held(activator) if "twin.db" in name], f"{held(activator)}")
+        config_manager = live.child(role="config manager")
+        maps = open(f"/proc/{config_manager}/maps", encoding="utf-8").read()
+        wait_until(lambda: " ".join(held(config_manager)).count("socket:") == 1, "a closed connection", lambda: f"{held(config_manager)}")
+        expect("motor.so" not in maps and not [name for name in held(config_manager) if "twin.db" in name], f"{held(config_manager)}")
         end_orderly(live)
 
 

@@ -403,7 +403,7 @@ def test_deaths_at_any_moment():
 
         def kill():
             while not stop.wait(order.uniform(1, 4)):
-                role = order.choice(("io", "recorder", "activator", "twin, shadow"))
+                role = order.choice(("io", "recorder", "config manager", "twin, shadow"))
                 for pid in children(live.pid):
                     if title(pid).startswith(f"twinlock: {role}"):
                         with contextlib.suppress(ProcessLookupError):

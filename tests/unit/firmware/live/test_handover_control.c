@@ -22,7 +22,7 @@ static tl_config config;
 static tl_handover handover_block;
 static tl_block blocks[TL_LIVE_BLOCKS];
 static tl_twin_slot places[TL_TWIN_SLOTS];
-static tl_live_config_manager_pulse activator;
+static tl_live_config_manager_pulse config_manager;
 static tl_live_recorder_pulse recorder;
 static tl_block candidate_block;
 static tl_live_candidate *candidate;
@@ -48,7 +48,7 @@ void setUp(void) {
     tl_report report = {0};
     tl_error error = {TL_OK, ""};
     memset(&handover_block, 0, sizeof handover_block);
-    memset(&activator, 0, sizeof activator);
+    memset(&config_manager, 0, sizeof config_manager);
     memset(&recorder, 0, sizeof recorder);
     was_reported[0] = '\0';
     now = 1000 * TL_SECOND;
@@ -64,7 +64,7 @@ void setUp(void) {
     candidate = candidate_block.bytes;
     change = (tl_handover_control){.handover_block = &handover_block,
                                    .places = places,
-                                   .orders = &activator,
+                                   .orders = &config_manager,
                                    .candidate = &candidate_block,
                                    .recorder = &recorder,
                                    .step = config.step,
@@ -93,8 +93,8 @@ static void look_after(tl_time time) {
 }
 
 static void order(tl_live_verb verb) {
-    activator.order.verb = (uint32_t)verb;
-    activator.order.number++;
+    config_manager.order.verb = (uint32_t)verb;
+    config_manager.order.number++;
     look();
 }
 
@@ -102,12 +102,12 @@ static void write_candidate(void) {
     candidate->size = (uint32_t)strlen(TEXT);
     memcpy(candidate->text, TEXT, sizeof TEXT);
     tl_sha256(TEXT, strlen(TEXT), candidate->hash);
-    activator.order.needs = (tl_live_needs){
+    config_manager.order.needs = (tl_live_needs){
         .match = 2, .adjust = 1, .components = 3, .unpacked_bytes = 1000, .signals = (uint32_t)config.signal_count};
 }
 
 static void expect_obeyed(bool is) {
-    TEST_ASSERT_EQUAL_INT(is, handover_block.order == activator.order.number);
+    TEST_ASSERT_EQUAL_INT(is, handover_block.order == config_manager.order.number);
 }
 
 static void expect_refused(const char *why) {
@@ -183,16 +183,16 @@ static void test_invalid_candidates_are_rejected(void) {
     candidate->size = 0;
     refuse_candidate("candidate|0|1|262144");
     write_candidate();
-    activator.order.needs.match = TL_MAX_MATCH + 1;
+    config_manager.order.needs.match = TL_MAX_MATCH + 1;
     refuse_candidate("candidate|17|1|3|2");
     write_candidate();
-    activator.order.needs.components = TL_RECORDER_COMPONENTS;
+    config_manager.order.needs.components = TL_RECORDER_COMPONENTS;
     refuse_candidate("candidate|2|1|64");
 }
 
 static void test_a_shadow_is_as_confined_as_the_run(void) {
     write_candidate();
-    activator.order.needs.unconfined = 1;
+    config_manager.order.needs.unconfined = 1;
     order(TL_LIVE_SHADOW);
     TEST_ASSERT_FALSE(places[1].unconfined);
 }
@@ -429,7 +429,7 @@ static void test_a_twin_with_an_impossible_tick(void) {
 static void test_a_candidate_with_more_look_ups(void) {
     const uint32_t more = (uint32_t)config.signal_count + 3;
     write_candidate();
-    activator.order.needs.signals = more;
+    config_manager.order.needs.signals = more;
     order(TL_LIVE_SHADOW);
     expect_obeyed(true);
     TEST_ASSERT_EQUAL_size_t(more, places[1].queue_settings.shape.plant);
@@ -441,7 +441,7 @@ static void test_invalid_numbers_of_signals(void) {
         char why[96];
         (void)snprintf(why, sizeof why, "candidate|2|1|3|%u", (unsigned)signals[i]);
         write_candidate();
-        activator.order.needs.signals = signals[i];
+        config_manager.order.needs.signals = signals[i];
         refuse_candidate(why);
     }
 }

@@ -13,7 +13,7 @@
 #include "tests/support/stage.h"
 #include "tests/support/stderr_capture.h"
 
-static tl_stage *handover_block;
+static tl_stage *stage;
 
 void setUp(void) {
     tl_stage_set();
@@ -24,14 +24,14 @@ void tearDown(void) {
 }
 
 static void test_alone_a_failure_is_the_end(void) {
-    handover_block->settings.alone = true;
+    stage->settings.alone = true;
     tl_stage_expect_code("c", 70);
-    TL_EXPECT_PARTS("twin|11|Segmentation fault|fmi2DoStep|motor", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TL_EXPECT_PARTS("twin|11|Segmentation fault|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
-    handover_block->settings.alone = true;
+    stage->settings.alone = true;
     tl_stage_expect_code("7", 70);
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -40,19 +40,19 @@ static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
 }
 
 static void test_alone_long_silence_is_the_end(void) {
-    handover_block->settings.alone = true;
-    handover_block->settings.call_limit = TL_SECOND / 5;
+    stage->settings.alone = true;
+    stage->settings.call_limit = TL_SECOND / 5;
     tl_stage_expect_code("f", 70);
-    TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", handover_block->event);
-    tl_test_expect_seconds(2, handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", stage->event);
+    tl_test_expect_seconds(2, stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static tl_time held_at, let_go_at;
 
 static void hold_and_let_go(bool ends, tl_orders *orders) {
     tl_time now = tl_clock_now(NULL);
-    pid_t twin = handover_block->parts[TL_MEMBER_TWIN].pid;
+    pid_t twin = stage->parts[TL_MEMBER_TWIN].pid;
     (void)ends;
     (void)orders;
     if (held_at == 0 && tl_stage_is_ready(TL_MEMBER_TWIN)) {
@@ -67,29 +67,29 @@ static void hold_and_let_go(bool ends, tl_orders *orders) {
 
 /* After the debugger has released it, it has the whole time again. */
 static void test_alone_a_stopped_twin_is_not_killed(void) {
-    handover_block->settings.alone = true;
-    handover_block->settings.call_limit = TL_SECOND / 8;
-    handover_block->play_on = hold_and_let_go;
+    stage->settings.alone = true;
+    stage->settings.call_limit = TL_SECOND / 8;
+    stage->play_on = hold_and_let_go;
     tl_stage_expect_code("f", 70);
     TEST_ASSERT_NOT_EQUAL_INT64(0, let_go_at);
 }
 
 /* Up to the limit. */
 static void test_alone_silence_is_allowed(void) {
-    handover_block->settings.alone = true;
-    handover_block->settings.call_limit = 60 * TL_SECOND;
+    stage->settings.alone = true;
+    stage->settings.call_limit = 60 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("h", SIGTERM, 3000));
     tl_stage_expect_said("6 s");
 }
 
 static void test_alone_a_process_that_cannot_be_made(void) {
-    handover_block->settings.alone = true;
+    stage->settings.alone = true;
     tl_stage_expect_code("-", 75);
 }
 
 int main(void) {
     UNITY_BEGIN();
-    handover_block = tl_stage_open(TL_BINARY_DIR, "test_supervisor_alone");
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_alone");
     RUN_TEST(test_alone_a_failure_is_the_end);
     RUN_TEST(test_alone_a_failure_that_the_twin_logs_is_not_logged_again);
     RUN_TEST(test_alone_long_silence_is_the_end);

@@ -14,7 +14,7 @@
 #include "tests/support/stage.h"
 #include "tests/support/stderr_capture.h"
 
-static tl_stage *handover_block;
+static tl_stage *stage;
 
 void setUp(void) {
     tl_stage_set();
@@ -29,9 +29,9 @@ static void supervise_and_kill(void) {
     (void)fflush(NULL);
     pid_t supervisor = fork();
     if (supervisor == 0) {
-        _exit(tl_supervise(&handover_block->settings, NULL));
+        _exit(tl_supervise(&stage->settings, NULL));
     }
-    for (int i = 0; i < 1000 && __atomic_load_n(&handover_block->last, __ATOMIC_ACQUIRE) == 0; i++) {
+    for (int i = 0; i < 1000 && __atomic_load_n(&stage->last, __ATOMIC_ACQUIRE) == 0; i++) {
         tl_stage_pause_ms(10);
     }
     tl_stage_pause_ms(100);
@@ -41,16 +41,16 @@ static void supervise_and_kill(void) {
 
 static void test_a_killed_supervisor_takes_its_child_along(void) {
     tl_stage_cast(TL_MEMBER_TWIN, "w");
-    handover_block->settings.state = handover_block->scratch.folder;
+    stage->settings.state = stage->scratch.folder;
     supervise_and_kill();
-    for (int i = 0; i < 500 && kill(handover_block->last, 0) == 0; i++) {
+    for (int i = 0; i < 500 && kill(stage->last, 0) == 0; i++) {
         tl_stage_pause_ms(10); /* until init has reaped the twin */
     }
-    TEST_ASSERT_EQUAL_INT(-1, kill(handover_block->last, 0));
+    TEST_ASSERT_EQUAL_INT(-1, kill(stage->last, 0));
     tl_stage_empty();
     tl_stage_expect_code("0", 0);
-    TL_EXPECT_PARTS("supervisor|killed", handover_block->reason[0]);
-    TEST_ASSERT_TRUE(handover_block->again[0]);
+    TL_EXPECT_PARTS("supervisor|killed", stage->reason[0]);
+    TEST_ASSERT_TRUE(stage->again[0]);
 }
 
 static void test_told_to_end(void) {
@@ -78,15 +78,15 @@ static void expect_orderly_reason(const char *reason) {
 /* The child hangs while its heartbeat continues. The supervisor still ends in order.
  * Two signals at once, as from a terminal and a shell, count as one. */
 static void test_told_to_end_and_deaf(void) {
-    handover_block->settings.state = handover_block->scratch.folder;
+    stage->settings.state = stage->scratch.folder;
     TEST_ASSERT_EQUAL_INT(75, tl_stage_signal("b", SIGTERM, 200, 300));
-    TEST_ASSERT_EQUAL_INT(1, handover_block->starts);
-    TL_EXPECT_PARTS("twin|6 s|fmi2DoStep|motor", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TEST_ASSERT_EQUAL_INT(1, stage->starts);
+    TL_EXPECT_PARTS("twin|6 s|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
     tl_stage_empty();
     tl_stage_expect_code("0", 0);
-    expect_orderly_reason(handover_block->reason[0]);
-    TEST_ASSERT_FALSE(handover_block->again[0]);
+    expect_orderly_reason(stage->reason[0]);
+    TEST_ASSERT_FALSE(stage->again[0]);
 }
 
 /* Ctrl-C right after the start is not an error. */
@@ -111,9 +111,9 @@ static int hurry(const char *plan) {
 static void test_recorders_that_cannot_keep_all(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "bb");
     TEST_ASSERT_EQUAL_INT(75, hurry("w"));
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_RECORDER].starts);
-    TL_EXPECT_PARTS("recorder|2 s|fmi2DoStep|motor", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TL_EXPECT_PARTS("recorder|2 s|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 /* The kernel has no free process; the end does not wait for one. */
@@ -122,7 +122,7 @@ static void test_a_recorder_that_cannot_be_started(void) {
     tl_time begun = tl_clock_now(NULL);
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("w", SIGTERM, 500));
     TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 10 * TL_SECOND);
-    TEST_ASSERT_TRUE(handover_block->parts[TL_MEMBER_RECORDER].starts < 10);
+    TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts < 10);
     tl_stage_expect_said("no process is left");
 }
 
@@ -138,7 +138,7 @@ static void test_asked_again_to_end(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    handover_block = tl_stage_open(TL_BINARY_DIR, "test_supervisor_end");
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_end");
     RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
     RUN_TEST(test_told_to_end);
     RUN_TEST(test_told_to_end_while_the_signal_is_ignored);

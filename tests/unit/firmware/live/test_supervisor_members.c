@@ -11,7 +11,7 @@
 #include "tests/support/message.h"
 #include "tests/support/stage.h"
 
-static tl_stage *handover_block;
+static tl_stage *stage;
 
 void setUp(void) {
     tl_stage_set();
@@ -25,51 +25,51 @@ static void test_all_end_in_order(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 200));
-    TEST_ASSERT_EQUAL_INT(1, handover_block->parts[TL_MEMBER_TWIN].order);
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_IO].order);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->parts[TL_MEMBER_RECORDER].order);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->was_reported);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].order);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
+    TEST_ASSERT_EQUAL_INT(3, stage->was_reported);
 }
 
 static void test_the_others_end_with_the_twin(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
     tl_stage_expect_code("0", 0);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->ends);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends);
 }
 
 /* More often than a twin. The twin continues. */
 static void test_they_are_always_restarted(void) {
-    handover_block->settings.state = handover_block->scratch.folder;
+    stage->settings.state = stage->scratch.folder;
     tl_stage_cast(TL_MEMBER_RECORDER, "kkkhkkw");
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 9000));
-    TEST_ASSERT_EQUAL_INT(7, handover_block->parts[TL_MEMBER_RECORDER].starts);
-    TL_EXPECT_PARTS("recorder|5|11|Segmentation fault", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TEST_ASSERT_EQUAL_INT(7, stage->parts[TL_MEMBER_RECORDER].starts);
+    TL_EXPECT_PARTS("recorder|5|11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static void test_a_member_that_never_starts_ends_all(void) {
     tl_stage_cast(TL_MEMBER_IO, "6");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
     tl_stage_expect_code("a", 65);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->ends);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends);
 }
 
 static void test_a_recorder_that_hangs_at_the_end_is_restarted(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "be");
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_expect_code("0", 0);
-    TL_EXPECT_PARTS("recorder|6 s|fmi2DoStep|motor", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_RECORDER].starts);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->parts[TL_MEMBER_RECORDER].order); /* after all others */
+    TL_EXPECT_PARTS("recorder|6 s|fmi2DoStep|motor", stage->event);
+    tl_stage_expect_told(stage->event);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* after all others */
 }
 
 /* The records that it has not written are in shared memory, which outlives it. */
 static void test_a_recorder_that_dies_at_the_end_is_restarted(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "kkw");
     tl_stage_expect_code("0", 0);
-    TEST_ASSERT_TRUE(handover_block->parts[TL_MEMBER_RECORDER].starts <= 3);
+    TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts <= 3);
 }
 
 /* ---- another recorder ---- */
@@ -81,33 +81,33 @@ static void change_the_recorder(bool ends, tl_orders *orders) {
 
 static void test_another_recorder_is_started(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "ww");
-    handover_block->play_on = change_the_recorder;
+    stage->play_on = change_the_recorder;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
     tl_stage_expect_silence();
 }
 
 /* It counts as a failure. */
 static void test_a_recorder_that_crashes_when_it_is_replaced(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "lw");
-    handover_block->play_on = change_the_recorder;
+    stage->play_on = change_the_recorder;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1200));
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_RECORDER].starts);
-    TL_EXPECT_PARTS("recorder|11|Segmentation fault", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TL_EXPECT_PARTS("recorder|11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 static void change_it_in_the_end(bool ends, tl_orders *orders) {
     orders->recorder =
-        ends && tl_stage_has_died(TL_MEMBER_RECORDER) && handover_block->parts[TL_MEMBER_RECORDER].starts == 1;
+        ends && tl_stage_has_died(TL_MEMBER_RECORDER) && stage->parts[TL_MEMBER_RECORDER].starts == 1;
 }
 
 static void test_another_recorder_writes_the_rest_at_the_end(void) {
     tl_stage_cast(TL_MEMBER_RECORDER, "ww");
-    handover_block->play_on = change_it_in_the_end;
+    stage->play_on = change_it_in_the_end;
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 400));
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_RECORDER].starts);
-    TEST_ASSERT_EQUAL_INT(3, handover_block->parts[TL_MEMBER_RECORDER].order);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
     tl_stage_expect_silence();
 }
 
@@ -121,9 +121,9 @@ static tl_wait wait_for_the_others(void *context) {
 static void test_the_others_are_started_before(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_cast(TL_MEMBER_RECORDER, "w");
-    handover_block->settings.wait = wait_for_the_others;
+    stage->settings.wait = wait_for_the_others;
     tl_stage_expect_code("0", 0);
-    TEST_ASSERT_FALSE(handover_block->hold[0]);
+    TEST_ASSERT_FALSE(stage->hold[0]);
 }
 
 static tl_wait wait_for_a_twin_that_holds(void *context) {
@@ -136,13 +136,13 @@ static tl_wait wait_for_a_twin_that_holds(void *context) {
 static void test_a_twin_holds_until_the_first_may_begin(void) {
     tl_restarts kept;
     tl_error error;
-    handover_block->settings.state = handover_block->scratch.folder;
-    handover_block->settings.wait = wait_for_a_twin_that_holds;
+    stage->settings.state = stage->scratch.folder;
+    stage->settings.wait = wait_for_a_twin_that_holds;
     tl_stage_expect_code("w8", 70);
-    TEST_ASSERT_TRUE(handover_block->hold[0]);
-    TEST_ASSERT_FALSE(handover_block->hold[1] || handover_block->again[1]);
-    TEST_ASSERT_EQUAL_STRING("", handover_block->event);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_restarts_open(handover_block->scratch.folder, false, &kept, &error));
+    TEST_ASSERT_TRUE(stage->hold[0]);
+    TEST_ASSERT_FALSE(stage->hold[1] || stage->again[1]);
+    TEST_ASSERT_EQUAL_STRING("", stage->event);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_restarts_open(stage->scratch.folder, false, &kept, &error));
     TEST_ASSERT_EQUAL_UINT64(1, kept.starts);
     tl_restarts_close(&kept);
 }
@@ -161,33 +161,33 @@ static void end_once_io_is_ready(bool ends, tl_orders *orders) {
 
 static void test_told_to_end_before_there_is_a_twin(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
-    handover_block->settings.wait = wait_for_ever;
-    handover_block->play_on = end_once_io_is_ready;
+    stage->settings.wait = wait_for_ever;
+    stage->play_on = end_once_io_is_ready;
     tl_stage_expect_code("", 0);
 }
 
 /* ---- the config manager ---- */
 
 static void order_the_config_manager(bool ends, tl_orders *orders) {
-    const tl_stage_part *activator = &handover_block->parts[TL_MEMBER_ACTIVATOR];
-    orders->activator = activator->starts == 0;
-    orders->end = !ends && activator->starts == 2 && activator->order > 0;
+    const tl_stage_part *config_manager = &stage->parts[TL_MEMBER_CONFIG_MANAGER];
+    orders->config_manager = config_manager->starts == 0;
+    orders->end = !ends && config_manager->starts == 2 && config_manager->order > 0;
 }
 
 /* It is restarted until it has finished. The run does not end with it. */
 static void test_a_config_manager_that_fails_and_one_that_finishes(void) {
-    tl_stage_cast(TL_MEMBER_ACTIVATOR, "k0");
-    handover_block->play_on = order_the_config_manager;
+    tl_stage_cast(TL_MEMBER_CONFIG_MANAGER, "k0");
+    stage->play_on = order_the_config_manager;
     tl_stage_expect_code("w", 0);
-    TEST_ASSERT_EQUAL_INT(2, handover_block->parts[TL_MEMBER_ACTIVATOR].starts);
-    TEST_ASSERT_EQUAL_INT(1, handover_block->parts[TL_MEMBER_ACTIVATOR].order);
-    TL_EXPECT_PARTS("11|Segmentation fault", handover_block->event);
-    tl_stage_expect_told(handover_block->event);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_CONFIG_MANAGER].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_CONFIG_MANAGER].order);
+    TL_EXPECT_PARTS("11|Segmentation fault", stage->event);
+    tl_stage_expect_told(stage->event);
 }
 
 int main(void) {
     UNITY_BEGIN();
-    handover_block = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
     RUN_TEST(test_all_end_in_order);
     RUN_TEST(test_the_others_end_with_the_twin);
     RUN_TEST(test_they_are_always_restarted);

@@ -14,7 +14,7 @@
 #include "firmware/process/service.h"
 #include "tests/support/stage.h"
 
-static tl_stage *handover_block;
+static tl_stage *stage;
 
 void setUp(void) {
     tl_stage_set();
@@ -87,22 +87,22 @@ static void test_ready_is_told_until_it_is_heard(void) {
     TEST_ASSERT_EQUAL_INT(0, how);
 }
 
-static void order_an_activator(bool ends, tl_orders *orders) {
+static void order_a_config_manager(bool ends, tl_orders *orders) {
     (void)ends;
-    orders->activator = true;
+    orders->config_manager = true;
 }
 
-/* The twin has ended in order, and an activator that is deaf lives for 2 s more: a watchdog with a shorter timeout must not reset the box. */
+/* The twin has ended in order, and a config manager that is deaf lives for 2 s more: a watchdog with a shorter timeout must not reset the box. */
 static void test_strokes_go_on_until_all_have_ended(void) {
     int socket_ = fill_notify_socket();
     (void)setenv("WATCHDOG_USEC", "400000", 1);
-    tl_stage_cast(TL_MEMBER_ACTIVATOR, "b");
-    handover_block->play_on = order_an_activator;
+    tl_stage_cast(TL_MEMBER_CONFIG_MANAGER, "b");
+    stage->play_on = order_a_config_manager;
     pid_t self = getpid();
     pid_t manager = fork();
     if (manager == 0) {
         bool heard = hears(socket_, "READY=1");
-        for (int i = 0; i < 1000 && !tl_stage_is_ready(TL_MEMBER_ACTIVATOR); i++) {
+        for (int i = 0; i < 1000 && !tl_stage_is_ready(TL_MEMBER_CONFIG_MANAGER); i++) {
             tl_stage_pause_ms(hears(socket_, "WATCHDOG=1") ? 0 : 10);
         }
         (void)kill(self, SIGTERM);
@@ -125,7 +125,7 @@ static void test_strokes_go_on_until_all_have_ended(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    handover_block = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
     RUN_TEST(test_nobody_waits_for_the_service_manager);
     RUN_TEST(test_ready_is_told_until_it_is_heard);
     RUN_TEST(test_strokes_go_on_until_all_have_ended);
