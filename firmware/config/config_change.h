@@ -144,8 +144,8 @@ typedef struct tl_config_change {
     tl_config_barred bar[TL_CONFIG_BARRED];
 } tl_config_change;
 
-/* Finds all differences. `active_text` (the active configuration) and `candidate` are texts that were
- * read without a problem (config.h). `allowed`: names that need no right above commissioning.
+/* Finds all differences. `active_text` (the active configuration) and `candidate` are texts that
+ * were read without a problem (config.h). `allowed`: names that need no right above commissioning.
  * Errors: TL_BAD_DATA if a text is not JSON; TL_TRY_AGAIN if memory is out. `change` is empty then.
  */
 tl_status tl_config_change_find(const char *active_text, size_t active_size, const char *candidate,

@@ -95,9 +95,9 @@ tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
  * tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
-/* Calls `on_event` once for each reading, while ticks are read, until the recording is closed. A CSV
- * file delivers all readings. A database delivers one a tick, and for a signal that fed an input on
- * a line, the values on that line. */
+/* Calls `on_event` once for each reading, while ticks are read, until the recording is closed. A
+ * CSV file delivers all readings. A database delivers one a tick, and for a signal that fed an
+ * input on a line, the values on that line. */
 void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *on_event, void *context);
 
 /* Number of ticks up to the end of the recording, for progress. */

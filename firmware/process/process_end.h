@@ -23,8 +23,8 @@ void tl_process_begin(void);
 void tl_process_end(int code) __attribute__((noreturn));
 
 /* Ends the process with exit code 70, because an FMU has not returned or has called exit(). Logs
- * `why` and saves unfinished work (tl_process_set_saver()). The parent removes the folders of the FMUs.
- */
+ * `why` and saves unfinished work (tl_process_set_saver()). The parent removes the folders of the
+ * FMUs. */
 void tl_process_give_up(const char *why) __attribute__((noreturn));
 
 /* Sets the function that saves unfinished work before tl_process_give_up() ends the process. It

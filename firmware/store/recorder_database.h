@@ -91,7 +91,8 @@ int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_reco
 /* Continues the run: removes an end "not ended cleanly" from its row. */
 int tl_recorder_database_resume_run(tl_recorder_database *database);
 
-/* Marks each run without an end as not ended cleanly. tl_recorder_database_resume_run() reverts it. */
+/* Marks each run without an end as not ended cleanly. tl_recorder_database_resume_run() reverts it.
+ */
 int tl_recorder_database_end_killed(tl_recorder_database *database);
 
 /* Records that the run's earlier ticks are not in this file. */

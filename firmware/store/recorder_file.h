@@ -5,7 +5,8 @@
  *          may not be written any more is replaced by one beside it. A file that was removed, moved
  *          or overwritten is created again. Then the run begins again in the new file
  *          (tl_recorder_state_restart_run()).
- * Reports: each fault once, in the log and as an event of the writer (tl_recorder_state_add_event()).
+ * Reports: each fault once, in the log and as an event of the writer
+ *          (tl_recorder_state_add_event()).
  * Changes: the file and the files beside it; in the writer's state its marks, if a run leaves a
  *          file. No record queue.
  * Memory:  the caller's.
@@ -59,7 +60,8 @@ void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity,
 void tl_recorder_file_keep_reason(tl_recorder_file *file, int code);
 
 /* Opens the file of the previous writer, or the requested file, or a replacement. *news holds the
- * reasons, for tl_recorder_file_report_fate(). On failure sets `failure`; *waits: a retry may succeed. */
+ * reasons, for tl_recorder_file_report_fate(). On failure sets `failure`; *waits: a retry may
+ * succeed. */
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy insistence, tl_database_report *report,
                                 bool *waits);
 

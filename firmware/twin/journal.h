@@ -45,8 +45,8 @@ typedef struct tl_journal {
 /* `recorder` may be NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on `on_event` is called with every event, in the thread that reports it. It must be safe to
- * call from any thread. */
+/* From now on `on_event` is called with every event, in the thread that reports it. It must be safe
+ * to call from any thread. */
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *on_event, void *context);
 
 /* Adds an event, as tl_recorder_event(). `tick` is −1 if it belongs to none. */

@@ -18,8 +18,8 @@
  *
  * Purpose: the proof before the first step tests FMUs at one point only. Some missing parts of
  *          their state have no effect there. A check has time for more steps. It moves the adjusted
- *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until()) after
- *          as many steps as possible.
+ *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until())
+ *          after as many steps as possible.
  * Bound:   TL_FAR_STEPS steps and TL_FAR_LONGEST (0.5 s).
  * Not for: a twin that adjusts nothing, has an event horizon, or has verification off: nothing is
  *          tested.
