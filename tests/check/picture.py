@@ -1,9 +1,8 @@
 #!/usr/bin/env python3
 """The picture of the house, drawn from the #includes: `picture.py ROOT [--write]`.
 
-docs/folders.svg shows the folders and the arrows between them; the table below it in docs/folders.md lists all arrows. Without
---write both are held against the code; with it, they are drawn again. Folders stand in levels: each is above all that it
-includes. An arrow that others imply, A -> C beside A -> B -> C, is in the table only.
+docs/folders.svg shows the folders and the arrows between them. Without --write it is compared with the code; with it, it is drawn
+again. Folders stand in levels: each is above all that it includes. An arrow that others imply, A -> C beside A -> B -> C, is omitted.
 """
 import os
 import re
@@ -12,8 +11,7 @@ import sys
 import tree
 from folders import FLOORS, FOLDERS
 
-DOCUMENT, PICTURE = "docs/folders.md", "docs/folders.svg"
-BEGIN, END = "<!-- folders: made by tests/check/picture.py --write -->", "<!-- end of folders -->"
+PICTURE = "docs/folders.svg"
 INCLUDE = re.compile(r'^\s*#\s*include\s*"((?:' + "|".join(FLOORS) + r')/[^"]+)"', re.MULTILINE)
 
 BOX, HIGH, GAP, LEVEL, MARGIN, LANE = 96, 34, 14, 82, 24, 40  # of the drawing, in pixels
@@ -22,13 +20,11 @@ LINE = {"firmware": "#4a78a6", "board": "#b9722d", "master": "#4f8a48"}
 
 
 def read():
-    """Folder -> (number of files, the folders it includes)."""
-    house = {folder: (0, set()) for folder in FOLDERS}
+    """Folder -> the folders that it includes."""
+    house = {folder: set() for folder in FOLDERS}
     for path in tree.files(".c", ".h", under=tuple(FLOORS)):
         folder = os.path.dirname(path)
-        count, arrows = house.get(folder, (0, set()))
-        arrows |= {os.path.dirname(target) for target in INCLUDE.findall(tree.text(path))} - {folder}
-        house[folder] = (count + 1, arrows)
+        house.setdefault(folder, set()).update({os.path.dirname(target) for target in INCLUDE.findall(tree.text(path))} - {folder})
     return house
 
 
@@ -38,10 +34,10 @@ def levels(house):
 
     def climb(folder, chain):
         if folder in chain:
-            tree.finding(DOCUMENT, 0, "folders in a circle: " + " -> ".join(chain[chain.index(folder):] + (folder,)))
+            tree.finding(PICTURE, 0, "folders in a circle: " + " -> ".join(chain[chain.index(folder):] + (folder,)))
             return 0
         if folder not in height:
-            height[folder] = 1 + max((climb(target, chain + (folder,)) for target in house[folder][1]), default=-1)
+            height[folder] = 1 + max((climb(target, chain + (folder,)) for target in house[folder]), default=-1)
         return height[folder]
 
     for folder in house:
@@ -52,12 +48,12 @@ def levels(house):
 def direct(house, folder):
     """The folders that a folder includes and that nothing it includes leads to."""
     seen = set()
-    todo = list(house[folder][1])
+    todo = list(house[folder])
     while todo:
-        for target in house[todo.pop()][1] - seen:
+        for target in house[todo.pop()] - seen:
             seen.add(target)
             todo.append(target)
-    return sorted(house[folder][1] - seen)
+    return sorted(house[folder] - seen)
 
 
 def floor(folder):
@@ -74,7 +70,7 @@ def place(house, height):
         rows = [sorted(folder for folder in house if floor(folder) == lane and height[folder] == level) for level in range(top + 1)]
         width = max(map(len, rows)) * (BOX + GAP) - GAP
         for level in range(top, -1, -1):
-            above = {folder: [places[other][0] for other in places if folder in house[other][1] and floor(other) == lane]
+            above = {folder: [places[other][0] for other in places if folder in house[other] and floor(other) == lane]
                      for folder in rows[level]}
             row = sorted(rows[level], key=lambda folder: (sum(above[folder]) / len(above[folder]) if above[folder] else 0, folder))
             begin = left + (width - len(row) * (BOX + GAP) + GAP) / 2
@@ -118,38 +114,16 @@ def draw(house, height):
     return "\n".join(lines) + "\n</svg>\n"
 
 
-def short(folder, arrows):
-    """Folders of the same floor by their last name."""
-    own = floor(folder) + "/"
-    return ", ".join(target.removeprefix(own) for target in sorted(arrows, key=lambda one: (not one.startswith(own), one)))
-
-
-def table(house, height):
-    lines = ["| folder | files | includes |", "| --- | --- | --- |"]
-    for folder in sorted(house, key=lambda one: (list(FLOORS).index(floor(one)), -height[one], one)):
-        count, arrows = house[folder]
-        lines.append(f"| `{folder}` | {count} | {short(folder, arrows)} |")
-    return "\n".join(lines)
-
-
 def main():
     house = read()
-    height = levels(house)
-    text = tree.text(DOCUMENT)
-    begin, end = text.find(BEGIN), text.find(END)
-    if begin < 0 or end < begin:
-        tree.finding(DOCUMENT, 0, f"has no place for the folders: {BEGIN} … {END}")
-        tree.finish(f"{len(house)} folders")
-    wanted = {PICTURE: draw(house, height),
-              DOCUMENT: f"{text[:begin]}{BEGIN}\n\n{table(house, height)}\n\n{text[end:]}"}
-    for path, content in wanted.items():
-        name = os.path.join(tree.root, path)
-        if "--write" in sys.argv:
-            os.makedirs(os.path.dirname(name), exist_ok=True)
-            with open(name, "w", encoding="utf-8") as file:
-                file.write(content)
-        elif not os.path.exists(name) or tree.text(path) != content:
-            tree.finding(path, 0, "the folders are not the code's: draw them again by tests/check/picture.py . --write")
+    content = draw(house, levels(house))
+    name = os.path.join(tree.root, PICTURE)
+    if "--write" in sys.argv:
+        os.makedirs(os.path.dirname(name), exist_ok=True)
+        with open(name, "w", encoding="utf-8") as file:
+            file.write(content)
+    elif not os.path.exists(name) or tree.text(PICTURE) != content:
+        tree.finding(PICTURE, 0, "the folders are not the code's: draw them again by tests/check/picture.py . --write")
     tree.finish(f"{len(house)} folders")
 
 
