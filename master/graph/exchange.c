@@ -230,7 +230,19 @@ tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
+/* Not inlined, because a candidate is noted rarely. */
+static void __attribute__((noinline, cold)) note_tried(const tl_exchange *exchange, uint32_t depth) {
+    tl_exchange_note *note = exchange->note;
+    if (depth < note->tried_most && depth <= note->tried_count) {
+        tl_ports_read(&exchange->components[note->component].inputs, note->tried + depth * note->tried_bytes);
+        note->tried_count = depth == note->tried_count ? depth + 1 : note->tried_count;
+    }
+}
+
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
+    if (exchange->note != NULL) {
+        note_tried(exchange, depth);
+    }
     return step_components(exchange, step, depth, error);
 }
 

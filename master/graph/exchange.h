@@ -48,36 +48,40 @@ typedef struct tl_adjusted_input {
     double nominal;                       /* û in that case */
 } tl_adjusted_input;
 
-/* Inputs and outputs of one component in a committed step, as bytes of its ports (tl_ports_read()).
- */
+/* Inputs and outputs of one component in a committed step, and its inputs in the last candidate, as
+ * bytes of its ports (tl_ports_read()). */
 typedef struct tl_exchange_note {
     size_t component;
     unsigned char *inputs;
     unsigned char *outputs;
+    unsigned char *tried; /* one entry of tried_bytes for each depth below tried_most */
+    size_t tried_bytes;
+    uint32_t tried_most;
+    uint32_t tried_count; /* entries that have been set */
 } tl_exchange_note;
 
 typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
     tl_plant plant;
-    tl_time step;                 /* T_S */
-    double step_s;                /* the same, s */
-    uint32_t *reach;              /* Γ_k of each component, the plant is the last; NULL: all take part in all steps */
-    tl_cached_component *cached;  /* one per component; NULL: nothing is saved by sequences */
-    uint32_t beside;              /* states of each component that other modules keep, within the same bound */
-    tl_state_room *rooms;         /* one per component, for its cache; filled by tl_exchange_start() */
-    bool whole;                   /* nothing is saved: all components execute in one call */
-    tl_costs costs;               /* of executions */
-    uint64_t executions;          /* of all components without the plant */
-    size_t failed;                /* the component at which the last macro step failed */
-    unsigned char *values;        /* reals, then integers, then booleans of all ports; then û of cut connections */
-    tl_snapshot home;             /* where candidates start; with caches, its values only */
-    bool *is_kept;                /* of each component: a full copy exists during a proof */
-    int64_t begun;                /* first step of the FMUs */
-    const tl_exchange_note *note; /* the committed step is noted there; NULL: it is not */
-    bool is_kept_from;            /* a module keeps a state from before the committed instant: no step is final */
-    bool is_kept_always;          /* the same for the whole run */
-    const fmi2Real *outputs;      /* the Real outputs of all components, contiguous */
+    tl_time step;                /* T_S */
+    double step_s;               /* the same, s */
+    uint32_t *reach;             /* Γ_k of each component, the plant is the last; NULL: all take part in all steps */
+    tl_cached_component *cached; /* one per component; NULL: nothing is saved by sequences */
+    uint32_t beside;             /* states of each component that other modules keep, within the same bound */
+    tl_state_room *rooms;        /* one per component, for its cache; filled by tl_exchange_start() */
+    bool whole;                  /* nothing is saved: all components execute in one call */
+    tl_costs costs;              /* of executions */
+    uint64_t executions;         /* of all components without the plant */
+    size_t failed;               /* the component at which the last macro step failed */
+    unsigned char *values;       /* reals, then integers, then booleans of all ports; then û of cut connections */
+    tl_snapshot home;            /* where candidates start; with caches, its values only */
+    bool *is_kept;               /* of each component: a full copy exists during a proof */
+    int64_t begun;               /* first step of the FMUs */
+    tl_exchange_note *note;      /* the committed step is noted there; NULL: it is not */
+    bool is_kept_from;           /* a module keeps a state from before the committed instant: no step is final */
+    bool is_kept_always;         /* the same for the whole run */
+    const fmi2Real *outputs;     /* the Real outputs of all components, contiguous */
     size_t output_count;
     size_t values_size;
     size_t real_count;    /* of `values`, at its start */

@@ -9,7 +9,7 @@
 
 /* ---- faster method ---- */
 
-/* ns: a smaller gain is not worth a change, and on a slow machine it would be random. */
+/* ns: for a smaller gain the FMU's own states are not used, because a copy misses nothing. */
 static const tl_time WORTH = 10000;
 
 /* ns for one method, once there are enough rounds for a median. */
@@ -109,16 +109,18 @@ static tl_status measure_both(speed_test *self, tl_fmi2_times *times) {
     return status;
 }
 
-static bool is_faster(const tl_fmi2_times *times) {
-    return times->by_copy > 0 && times->by_states - times->by_copy >= WORTH &&
-           (double)times->by_states >= TL_ROLLBACK_TIMING_MARGIN * (double)times->by_copy;
+/* 0: a step failed, so there is nothing to compare. */
+static bool is_copy_preferred(const tl_fmi2_times *times) {
+    bool is_slow = (double)times->by_copy >= TL_ROLLBACK_TIMING_MARGIN * (double)times->by_states &&
+                   times->by_copy - times->by_states >= WORTH;
+    return times->by_copy > 0 && !is_slow;
 }
 
 static tl_status choose_faster(speed_test *self, bool *taken) {
     tl_fmi2_times times = {0};
     tl_snapshot_forget(&self->exchange->home, self->index);
     tl_status status = measure_both(self, &times);
-    if (status == TL_OK && is_faster(&times)) {
+    if (status == TL_OK && is_copy_preferred(&times)) {
         *taken = tl_component_prefer_copy(self->component, &times) || *taken;
     }
     return status;
@@ -194,32 +196,40 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
     return TL_OK;
 }
 
-/* ---- other inputs ---- */
+/* ---- excursions ---- */
 
-/* Within so many first steps of the search: as far as it may soon go. */
+/* In first steps of the search: as far as it may soon go. */
 static const double FAR = 4.0;
+
+/* Where an excursion of one variable goes, in these steps. */
+static const double OFFSETS[] = {FAR, -FAR, 1.0, -1.0, FAR *FAR, -FAR *FAR};
+enum { OFFSET_COUNT = sizeof OFFSETS / sizeof OFFSETS[0] };
 
 static double within(const tl_adjusted *adjusted, double value) {
     return fmin(fmax(value, adjusted->lower), adjusted->upper);
 }
 
-/* Moves all states away: a horizon with other inputs. It may fail, as any candidate may. */
-static tl_status step_elsewhere(const tl_synchroniser *synchroniser, int64_t first, tl_error *error) {
-    double *u = synchroniser->memory.trial;
-    tl_status status = TL_OK;
+static void add_excursion(tl_proof *proof, const tl_adjusted *adjusted, size_t v, size_t offset) {
+    double now = proof->start[v];
+    double value = adjusted->is_boolean ? 1.0 - now : within(adjusted, now + OFFSETS[offset] * adjusted->step);
+    bool is_new = adjusted->is_boolean ? offset == 0 : value < now || value > now;
+    if (is_new && proof->excursion_count < TL_PROOF_EXCURSIONS) {
+        proof->excursions[proof->excursion_count++] = (tl_proof_excursion){.variable = v, .value = value};
+    }
+}
+
+/* The first one sweeps all variables. */
+static void plan_excursions(tl_proof *proof, const tl_synchroniser *synchroniser) {
     for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
-        const tl_adjusted *adjusted = &synchroniser->adjusted[v];
-        double now = tl_exchange_adjusted(synchroniser->exchange, v);
-        double value = adjusted->is_boolean ? 1.0 - now : now + adjusted->step;
-        for (uint32_t m = 0; m < synchroniser->horizon.length[v]; m++) {
-            u[synchroniser->horizon.offset[v] + m] = within(adjusted, value);
+        proof->start[v] = tl_exchange_adjusted(synchroniser->exchange, v);
+    }
+    proof->excursions[0] = (tl_proof_excursion){.variable = TL_MAX_ADJUST};
+    proof->excursion_count = 1;
+    for (size_t i = 0; i < OFFSET_COUNT; i++) {
+        for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+            add_excursion(proof, &synchroniser->adjusted[v], v, i);
         }
     }
-    tl_step_search_set_inputs(synchroniser, u, 0);
-    for (uint32_t depth = 0; depth < synchroniser->horizon.prediction && status == TL_OK; depth++) {
-        status = tl_exchange_step(synchroniser->exchange, first + depth, error);
-    }
-    return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
 /* Far up, far down, and back; Booleans false and true. */
@@ -230,29 +240,30 @@ static double swept_value(const tl_adjusted *adjusted, double now, int step) {
     return within(adjusted, now + (step % 4 < 2 ? FAR : -FAR) * adjusted->step);
 }
 
-static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size_t component, unsigned char *to,
-                        int step) {
-    if (component != NO_COMPONENT) {
-        tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
+static void set_excursion(const tl_proof *proof, const tl_synchroniser *synchroniser, size_t excursion, int step) {
+    const tl_proof_excursion *one = &proof->excursions[excursion];
+    if (excursion != 0) {
+        tl_exchange_set_adjusted(synchroniser->exchange, one->variable, one->value);
+        return;
+    }
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        tl_exchange_set_adjusted(synchroniser->exchange, v,
+                                 swept_value(&synchroniser->adjusted[v], proof->start[v], step));
     }
 }
 
-/* As fast and as far as inputs may change. It may fail, too. */
-static tl_status step_swept(const tl_proof *proof, const tl_synchroniser *synchroniser, int64_t first, size_t noted,
-                            tl_error *error) {
-    double now[TL_MAX_ADJUST];
-    tl_status status = TL_OK;
-    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
-        now[v] = tl_exchange_adjusted(synchroniser->exchange, v);
+static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size_t component, unsigned char *to,
+                        int step) {
+    tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
+}
+
+/* Forgets all noted outputs: the components may continue differently from now on. */
+static void forget_notes(tl_proof *proof) {
+    proof->noted = 0;
+    for (size_t i = 0; i < TL_PROOF_EXCURSIONS; i++) {
+        proof->excursions[i].noted = 0;
+        proof->excursions[i].is_noted = false;
     }
-    for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
-        for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
-            tl_exchange_set_adjusted(synchroniser->exchange, v, swept_value(&synchroniser->adjusted[v], now[v], i));
-        }
-        note_inputs(proof, synchroniser->exchange, noted, proof->elsewhere, i);
-        status = tl_exchange_step(synchroniser->exchange, first + i, error);
-    }
-    return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
 /* ---- rollback ---- */
@@ -273,7 +284,8 @@ typedef struct proof_attempt {
     tl_synchroniser *synchroniser;
     const tl_graph *graph;
     int64_t first;
-    int steps; /* steps that were possible */
+    int steps;        /* steps that were possible */
+    size_t excursion; /* the last one */
     size_t culprit;
     tl_restore_cause cause; /* the cause, as far as the kind of failure shows it */
 } proof_attempt;
@@ -367,18 +379,102 @@ static tl_status prove_middle(proof_attempt *self, tl_error *error) {
     return status == TL_OK ? repeat_steps(self, TL_PROOF_MIDST, error) : status;
 }
 
+/* One step of an excursion: its outputs are noted the first time, then compared. */
+static tl_status take_excursion_step(proof_attempt *self, int step, tl_error *error) {
+    tl_exchange *exchange = self->synchroniser->exchange;
+    tl_proof_excursion *one = &self->proof->excursions[self->excursion];
+    double *outputs =
+        &self->proof->outputs[((self->excursion + 1) * TL_PROOF_STEPS + (size_t)step) * self->graph->port_count];
+    set_excursion(self->proof, self->synchroniser, self->excursion, step);
+    tl_status status = tl_exchange_step(exchange, self->first + step, error);
+    if (status == TL_FMU_FAILED && one->is_noted && step < one->noted) {
+        return report_failed_step(self, error);
+    }
+    if (status == TL_OK && one->is_noted) {
+        status =
+            step < one->noted ? compare_outputs(exchange, self->graph, outputs, step, &self->culprit, error) : TL_OK;
+    } else if (status == TL_OK) {
+        note_outputs(exchange, self->graph, outputs);
+        one->noted++;
+    }
+    return status;
+}
+
+/* An excursion from the start. An FMU may reject it, as any candidate. */
+static tl_status make_excursion(proof_attempt *self, size_t excursion, tl_error *error) {
+    tl_status status = TL_OK;
+    self->excursion = excursion;
+    for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
+        status = take_excursion_step(self, i, error);
+    }
+    self->proof->excursions[excursion].is_noted = true;
+    return status == TL_FMU_FATAL || self->culprit != NO_COMPONENT ? status : TL_OK;
+}
+
+/* A component that is rolled back by its own states and has a copy of its memory, if each kept
+ * component can be restored by such a copy: replay would take too long. */
+static size_t find_own_states(const tl_exchange *exchange) {
+    size_t found = NO_COMPONENT;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        const tl_component *one = &exchange->components[i];
+        bool has_choice = exchange->is_kept[i] && tl_component_has_choice(one);
+        if (exchange->is_kept[i] && !has_choice && (!one->fmi->is_unaware || tl_component_copy_size(one) == 0)) {
+            return NO_COMPONENT;
+        }
+        found = has_choice ? i : found;
+    }
+    return found;
+}
+
+/* Notes the excursions of components that made none before: a copy of the memory restores them
+ * completely. If an excursion has an effect that prevents copies, the others are noted later.
+ * Afterwards the start is saved again. */
+static tl_status note_excursions(proof_attempt *self, tl_error *error) {
+    tl_exchange *exchange = self->synchroniser->exchange;
+    tl_status status = TL_OK;
+    if (find_own_states(exchange) == NO_COMPONENT || self->proof->excursions[0].is_noted) {
+        return TL_OK;
+    }
+    for (size_t i = 0; i < self->proof->excursion_count && status == TL_OK; i++) {
+        status = make_excursion(self, i, error);
+        size_t one = find_own_states(exchange);
+        if (status == TL_OK && one == NO_COMPONENT) {
+            return restore_start(self, error);
+        }
+        if (status == TL_OK && !tl_exchange_restore_copy(exchange, one, NULL)) {
+            status =
+                tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
+                        exchange->components[one].name);
+        }
+        status = status == TL_OK ? save_start(self, error) : status;
+    }
+    return status;
+}
+
+/* Each excursion after each of its neighbours, and the steps of the start after each. */
+static tl_status prove_excursions(proof_attempt *self, tl_error *error) {
+    size_t count = self->proof->excursion_count;
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < 2 * count && status == TL_OK; i++) {
+        status = make_excursion(self, i < count ? i : 2 * count - 1 - i, error);
+        status = status == TL_OK ? restore_start(self, error) : status;
+        if (i < count && status == TL_OK) {
+            status = repeat_steps(self, 0, error);
+            status = status == TL_OK ? restore_start(self, error) : status;
+        }
+    }
+    return status;
+}
+
 static tl_status prove_once(proof_attempt *self, tl_error *error) {
-    const tl_synchroniser *synchroniser = self->synchroniser;
     tl_status status = save_start(self, error);
+    status = status == TL_OK ? note_excursions(self, error) : status;
     status = status == TL_OK ? take_steps(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
-    status = status == TL_OK ? step_elsewhere(synchroniser, self->first, error) : status;
+    status = status == TL_OK ? make_excursion(self, 0, error) : status;
     status = status == TL_OK ? prove_middle(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
-    status = status == TL_OK ? step_swept(self->proof, synchroniser, self->first, NO_COMPONENT, error) : status;
-    status = status == TL_OK ? restore_start(self, error) : status;
-    status = status == TL_OK ? repeat_steps(self, 0, error) : status;
-    status = status == TL_OK ? restore_start(self, error) : status;
+    status = status == TL_OK ? prove_excursions(self, error) : status;
     return status == TL_OK ? save_start(self, error) : status; /* it may have done something that no copy undoes */
 }
 
@@ -391,8 +487,8 @@ void tl_proof_end(tl_proof *proof) {
 
 /* ---- cause ---- */
 
-/* Inputs of the culprit in the steps, and in those that lead elsewhere; all are restored without
- * states. */
+/* Inputs of the culprit in the steps, and in those of the last excursion; all are restored without
+ * states. An excursion may end early, then its last inputs are repeated. */
 static bool note_inputs_elsewhere(const proof_attempt *self) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_error ignored;
@@ -407,8 +503,12 @@ static bool note_inputs_elsewhere(const proof_attempt *self) {
     if (status == TL_FMU_FATAL || !tl_exchange_restore_copy(exchange, self->culprit, NULL)) {
         return false;
     }
-    return step_swept(self->proof, self->synchroniser, self->first, self->culprit, &ignored) == TL_OK &&
-           tl_exchange_restore_copy(exchange, self->culprit, NULL);
+    for (int i = 0; i < self->steps && status != TL_FMU_FATAL; i++) {
+        set_excursion(self->proof, self->synchroniser, self->excursion, i);
+        note_inputs(self->proof, exchange, self->culprit, self->proof->elsewhere, i);
+        status = status == TL_OK ? tl_exchange_step(exchange, self->first + i, &ignored) : status;
+    }
+    return status != TL_FMU_FATAL && tl_exchange_restore_copy(exchange, self->culprit, NULL);
 }
 
 /* Called only if there can be a full copy. */
@@ -445,7 +545,9 @@ static bool use_other_method(proof_attempt *self, tl_error *error) {
     if (tl_exchange_restore_copy(exchange, self->culprit, cause_text)) {
         /* A component that is restored by a copy is where it was, but may continue differently: it
          * does not see the exception flags of others any more. */
-        self->proof->noted = tl_component_copy_size(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
+        if (tl_component_copy_size(&exchange->components[self->culprit]) != 0) {
+            forget_notes(self->proof);
+        }
         return true;
     }
     tl_error found = *error;
@@ -464,7 +566,8 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
         proof->value_bytes = in > proof->value_bytes ? in : proof->value_bytes;
         proof->value_bytes = out > proof->value_bytes ? out : proof->value_bytes;
     }
-    proof->outputs = tl_arena_take(arena, graph->port_count * TL_PROOF_STEPS, sizeof *proof->outputs);
+    proof->outputs =
+        tl_arena_take(arena, graph->port_count * TL_PROOF_STEPS * (TL_PROOF_EXCURSIONS + 1), sizeof *proof->outputs);
     proof->inputs = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
     proof->elsewhere = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
     proof->gave = tl_arena_take(arena, TL_PROOF_STEPS + 1, proof->value_bytes);
@@ -528,7 +631,9 @@ static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock),
     if (status == TL_FMU_FAILED && self->culprit == NO_COMPONENT) {
         self->culprit = self->synchroniser->exchange->failed;
     }
-    proof->noted = *taken ? 0 : proof->noted;
+    if (*taken) {
+        forget_notes(proof);
+    }
     if (!*taken && had_middle && status == TL_OK) {
         proof->has_midst = true;
         status = tl_snapshot_take(&proof->midst, error);
@@ -544,7 +649,8 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, c
     tl_status status = TL_OK;
     bool is_settled = false;
     bool again = false;
-    proof->noted = 0;
+    forget_notes(proof);
+    plan_excursions(proof, synchroniser);
     tl_exchange_keep_copies(exchange);
     do {
         proof_attempt search = {

@@ -58,21 +58,33 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
 /* Steps that are repeated. If an FMU rejects a later step, the proof ends there: that says nothing
  * about its rollback. */
-enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5 };
+enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5, TL_PROOF_EXCURSIONS = 13 };
+
+/* Constant inputs, or a sweep, for TL_PROOF_STEPS steps from the start. */
+typedef struct tl_proof_excursion {
+    size_t variable; /* adjusted variable that moves; TL_MAX_ADJUST: all */
+    double value;    /* where it goes */
+    int noted;       /* steps whose outputs are noted; an FMU may have rejected the next one */
+    bool is_noted;
+} tl_proof_excursion;
 
 typedef struct tl_proof {
     uint64_t executions; /* of the proof; no other count includes them */
     bool stepped;        /* false: the first step failed, which says nothing about the rollback */
     bool holds;
-    size_t culprit;           /* the component that caused a failure; SIZE_MAX: not known */
-    double *outputs;          /* private from here on: outputs of each port of the graph in each step */
-    int noted;                /* number of these steps that were executed from the true start */
-    tl_snapshot midst;        /* the second state */
-    bool has_midst;           /* it was saved */
-    bool was_saved;           /* the first state was saved */
-    size_t value_bytes;       /* largest size of one component's inputs or outputs of a step */
-    unsigned char *inputs;    /* of the steps of one component */
-    unsigned char *elsewhere; /* inputs that lead it to another state */
+    size_t culprit;  /* the component that caused a failure; SIZE_MAX: not known */
+    double *outputs; /* private from here on: outputs of each port of the graph in each step of the start, */
+                     /* then of each excursion */
+    tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
+    size_t excursion_count;
+    double start[TL_MAX_ADJUST]; /* adjusted variables at the start */
+    int noted;                   /* number of these steps that were executed from the true start */
+    tl_snapshot midst;           /* the second state */
+    bool has_midst;              /* it was saved */
+    bool was_saved;              /* the first state was saved */
+    size_t value_bytes;          /* largest size of one component's inputs or outputs of a step */
+    unsigned char *inputs;       /* of the steps of one component */
+    unsigned char *elsewhere;    /* inputs that lead it to another state */
     unsigned char *gave;
 } tl_proof;
 

@@ -32,7 +32,8 @@ const char *tl_restore_cause_text(tl_restore_cause cause) {
 /* ---- experiments ---- */
 
 /* Each Real input plus a twentieth. */
-static void move_inputs(tl_ports *inputs) {
+static void move_inputs(const tl_component *component) {
+    const tl_ports *inputs = &component->inputs;
     for (size_t i = 0; i < inputs->real_count; i++) {
         inputs->reals[i] += INPUT_CHANGE * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
     }
@@ -68,7 +69,7 @@ typedef enum between { NOTHING, VALUES, NEAR, STATE, FAR } between;
 
 static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
     write_inputs(trial, trial->inputs, 0);
-    move_inputs(&trial->component->inputs);
+    move_inputs(trial->component);
     return tl_component_set_inputs(trial->component, error);
 }
 
@@ -78,7 +79,7 @@ static tl_status step_elsewhere(const tl_restore_trial *trial, between between_c
     for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
         write_inputs(trial, between_calls == FAR ? trial->elsewhere : trial->inputs, i);
         if (between_calls == NEAR) {
-            move_inputs(&trial->component->inputs);
+            move_inputs(trial->component);
         }
         status = take_step(trial, trial->step + i, error);
     }
@@ -152,8 +153,9 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 
 /* ---- verifier ---- */
 
-/* Entries beside the noted steps: the repeated outputs, and the port values between two ticks. */
-enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, ENTRIES };
+/* Entries: the noted steps, those of the candidate, the repeated outputs, and the port values
+ * between two ticks. */
+enum { TRIED = TL_VERIFIED_STEPS, AGAIN = 2 * TL_VERIFIED_STEPS, PRESENT, ENTRIES };
 
 /* States of each component: the earlier one, and the present one. */
 enum { STATES = 2 };
@@ -202,11 +204,11 @@ static void enter_phase(tl_verifier *verifier, tl_verifier_phase phase) {
     verifier->waited = 0;
 }
 
-/* The next committed step is noted. */
+/* The next committed step is noted, and the last candidate. */
 static void note_next(tl_verifier *verifier) {
-    verifier->note = (tl_exchange_note){.component = verifier->component,
-                                        .inputs = inputs_of(verifier, verifier->noted),
-                                        .outputs = verifier_outputs(verifier, verifier->noted)};
+    verifier->note.component = verifier->component;
+    verifier->note.inputs = inputs_of(verifier, verifier->noted);
+    verifier->note.outputs = verifier_outputs(verifier, verifier->noted);
     verifier->exchange->note = &verifier->note;
 }
 
@@ -330,6 +332,8 @@ static tl_status begin_turn(tl_verifier *verifier, const tl_budget *budget, tl_e
         tl_exchange_copy_state(verifier->exchange, verifier->component, &one->earlier, &one->full_copy, &taken, error);
     if (status == TL_OK && taken) {
         verifier->noted = 0;
+        verifier->note = (tl_exchange_note){
+            .tried = inputs_of(verifier, TRIED), .tried_bytes = verifier->input_bytes, .tried_most = TL_VERIFIED_STEPS};
         note_next(verifier);
         tl_exchange_keep_from(verifier->exchange, verifier->component, true);
         enter_phase(verifier, TL_VERIFIER_NOTES);
@@ -364,21 +368,51 @@ static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_findi
     return true;
 }
 
-/* Executes all noted steps again from the earlier state. A failure is a finding, unless it is
- * fatal. */
-static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
+/* Executes steps from the earlier state, with the inputs and outputs from entry `from` on. `notes`:
+ * notes the outputs; else a difference is a finding. */
+static tl_status execute_from(tl_verifier *verifier, size_t from, bool notes, tl_verifier_finding *finding, bool *found,
+                              tl_error *error) {
     tl_component *component = present_component(verifier);
     tl_exchange *exchange = verifier->exchange;
     tl_status status = tl_component_restore(component, verifier->verified[verifier->component].earlier, error);
     for (unsigned i = 0; i < TL_VERIFIED_STEPS && status == TL_OK && !*found; i++) {
         int64_t step = verifier->first + i;
-        *finding = (tl_verifier_finding){.component = verifier->component, .step = step, .after = i + 1};
-        tl_ports_write(&component->inputs, inputs_of(verifier, i));
+        *finding = (tl_verifier_finding){
+            .component = verifier->component, .step = step, .after = i + 1, .is_tried = from == TRIED};
+        tl_ports_write(&component->inputs, inputs_of(verifier, from + i));
         status = tl_component_step(component, tl_seconds(tl_time_of_step(0, exchange->step, step)), exchange->step_s,
                                    false, error);
-        *found = status == TL_OK && differs(verifier, i, finding);
+        if (status == TL_OK && notes) {
+            tl_ports_read(&component->outputs, verifier_outputs(verifier, from + i));
+        }
+        *found = status == TL_OK && !notes && differs(verifier, from + i, finding);
     }
-    *found = *found || status == TL_FMU_FAILED;
+    return status;
+}
+
+/* Steps without a candidate get the committed inputs, changed a little. */
+static void complete_candidate(const tl_verifier *verifier) {
+    const tl_ports *inputs = &present_component(verifier)->inputs;
+    for (size_t i = verifier->note.tried_count; i < TL_VERIFIED_STEPS; i++) {
+        tl_ports_write(inputs, inputs_of(verifier, i));
+        move_inputs(present_component(verifier));
+        tl_ports_read(inputs, inputs_of(verifier, TRIED + i));
+    }
+}
+
+/* A candidate twice, then the committed steps. An FMU may reject a candidate, then it says nothing.
+ * A committed step that fails is a finding. */
+static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
+    complete_candidate(verifier);
+    tl_status status = execute_from(verifier, TRIED, true, finding, found, error);
+    if (status == TL_OK) {
+        status = execute_from(verifier, TRIED, false, finding, found, error);
+        *found = *found || status == TL_FMU_FAILED;
+    }
+    if (status != TL_FMU_FATAL && !*found) {
+        status = execute_from(verifier, 0, false, finding, found, error);
+        *found = *found || status == TL_FMU_FAILED;
+    }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
@@ -412,7 +446,7 @@ static tl_status repeat_steps(tl_verifier *verifier, const tl_budget *budget, tl
     tl_component *component = present_component(verifier);
     uint64_t executions = component->executions;
     bool is_kept = false;
-    if (!has_time(verifier, budget, TL_VERIFIED_STEPS)) {
+    if (!has_time(verifier, budget, TL_VERIFIED_EXECUTIONS)) {
         return TL_OK;
     }
     tl_status status = keep_present(verifier, &is_kept, error);

@@ -51,7 +51,10 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  * Purpose: the proof (proof.h) tests an FMU at its start, but some become inexact later. So the
  *          components are verified in turn: the state of one is saved at the committed instant, and
  *          its inputs and outputs of the next TL_VERIFIED_STEPS committed steps are noted. Then it
- *          is rolled back, executes them again, and is restored to where it was.
+ *          is rolled back, executes the steps of a candidate twice and the committed ones once,
+ *          each from the same state, and is restored to where it was. The candidate comes from the
+ *          searches of these steps; if there was none, the committed inputs are changed by a
+ *          twentieth. It shows an FMU whose states lack what only a candidate changes.
  * No harm: if there is a full copy besides its own states (tl_fmi2_fallback) of at most 16 MiB, it
  *          is restored from that copy, not from a state of the kind in question. Values, caches and
  *          counts of executions are unchanged; these executions are counted separately.
@@ -65,6 +68,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 
 enum {
     TL_VERIFIED_STEPS = 3, /* an internal solver that restarts shows it in the second */
+    TL_VERIFIED_EXECUTIONS = 3 * TL_VERIFIED_STEPS,
     TL_VERIFIER_TEXT = 2
 };
 
@@ -73,8 +77,9 @@ typedef struct tl_verifier_finding {
     size_t component;
     const tl_port *port; /* NULL: the FMU failed, which it had not done before */
     int64_t step;        /* the step that was executed again */
+    bool is_tried;       /* with the inputs of a candidate */
     unsigned after;      /* 1 … TL_VERIFIED_STEPS: number of steps since the saved state */
-    double committed;
+    double committed;    /* value the first time */
     double again;
     tl_restore_cause cause; /* determined only if there is enough time and a full copy */
 } tl_verifier_finding;
@@ -114,7 +119,7 @@ typedef struct tl_verifier {
     tl_exchange_note note; /* where the next step is noted */
     size_t input_bytes;    /* of the component with the most */
     size_t output_bytes;
-    unsigned char *inputs; /* of the noted steps, one after the other, and of the present */
+    unsigned char *inputs; /* of the noted steps, of the candidate's, and of the present */
     unsigned char *outputs;
     tl_verifier_counts counts;
 } tl_verifier;

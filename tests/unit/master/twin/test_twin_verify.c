@@ -3,6 +3,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "master/sync/verifier.h"
 #include "tests/support/test_plan.h"
 
 enum { TICKS = 200, EVERY = 7, WRONG_FROM = 60 };
@@ -126,7 +127,7 @@ static void assert_way(const way *of) {
     lead(&with, NULL);
     tl_twin_facts facts = tl_twin_get_facts(run.twin);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(8, facts.verified);
-    TEST_ASSERT_EQUAL_UINT64(3 * facts.verified, facts.verified_executions);
+    TEST_ASSERT_EQUAL_UINT64(TL_VERIFIED_EXECUTIONS * facts.verified, facts.verified_executions);
     TEST_ASSERT_EQUAL_UINT64(0, facts.differed + with.found);
     assert_same();
     begin_anew();
