@@ -199,10 +199,10 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
 /* ---- excursions ---- */
 
 /* In first steps of the search: as far as it may soon go. */
-static const double FAR = 4.0;
+#define FAR 4.0
 
 /* Where an excursion of one variable goes, in these steps. */
-static const double OFFSETS[] = {FAR, -FAR, 1.0, -1.0, FAR *FAR, -FAR *FAR};
+static const double OFFSETS[] = {FAR, -FAR, 1.0, -1.0, 4.0 * FAR, -4.0 * FAR};
 enum { OFFSET_COUNT = sizeof OFFSETS / sizeof OFFSETS[0] };
 
 static double within(const tl_adjusted *adjusted, double value) {
@@ -257,9 +257,10 @@ static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size
     tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
 }
 
-/* Forgets all noted outputs: the components may continue differently from now on. */
-static void forget_notes(tl_proof *proof) {
-    proof->noted = 0;
+/* Forgets the outputs of excursions, which were noted after a rollback. `all`: and those of the
+ * start, because the components may continue differently from now on. */
+static void forget_notes(tl_proof *proof, bool all) {
+    proof->noted = all ? 0 : proof->noted;
     for (size_t i = 0; i < TL_PROOF_EXCURSIONS; i++) {
         proof->excursions[i].noted = 0;
         proof->excursions[i].is_noted = false;
@@ -411,46 +412,6 @@ static tl_status make_excursion(proof_attempt *self, size_t excursion, tl_error 
     return status == TL_FMU_FATAL || self->culprit != NO_COMPONENT ? status : TL_OK;
 }
 
-/* A component that is rolled back by its own states and has a copy of its memory, if each kept
- * component can be restored by such a copy: replay would take too long. */
-static size_t find_own_states(const tl_exchange *exchange) {
-    size_t found = NO_COMPONENT;
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        const tl_component *one = &exchange->components[i];
-        bool has_choice = exchange->is_kept[i] && tl_component_has_choice(one);
-        if (exchange->is_kept[i] && !has_choice && (!one->fmi->is_unaware || tl_component_copy_size(one) == 0)) {
-            return NO_COMPONENT;
-        }
-        found = has_choice ? i : found;
-    }
-    return found;
-}
-
-/* Notes the excursions of components that made none before: a copy of the memory restores them
- * completely. If an excursion has an effect that prevents copies, the others are noted later.
- * Afterwards the start is saved again. */
-static tl_status note_excursions(proof_attempt *self, tl_error *error) {
-    tl_exchange *exchange = self->synchroniser->exchange;
-    tl_status status = TL_OK;
-    if (find_own_states(exchange) == NO_COMPONENT || self->proof->excursions[0].is_noted) {
-        return TL_OK;
-    }
-    for (size_t i = 0; i < self->proof->excursion_count && status == TL_OK; i++) {
-        status = make_excursion(self, i, error);
-        size_t one = find_own_states(exchange);
-        if (status == TL_OK && one == NO_COMPONENT) {
-            return restore_start(self, error);
-        }
-        if (status == TL_OK && !tl_exchange_restore_copy(exchange, one, NULL)) {
-            status =
-                tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
-                        exchange->components[one].name);
-        }
-        status = status == TL_OK ? save_start(self, error) : status;
-    }
-    return status;
-}
-
 /* Each excursion after each of its neighbours, and the steps of the start after each. */
 static tl_status prove_excursions(proof_attempt *self, tl_error *error) {
     size_t count = self->proof->excursion_count;
@@ -468,7 +429,6 @@ static tl_status prove_excursions(proof_attempt *self, tl_error *error) {
 
 static tl_status prove_once(proof_attempt *self, tl_error *error) {
     tl_status status = save_start(self, error);
-    status = status == TL_OK ? note_excursions(self, error) : status;
     status = status == TL_OK ? take_steps(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
     status = status == TL_OK ? make_excursion(self, 0, error) : status;
@@ -545,9 +505,7 @@ static bool use_other_method(proof_attempt *self, tl_error *error) {
     if (tl_exchange_restore_copy(exchange, self->culprit, cause_text)) {
         /* A component that is restored by a copy is where it was, but may continue differently: it
          * does not see the exception flags of others any more. */
-        if (tl_component_copy_size(&exchange->components[self->culprit]) != 0) {
-            forget_notes(self->proof);
-        }
+        forget_notes(self->proof, tl_component_copy_size(&exchange->components[self->culprit]) != 0);
         return true;
     }
     tl_error found = *error;
@@ -632,13 +590,31 @@ static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock),
         self->culprit = self->synchroniser->exchange->failed;
     }
     if (*taken) {
-        forget_notes(proof);
+        forget_notes(proof, true);
     }
     if (!*taken && had_middle && status == TL_OK) {
         proof->has_midst = true;
         status = tl_snapshot_take(&proof->midst, error);
     }
     return status;
+}
+
+/* Whether the own states of a component, which are far faster than copies of its memory, give the
+ * same excursions as these copies. A state that lacks what only excursions change may be as wrong
+ * each time, but a copy lacks nothing. Afterwards the start is saved again. */
+static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *error) {
+    tl_exchange *exchange = self->synchroniser->exchange;
+    tl_status status = TL_OK;
+    tl_proof_end(self->proof);
+    for (size_t i = 0; i <= self->proof->excursion_count && status == TL_OK; i++) {
+        if (!tl_exchange_restore_copy(exchange, one, NULL)) {
+            self->culprit = one;
+            return tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
+                           exchange->components[one].name);
+        }
+        status = i < self->proof->excursion_count ? make_excursion(self, i, error) : TL_OK;
+    }
+    return status == TL_OK ? tl_exchange_save(exchange, error) : status;
 }
 
 /* ---- repeated proofs ---- */
@@ -648,8 +624,9 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, c
     tl_exchange *exchange = synchroniser->exchange;
     tl_status status = TL_OK;
     bool is_settled = false;
+    bool is_copy_wrong = false;
     bool again = false;
-    forget_notes(proof);
+    forget_notes(proof, true);
     plan_excursions(proof, synchroniser);
     tl_exchange_keep_copies(exchange);
     do {
@@ -663,8 +640,14 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, c
             status = choose_copies(&search, now, &again, error);
             is_settled = status == TL_OK;
         }
+        size_t one = find_choice(exchange);
+        if (status == TL_OK && !again && one != NO_COMPONENT && !is_copy_wrong) {
+            status = compare_with_copies(&search, one, error);
+        }
         if (status != TL_OK) {
             tl_proof_end(proof); /* a component with another method has no states of this kind any more */
+            is_copy_wrong =
+                is_copy_wrong || (search.culprit != NO_COMPONENT && exchange->components[search.culprit].prefers_copy);
             again = status == TL_FMU_FAILED && search.culprit != NO_COMPONENT && use_other_method(&search, error);
         }
         proof->culprit = search.culprit;

@@ -16,13 +16,14 @@
 #include "master/graph/snapshot.h"
 #include "master/sync/synchroniser.h"
 
-/* ---- Choice of the faster of two exact rollback methods on this machine.
+/* ---- Choice between two exact rollback methods: copies of the memory, or the FMU's own states.
  *
- * Purpose: some FMUs take far longer to save and restore their own state than a copy of their
- *          memory takes, for example because they rebuild a solver. A search does little else. So
- *          both are measured in repeated rounds of save, step and restore.
- * Choice:  a copy, if a round by states takes TL_ROLLBACK_TIMING_MARGIN times as long and the gain
- *          is not negligible. Otherwise the FMU's own states.
+ * Purpose: a copy of the memory lacks nothing that the FMU keeps there. Own states are as exact as
+ *          their author made them: some lack what only a candidate changes. But for an FMU with
+ *          much memory its own states may be far faster, and a search does little else. So both are
+ *          measured in repeated rounds of save, step and restore.
+ * Choice:  a copy, unless a round by it takes TL_ROLLBACK_TIMING_MARGIN times as long and the
+ *          difference is not negligible. Then own states.
  * Exact:   the copy is not proved yet; the caller proves all components again. If the copy is not
  *          exact, the component returns to its own states (tl_component_restore_copy()).
  * Bits:    no result depends on the choice, because both methods are exact. The number of states
@@ -40,19 +41,22 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *
  * Purpose: runs before the first step of a synchronised twin, on all components together. It
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
- *          first state, executes steps with other inputs, restores the second state and continues
- *          from there. Then it restores the first state, executes steps with inputs that go as far
- *          as a search may soon go (and so across an event, if inputs can cause one), restores, and
- *          repeats all steps. Every repeated output must have the same bits.
+ *          first state, makes an excursion, restores the second state and continues from there.
+ *          Then it makes all excursions from the first state, in two orders, and repeats the steps
+ *          after each. An excursion moves one adjusted variable by 1, 4 or 16 first steps of the
+ *          search up or down, or sweeps all of them; so it crosses an event, if inputs can cause
+ *          one. Every repeated output must have the same bits.
  *          One step is not enough: an internal solver that restarts after a restore shows a
- *          difference in the second step. One state is not enough: some FMUs can hold only one.
+ *          difference in the second step. One state is not enough: some FMUs can hold only one. One
+ *          excursion is not enough: some states lack a mode that only some inputs enter.
  *          Finally the first state is saved again: an FMU may have done something in these steps
  *          that neither its states nor a copy undo, such as opening a file. The next save is
  *          refused because of that, and it must not be the first one of the run.
  * Fallback: a component whose states are wrong gets its next rollback method, if there is one
  *           (tl_fmi2_fallback), and all are proved again. If there is a full copy of it, the cause
- *           of the difference is determined (verifier.h). If a copy is as exact as its states and
- *           faster, the component uses the copy, and all are proved again.
+ *           of the difference is determined (verifier.h). If a copy is as exact as its states, the
+ *           component uses the copy unless it is far slower, and all are proved again. Own states
+ *           that are kept for their speed must give the same excursions as copies.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 

@@ -15,7 +15,8 @@ SEARCHING = {"horizon": {"prediction": 2}, "algorithm": "nelder-mead", "match": 
 def config(ballast, memory_mb):
     fmu = hostile_fmu.make("good", BALLAST=ballast)
     saving = {} if memory_mb is None else {"saving": {"memory_mb": memory_mb}}
-    return hostile_fmu.config(fmu, merge(hostile_fmu.LOCKED, {"synchronise": {**SEARCHING, **saving}}))
+    return hostile_fmu.config(fmu, merge(hostile_fmu.LOCKED, {"components": {"hostile": {"rollback": "state"}},
+                                                              "synchronise": {**SEARCHING, **saving}}))
 
 
 def replay(ballast, memory_mb=None):

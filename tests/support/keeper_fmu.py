@@ -9,6 +9,7 @@ from twinlock_test import FMUS, SOURCE, expect, scratch, write_config
 
 KEEPER = SOURCE / "tests" / "fmu" / "keeper"
 STEPS = 100
+PAGES = 300  # that an FMU changes in each step, so that a copy takes long
 
 
 @functools.cache
@@ -29,14 +30,16 @@ def make(**macros):
 
 @functools.cache
 def make_late(step):
-    """The path of one whose states are right until it has executed `step` steps: see late.c."""
-    return _make_model("late", LATE=step)
+    """The path of one whose states are right until it has executed `step` steps: see late.c. They are far faster than copies
+    of its memory."""
+    return _make_model("late", LATE=step, TOUCHES=PAGES)
 
 
 @functools.cache
 def make_later(name, step):
-    """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources."""
-    return _make_model(name, LATE=step)
+    """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources.
+    Its states are far faster than copies of its memory."""
+    return _make_model(name, LATE=step, TOUCHES=PAGES)
 
 
 @functools.cache

@@ -1,0 +1,17 @@
+/* Changes TOUCHES pages of memory in each step, so that a copy of the memory takes far longer than the FMU's own states. */
+#ifndef TL_TESTS_FMU_KEEPER_TOUCH_H
+#define TL_TESTS_FMU_KEEPER_TOUCH_H
+
+#ifndef TOUCHES
+#define TOUCHES 0
+#endif
+
+static volatile unsigned char touched[TOUCHES * 4096 + 1];
+
+static void touch(void) {
+    for (unsigned i = 0; i < TOUCHES; i++) {
+        touched[i * 4096]++;
+    }
+}
+
+#endif
