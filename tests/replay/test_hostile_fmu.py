@@ -192,11 +192,26 @@ def test_results_outlive_a_crash_in_freeing():
     expect(json.loads(out)["steps"], "no result")
 
 
+# ---- calls that fail ----
+
+def test_a_check_fails_if_an_fmu_cannot_start_or_step():
+    """With what the FMU said, the call, the step and its time."""
+    for at, call, step, remedy in (("fmi2SetupExperiment", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2EnterInitializationMode", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2ExitInitializationMode", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2DoStep", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2DoStep", 161, "step 160, at 1.6 s", "stop time")):
+        for changes in (None, LOCKED):
+            code, page, log = run(("check", config(make("refuse", AT=at, CALL=call), changes)))
+            expect(code == 70 and page == "", f"{at}, call {call}: ended with {code}\n{page}{log}")
+            expect_line(log, f"error|components.hostile|{step}|{at}|fmi2Error|refused: {at}, call {call}|{remedy}")
+
+
 # ---- states that cannot be saved ----
 
 def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
     """It is an error with "rollback": "state" only; else the program reports and uses another method."""
-    only, any_way = (config(make("no_state"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
+    only, any_way = (config(make("refuse", AT="fmi2GetFMUstate"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
     for verb in ("check", "replay"):
         code, log, _ = end_of((verb, only))
         expect(code == 70, f"{verb} ended with {code}\n{log}")
