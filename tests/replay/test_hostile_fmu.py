@@ -207,6 +207,20 @@ def test_a_check_fails_if_an_fmu_cannot_start_or_step():
             expect_line(log, f"error|components.hostile|{step}|{at}|fmi2Error|refused: {at}, call {call}|{remedy}")
 
 
+def test_outputs_that_cannot_be_read_in_initialisation_mode():
+    """As those of ControlBuild: they are read after it, with the same values."""
+    for changes in (None, LOCKED, merge(LOCKED, {"components": {"hostile": {"rollback": "replay"}}})):
+        tables = []
+        for fmu in (make("good"), *(make("refuse", AT="fmi2GetReal", UNTIL="fmi2ExitInitializationMode", **more) for more in ({}, {"SPOILS": True}))):
+            code, _, log = run(("check", config(fmu, changes)))
+            expect(code == 0, f"check of {fmu.name} ended with {code}\n{log}")
+            steps = scratch() / "steps.csv"
+            code, _, log = run(("replay", config(fmu, changes), "--csv", steps))
+            expect(code in (0, NOT_LOCKED), f"replay of {fmu.name} ended with {code}\n{log}")
+            tables.append(steps.read_text(encoding="utf-8"))
+        expect(tables[0] == tables[1] == tables[2], "other values than those of an FMU that permits it")
+
+
 # ---- states that cannot be saved ----
 
 def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
