@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/process/crash.h"
 #include "firmware/process/host_state.h"
 
 /* ---- Serialising the state of an FMU that is rolled back by memory although its own states are
@@ -950,34 +951,64 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
     return status;
 }
 
+/* If nothing is rolled back by it, the FMU can still be stepped after fmi2Discard. */
+static fmi2Status crash_status(const guarded *self, bool is_serializing) {
+    return is_serializing || self->guard->is_free ? fmi2Discard : fmi2Error;
+}
+
+/* After a crash in one of its own state functions. */
+static fmi2Status report_caught(guarded *self, bool is_serializing) {
+    char text[160];
+    tl_fmu_call call = {.function = ""};
+    (void)tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call);
+    self->guard->has_crashed = self->guard->has_crashed || !is_serializing;
+    (void)snprintf(text, sizeof text, "crashed in %s: %s; %s", call.function, tl_crash_caught(),
+                   is_serializing ? "its states are not serialised" : "its own states are not used any more");
+    tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING, text);
+    return leave_guard(self, crash_status(self, is_serializing));
+}
+
+/* CALL is a call of one of the FMU's own state functions. Unfinished ones crash at once. After the
+ * proof nothing is caught when states are saved and restored, because a later crash has another
+ * cause. */
+#define STATE_CALL(self, function, is_serializing, CALL)                                                               \
+    do {                                                                                                               \
+        if ((self)->guard->has_crashed) {                                                                              \
+            return crash_status(self, is_serializing);                                                                 \
+        }                                                                                                              \
+        enter(self, function);                                                                                         \
+        if ((is_serializing || !(self)->guard->was_proved) && TL_CRASH_CATCH()) {                                      \
+            return report_caught(self, is_serializing);                                                                \
+        }                                                                                                              \
+        fmi2Status status = CALL;                                                                                      \
+        tl_crash_catch_end();                                                                                          \
+        return leave_guard(self, status);                                                                              \
+    } while (0)
+
 static fmi2Status get_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
-    enter(self, TL_FMU_GET_STATE);
-    return leave_guard(self, expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
+    STATE_CALL(self, TL_FMU_GET_STATE, false,
+               expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
 }
 
 static fmi2Status set_fmu_state(fmi2Component component, fmi2FMUstate state) {
     guarded *self = component;
-    enter(self, TL_FMU_SET_STATE);
-    return leave_guard(self, self->own->set_fmu_state(self->instance, state));
+    STATE_CALL(self, TL_FMU_SET_STATE, false, self->own->set_fmu_state(self->instance, state));
 }
 
 static fmi2Status free_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
-    enter(self, TL_FMU_FREE_STATE);
-    return leave_guard(self, self->own->free_fmu_state(self->instance, state));
+    STATE_CALL(self, TL_FMU_FREE_STATE, false, self->own->free_fmu_state(self->instance, state));
 }
 
 static fmi2Status serialized_fmu_state_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
     guarded *self = component;
-    enter(self, TL_FMU_SERIALIZED_SIZE);
-    return leave_guard(self, self->own->serialized_fmu_state_size(self->instance, state, size));
+    STATE_CALL(self, TL_FMU_SERIALIZED_SIZE, true, self->own->serialized_fmu_state_size(self->instance, state, size));
 }
 
 static fmi2Status serialize_fmu_state(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     guarded *self = component;
-    enter(self, TL_FMU_SERIALIZE);
-    return leave_guard(self, self->own->serialize_fmu_state(self->instance, state, bytes, size));
+    STATE_CALL(self, TL_FMU_SERIALIZE, true, self->own->serialize_fmu_state(self->instance, state, bytes, size));
 }
 
 static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte bytes[], size_t size,
