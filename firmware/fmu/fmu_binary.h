@@ -39,7 +39,8 @@ tl_status tl_library_open(const char *path, tl_error *error);
  * Thread:  one: the thread that calls the FMU's functions.
  */
 
-/* `folder`: absolute path of the unpacked FMU. The whole folder of the binary must exist, because
+/* A library of another name than modelIdentifier is used, and logged, if it is the only one of its
+ * folder, or differs only in letter case. `folder`: absolute path of the unpacked FMU. The whole folder of the binary must exist, because
  * the binary may load libraries from it. Libraries that share a name with those of another FMU are
  * replaced by renamed copies first (own_copies.h). Optional functions that the model does not claim
  * are NULL in the table. */

@@ -976,8 +976,11 @@ typedef struct source {
     int file;
 } source;
 
+/* expat scans an unfinished token again with each part, so small parts would make a long comment
+ * slow. */
+enum { PART = 16 * 1024 * 1024 };
+
 static enum XML_Status feed_file(description_parser *parser, int file) {
-    enum { PART = 64 * 1024 };
     enum XML_Status result = XML_STATUS_OK;
     ssize_t got = PART;
     while (got == PART && result == XML_STATUS_OK) {

@@ -12,6 +12,7 @@
 #include "firmware/fmu/model_description.h"
 #include "tests/support/comma_locale.h"
 #include "tests/support/message.h"
+#include "tests/support/scratch.h"
 
 #define ROOT                                                                                                           \
     "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"                                                                     \
@@ -515,6 +516,26 @@ static void test_files(void) {
 
 /* Each prefix of a good document is rejected. A document with one changed byte is accepted or
  * rejected. */
+/* It is read in parts, and its text is not kept. */
+static void test_a_large_file(void) {
+    enum { SIZE = 65 * 1024 * 1024, PART = 1000 };
+    tl_scratch scratch;
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_model_description");
+    const char *path = tl_scratch_path(&scratch, "modelDescription.xml");
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fprintf(file, ROOT CO_SIMULATION "<ModelVariables>\n<!--%*d-->\n", SIZE / 2, 0);
+    for (int i = 0; i < SIZE / PART; i++) {
+        (void)fprintf(file, "<!--%*d-->\n", PART - 8, i);
+    }
+    (void)fputs("<ScalarVariable name='v' valueReference='7'><Real/></ScalarVariable></ModelVariables>" END, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_model_description_read(path, "large.fmu", &arena, &model, &error));
+    TEST_ASSERT_EQUAL_UINT32(7, variable("v")->reference);
+    TEST_ASSERT_LESS_THAN_size_t(1024 * 1024, tl_arena_used(&arena));
+    tl_scratch_remove(&scratch);
+}
+
 static void test_damaged_documents(void) {
     char xml[1024];
     (void)snprintf(xml, sizeof xml,
@@ -632,6 +653,7 @@ int main(void) {
     RUN_TEST(test_memory_is_out);
     RUN_TEST(test_error_may_be_null);
     RUN_TEST(test_files);
+    RUN_TEST(test_a_large_file);
     RUN_TEST(test_damaged_documents);
     RUN_TEST(test_doubles);
     RUN_TEST(test_doubles_in_a_locale_with_commas);
