@@ -2,6 +2,7 @@
 #include "firmware/fmu/fmu_guard.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -766,13 +767,33 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     return self;
 }
 
+/* Some FMUs can only start at 0. A run that resumes, or resets its FMUs, starts them later. */
+static fmi2Status setup_at_0(guarded *self, const tl_fmu_setup *setup) {
+    tl_error text;
+    enter(self, TL_FMU_SETUP_EXPERIMENT);
+    fmi2Status status = leave_fully(
+        self, self->own->setup_experiment(self->instance, setup->has_tolerance, setup->tolerance, 0.0, setup->has_stop,
+                                          setup->has_stop != fmi2False ? setup->stop - setup->start : setup->stop));
+    if (status <= fmi2Warning) {
+        self->shift = setup->start;
+        (void)tl_fail(&text, TL_OK, "refuses to start at %g s: it starts at 0 s, and its time stays %g s behind",
+                      setup->start, setup->start);
+        tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING, text.text);
+    }
+    return status;
+}
+
 static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     guarded *self = component;
+    const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
+    self->shift = 0.0;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
     fmi2Status status =
         leave_fully(self, self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
-    const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
+    if ((status == fmi2Error || status == fmi2Discard) && fabs(start) > 0.0) {
+        status = setup_at_0(self, &setup);
+    }
     return note_call(self, TL_PROLOGUE_SETUP, NULL, 1, &setup, status);
 }
 
@@ -880,7 +901,7 @@ static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status 
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
-    fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now, step, final));
+    fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now - self->shift, step, final));
     const tl_fmi2_step made = {.now = now, .size = step, .final = final};
     note_step(self, &made, status);
     return status;
@@ -923,7 +944,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     if (status <= fmi2Warning) {
         *done = 1;
         tl_fmu_call_continue(self->name, TL_FMU_DO_STEP);
-        status = self->do_step(instance, step->now, step->size, step->final);
+        status = self->do_step(instance, step->now - self->shift, step->size, step->final);
     }
     if (status <= fmi2Warning) {
         *done = 2;

@@ -103,6 +103,7 @@ typedef struct tl_fmu_guarded {
     bool by_replay;                          /* this instance is rolled back by replay */
     tl_fmu_inputs *given;                    /* notes the last inputs; NULL: not noted */
     tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
+    double shift;                            /* s: its time is less by this, because it accepts no other start than 0 */
     uint32_t name;
     uint32_t control;
     const tl_fmi2 *own; /* all functions of the FMU */
@@ -127,6 +128,8 @@ typedef struct tl_fmu_guarded {
  *            - after loading, instantiating, initialising, resetting and freeing, and once per
  *              tick: restores all other process state that an FMU may have changed (host_state.h),
  *              and logs this once;
+ *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and logs
+ *              this;
  *            - reports an error if the FMU returns fmi2OK without a state;
  *            - catches crashes in its own state functions until the rollback is proved: they count
  *              as fmi2Error, so that the next rollback method is used;
