@@ -220,6 +220,10 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
                           ",\n               %.3g \302\265s to save, step and restore; by its own state %.3g \302\265s",
                           (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
         }
+        if (tl_twin_get_ledger(assembly->twin, i).reads_late) {
+            (void)fputs(",\n               its outputs are read after initialisation, because it refuses that before",
+                        output);
+        }
         (void)fputc('\n', output);
     }
     size_t signals = 0;

@@ -128,8 +128,8 @@ typedef struct tl_fmu_guarded {
  *            - after loading, instantiating, initialising, resetting and freeing, and once per
  *              tick: restores all other process state that an FMU may have changed (host_state.h),
  *              and logs this once;
- *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and logs
- *              this;
+ *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and
+ *              logs this;
  *            - reports an error if the FMU returns fmi2OK without a state;
  *            - catches crashes in its own state functions until the rollback is proved: they count
  *              as fmi2Error, so that the next rollback method is used;

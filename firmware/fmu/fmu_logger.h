@@ -50,7 +50,7 @@ typedef struct tl_fmu_logger {
     char name[TL_FMU_LOGGER_NAME];
     bool plain; /* messages are texts, not formats */
     tl_log_limiter limiter;
-    bool is_noting; /* a thread writes `last` */
+    bool is_noting;                /* a thread writes `last` */
     char last[TL_FMU_LOGGER_LAST]; /* newest message with fmi2Warning or worse, cut to fit; "": none */
 } tl_fmu_logger;
 

@@ -970,11 +970,11 @@ static int XMLCALL on_encoding(void *context, const XML_Char *name, XML_Encoding
 /* ---- Parsing ---- */
 
 /* A text in memory, or a file that is read in parts. */
-typedef struct source {
+typedef struct description_source {
     const char *xml; /* NULL: a file */
     size_t size;
     int file;
-} source;
+} description_source;
 
 /* expat scans an unfinished token again with each part, so small parts would make a long comment
  * slow. */
@@ -1017,7 +1017,7 @@ static void fail_xml(description_parser *parser) {
             (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code), advice);
 }
 
-static void parse(description_parser *parser, const source *from) {
+static void parse(description_parser *parser, const description_source *from) {
     XML_SetUserData(parser->expat, parser);
     XML_SetElementHandler(parser->expat, on_begin, on_end);
     XML_SetStartDoctypeDeclHandler(parser->expat, on_doctype);
@@ -1037,7 +1037,7 @@ static tl_status fail_size(const char *label, tl_error *error) {
                    TL_MODEL_DESCRIPTION_BYTES / (1024 * 1024));
 }
 
-static tl_status parse_source(const source *from, const char *label, tl_arena *arena, tl_model *model,
+static tl_status parse_source(const description_source *from, const char *label, tl_arena *arena, tl_model *model,
                               tl_error *error) {
     *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
     if (from->size > TL_MODEL_DESCRIPTION_BYTES) {
@@ -1071,7 +1071,7 @@ static tl_status parse_source(const source *from, const char *label, tl_arena *a
 
 tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
                                      tl_error *error) {
-    const source from = {.xml = xml, .size = size};
+    const description_source from = {.xml = xml, .size = size};
     return parse_source(&from, label, arena, model, error);
 }
 
@@ -1089,7 +1089,7 @@ tl_status tl_model_description_read(const char *path, const char *label, tl_aren
     if (fstat(file, &facts) != 0 || !S_ISREG(facts.st_mode)) {
         status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is not a file: this is not an FMU", label);
     } else {
-        const source from = {.size = (size_t)facts.st_size, .file = file};
+        const description_source from = {.size = (size_t)facts.st_size, .file = file};
         status = parse_source(&from, label, arena, model, error);
     }
     (void)close(file);

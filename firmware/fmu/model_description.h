@@ -38,8 +38,8 @@ bool tl_xml_boolean(const char *text, bool *value);
  *          parts of the schema that the twin relies on. It skips what it does not know:
  *          annotations, later additions, ModelStructure.
  * Limits:  TL_MODEL_DESCRIPTION_BYTES, of which a file is read in parts;
- *          TL_MODEL_DESCRIPTION_VARIABLES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so no
- *          entities.
+ *          TL_MODEL_DESCRIPTION_VARIABLES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so
+ *          no entities.
  * Encodings: UTF-8, UTF-16, ISO-8859-1, and those that iconv knows and that contain ASCII, such as
  *          windows-1252, windows-1251, GBK and Shift_JIS.
  * Tolerated: a variable without variability (default: fixed for parameters, else continuous for

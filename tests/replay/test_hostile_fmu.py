@@ -245,8 +245,9 @@ def test_outputs_that_cannot_be_read_in_initialisation_mode():
     for changes in (None, LOCKED, merge(LOCKED, {"components": {"hostile": {"rollback": "replay"}}})):
         tables = []
         for fmu in (make("good"), *(make("refuse", AT="fmi2GetReal", UNTIL="fmi2ExitInitializationMode", **more) for more in ({}, {"SPOILS": True}))):
-            code, _, log = run(("check", config(fmu, changes)))
+            code, page, log = run(("check", config(fmu, changes)))
             expect(code == 0, f"check of {fmu.name} ended with {code}\n{log}")
+            expect(has_line(page, "outputs|after initialisation") == (fmu.stem == "refuse"), page)
             steps = scratch() / "steps.csv"
             code, _, log = run(("replay", config(fmu, changes), "--csv", steps))
             expect(code in (0, NOT_LOCKED), f"replay of {fmu.name} ended with {code}\n{log}")
