@@ -995,13 +995,13 @@ static fmi2Status report_caught(guarded *self, bool is_serializing) {
 #define STATE_CALL(self, function, is_serializing, CALL)                                                               \
     do {                                                                                                               \
         if ((self)->guard->has_crashed) {                                                                              \
-            return crash_status(self, is_serializing);                                                                 \
+            return crash_status(self, (is_serializing));                                                               \
         }                                                                                                              \
-        enter(self, function);                                                                                         \
-        if ((is_serializing || !(self)->guard->was_proved) && TL_CRASH_CATCH()) {                                      \
-            return report_caught(self, is_serializing);                                                                \
+        enter(self, (function));                                                                                       \
+        if (((is_serializing) || !(self)->guard->was_proved) && TL_CRASH_CATCH()) {                                    \
+            return report_caught(self, (is_serializing));                                                              \
         }                                                                                                              \
-        fmi2Status status = CALL;                                                                                      \
+        fmi2Status status = (CALL);                                                                                    \
         tl_crash_catch_end();                                                                                          \
         return leave_guard(self, status);                                                                              \
     } while (0)

@@ -927,20 +927,24 @@ static int describe_byte(iconv_t converter, unsigned char first) {
     return -MOST_BYTES;
 }
 
+static iconv_t no_converter(void) {
+    return (iconv_t)-1; // NOLINT(performance-no-int-to-ptr): what iconv_open() returns
+}
+
 /* Only families without states, whose bytes below 0x80 are ASCII, except a currency sign. */
 static iconv_t open_encoding(const char *name) {
     static const char *const families[] = {"windows-", "cp12", "cp9",  "iso-8859-", "iso8859-", "latin",    "koi8-",
                                            "gb",       "big5", "euc-", "shift",     "sjis",     "macintosh"};
     static const char windows[] = "windows-";
     char page[32];
-    iconv_t converter = (iconv_t)-1;
+    iconv_t converter = no_converter();
     for (size_t i = 0; i < sizeof families / sizeof families[0]; i++) {
         if (strncasecmp(name, families[i], strlen(families[i])) == 0) {
             converter = iconv_open("WCHAR_T", name);
             break;
         }
     }
-    if (converter == (iconv_t)-1 && strncasecmp(name, windows, strlen(windows)) == 0) {
+    if (converter == no_converter() && strncasecmp(name, windows, strlen(windows)) == 0) {
         (void)snprintf(page, sizeof page, "CP%.20s", name + strlen(windows));
         converter = iconv_open("WCHAR_T", page);
     }
@@ -950,8 +954,8 @@ static iconv_t open_encoding(const char *name) {
 static int XMLCALL on_encoding(void *context, const XML_Char *name, XML_Encoding *encoding) {
     (void)context;
     decoder *own = calloc(1, sizeof *own);
-    iconv_t converter = own != NULL ? open_encoding(name) : (iconv_t)-1;
-    if (converter == (iconv_t)-1) {
+    iconv_t converter = own != NULL ? open_encoding(name) : no_converter();
+    if (converter == no_converter()) {
         free(own);
         return XML_STATUS_ERROR;
     }
