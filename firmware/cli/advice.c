@@ -85,12 +85,10 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
         prognosis->steps++;
     }
     prognosis->next_tick = sample.tick;
-    if (status != TL_OK || prognosis->steps == 0) {
-        prognosis->steps = 0;
-        memset(prognosis->cost, 0, sizeof prognosis->cost);
-        return;
+    if (status == TL_OK) {
+        prognosis->error = (tl_error){TL_OK, ""}; /* of a finding that was mended */
+        prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
     }
-    prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
 }
 
 static void predict_time(const tl_assembly *assembly, tl_prognosis *prognosis) {
@@ -115,7 +113,7 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis) {
     *prognosis = (tl_prognosis){0};
     count_executions(assembly, prognosis);
     run_dry(assembly, prognosis);
-    if (prognosis->steps != 0 && tl_twin_get_facts(assembly->twin).unknowns != 0) {
+    if (prognosis->error.status == TL_OK && tl_twin_get_facts(assembly->twin).unknowns != 0) {
         predict_time(assembly, prognosis);
     }
 }
@@ -145,30 +143,6 @@ static void warn(warnings *list, const char *path, const char *format, ...) {
     (void)fputs(list->count == 0 ? "warnings\n" : "", list->file);
     tl_wrapped_print(list->file, text, INDENT - 2, INDENT);
     list->count++;
-}
-
-/* A failure in step 0 is caused by the initial values. A later one is often a stop time, which some
- * exporters write into the FMU. */
-static void check_dry_run(warnings *list, const tl_assembly *assembly, const tl_prognosis *prognosis) {
-    const char *reason = prognosis->error.text;
-    int64_t step = prognosis->next_tick - 1 - (int64_t)tl_twin_get_facts(assembly->twin).lead;
-    char component[TL_ASSEMBLY_NAME] = "";
-    char path[TL_ASSEMBLY_NAME + 16];
-    char quote[TL_ERROR_TEXT];
-    tl_assembly_find_component(assembly, reason, component);
-    if (step < 1 || component[0] == '\0') {
-        warn(list, "plant",
-             "the FMUs cannot step with its initial values%s%s%s: give its signals an \"initial\" that the model "
-             "accepts",
-             reason[0] != '\0' ? " (" : "", reason, reason[0] != '\0' ? ")" : "");
-        return;
-    }
-    (void)snprintf(path, sizeof path, "components.%s", component);
-    tl_assembly_quote(reason, component, quote, sizeof quote);
-    warn(list, path,
-         "fails in step %" PRId64 ", at %g s, with constant inputs (%.200s): see its messages. If it has a stop time, "
-         "export it without one",
-         step, tl_seconds(tl_time_of_step(0, assembly->config.step, step)), quote);
 }
 
 static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
@@ -239,7 +213,7 @@ static void check_stroke_tolerance(warnings *list, const tl_config *config) {
 /* With an event horizon, the search continues from cycle to cycle. But each cycle needs time for at
  * least one step of a candidate. */
 static void check_stroke_budget(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
-    if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
+    if (2 * prognosis->step_time > config->budget_time) {
         warn(
             list, "synchronise.budget.time_s",
             "%g s is too short for the step of a cycle (%.3g ms here) and one step of a candidate, so no stroke can be "
@@ -331,9 +305,8 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
     }
 }
 
-static void check_free_twin(warnings *list, const tl_config *config, const tl_prognosis *prognosis,
-                            const tl_twin *twin) {
-    if (config->free_twin && prognosis->steps != 0 && !tl_twin_get_facts(twin).has_free_twin) {
+static void check_free_twin(warnings *list, const tl_config *config, const tl_twin *twin) {
+    if (config->free_twin && !tl_twin_get_facts(twin).has_free_twin) {
         warn(list, "synchronise.free_twin",
              "has no effect, because an FMU is rolled back by replay, which restores one instant only: u never rests");
     }
@@ -492,9 +465,6 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     warnings list = {.file = file};
-    if (prognosis->steps == 0) {
-        check_dry_run(&list, assembly, prognosis);
-    }
     check_step(&list, config, prognosis);
     check_rollback(&list, rollback);
     check_saved_states(&list, config, states);
@@ -509,7 +479,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_adjusted(&list, config, assembly->twin);
         check_conditions(&list, config);
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);
-        check_free_twin(&list, config, prognosis, assembly->twin);
+        check_free_twin(&list, config, assembly->twin);
     }
     check_between(&list, config);
     check_every(&list, config);

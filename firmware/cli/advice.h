@@ -32,8 +32,8 @@ typedef struct tl_prognosis {
     uint64_t worst; /* of a step that uses all its evaluations, including the committing step */
 
     /* times in ns on this machine; 0: not known */
-    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
-    tl_error error;                       /* the reason if `steps` is 0 */
+    size_t steps;                         /* of the dry run */
+    tl_error error;                       /* of a failure in the dry run; only next_tick is then valid too */
     int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including the save of its state */

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <expat.h>
 #include <fcntl.h>
+#include <iconv.h>
 #include <limits.h>
 #include <math.h>
 #include <stdarg.h>
@@ -12,8 +13,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <wchar.h>
 
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
@@ -60,6 +63,8 @@ typedef struct tl_draft_variable {
     const char *declared_type; /* NULL: none */
     bool has_variability;
     bool has_initial;
+    bool is_repeated; /* declared before with the same facts: it is dropped */
+    size_t index;     /* in the document */
 } tl_draft_variable;
 
 /* A list of items of one size. */
@@ -540,10 +545,15 @@ static const char *initial_word(int value) {
 
 static void begin_variable(description_parser *parser, const xml_tag *tag) {
     const char *name = mandatory(parser, tag, "name");
+    if (parser->variables.count == TL_MODEL_DESCRIPTION_VARIABLES) {
+        fail_at(parser, current_line(parser), "more than %d variables; export fewer", TL_MODEL_DESCRIPTION_VARIABLES);
+        return;
+    }
     tl_draft_variable *entry = append(parser, &parser->variables, name, current_line(parser));
     if (entry == NULL) {
         return;
     }
+    entry->index = parser->variables.count - 1;
     tl_variable *variable = &entry->variable;
     int causality = TL_LOCAL;
     int variability = TL_CONTINUOUS;
@@ -756,6 +766,60 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
     }
 }
 
+/* ---- variables of one name ---- */
+
+static int compare_index(const void *left, const void *right) {
+    const tl_draft_variable *a = left;
+    const tl_draft_variable *b = right;
+    return (a->index > b->index) - (a->index < b->index);
+}
+
+static int compare_variables(const void *left, const void *right) {
+    const tl_draft_variable *a = left;
+    const tl_draft_variable *b = right;
+    int order = strcmp(a->item.name, b->item.name);
+    return order != 0 ? order : compare_index(left, right);
+}
+
+static bool are_same(const tl_variable *a, const tl_variable *b) {
+    return a->reference == b->reference && a->type == b->type && a->causality == b->causality;
+}
+
+/* `count` variables of one name, in the order of the document. */
+static void mark_group(tl_draft_variable *group, size_t count) {
+    bool is_ambiguous = false;
+    for (size_t i = 1; i < count; i++) {
+        is_ambiguous = is_ambiguous || !are_same(&group[i].variable, &group[0].variable);
+    }
+    for (size_t i = 0; i < count; i++) {
+        group[i].variable.is_ambiguous = is_ambiguous;
+        group[i].is_repeated = !is_ambiguous && i > 0;
+    }
+}
+
+/* Names must be unique, but some exporters write a variable twice, often one that no connection
+ * needs. Drops equal ones and marks different ones. */
+static void find_repeated(tl_draft_list *list) {
+    tl_draft_variable *variables = list->items;
+    size_t kept = 0;
+    if (list->count == 0) {
+        return;
+    }
+    qsort(variables, list->count, sizeof *variables, compare_variables);
+    for (size_t first = 0, end = 0; first < list->count; first = end) {
+        while (end < list->count && strcmp(variables[end].item.name, variables[first].item.name) == 0) {
+            end++;
+        }
+        mark_group(&variables[first], end - first);
+    }
+    qsort(variables, list->count, sizeof *variables, compare_index);
+    for (size_t i = 0; i < list->count; i++) {
+        variables[kept] = variables[i];
+        kept += variables[i].is_repeated ? 0 : 1;
+    }
+    list->count = kept;
+}
+
 static void copy_to_model(description_parser *parser) {
     tl_model *model = parser->model;
     tl_unit *units = tl_arena_take(parser->arena, parser->units.count, sizeof(tl_unit));
@@ -793,8 +857,8 @@ static void finish_description(description_parser *parser) {
         sort_names(parser, &parser->units, "unit");
     }
     if (parser->status == TL_OK) {
+        find_repeated(&parser->variables);
         copy_to_model(parser);
-        sort_names(parser, &parser->variables, "variable");
     }
 }
 
@@ -810,25 +874,166 @@ static void check_document(description_parser *parser) {
     }
 }
 
-static void parse(description_parser *parser, const char *xml, size_t size) {
+/* ---- Encodings that expat does not know ---- */
+
+/* Of one parser. `length`: bytes of a character that begins with this byte. */
+typedef struct decoder {
+    iconv_t iconv;
+    unsigned char length[256];
+} decoder;
+
+enum { INVALID = -1, INCOMPLETE = -2, MOST_BYTES = 3 };
+
+/* Returns the code point of one character, INVALID or INCOMPLETE. */
+static long decode(iconv_t converter, const char *bytes, size_t size) {
+    wchar_t points[4] = {0};
+    char copy[MOST_BYTES];
+    char *in = memcpy(copy, bytes, size);
+    char *out = (char *)points;
+    size_t out_left = sizeof points;
+    (void)iconv(converter, NULL, NULL, NULL, NULL);
+    if (iconv(converter, &in, &size, &out, &out_left) == (size_t)-1) {
+        return errno == EINVAL ? INCOMPLETE : INVALID;
+    }
+    (void)iconv(converter, NULL, NULL, &out, &out_left); /* a character that waits for an accent */
+    return out_left == sizeof points - sizeof points[0] ? (long)points[0] : INVALID;
+}
+
+static int XMLCALL decode_character(void *data, const char *bytes) {
+    decoder *own = data;
+    long point = decode(own->iconv, bytes, own->length[(unsigned char)bytes[0]]);
+    return point >= 0 && point <= 0xFFFF ? (int)point : INVALID;
+}
+
+static void XMLCALL close_decoder(void *data) {
+    decoder *own = data;
+    (void)iconv_close(own->iconv);
+    free(own);
+}
+
+/* What expat wants to know of a first byte: the character, INVALID, or the negative length. */
+static int describe_byte(iconv_t converter, unsigned char first) {
+    char bytes[2] = {(char)first, 0};
+    long point = decode(converter, bytes, 1);
+    if (point != INCOMPLETE) {
+        return point <= 0xFFFF ? (int)point : INVALID;
+    }
+    for (int second = 0x30; second < 0xFF; second++) {
+        bytes[1] = (char)second;
+        if (decode(converter, bytes, 2) >= 0) {
+            return -2;
+        }
+    }
+    return -MOST_BYTES;
+}
+
+static iconv_t no_converter(void) {
+    return (iconv_t)-1; // NOLINT(performance-no-int-to-ptr): what iconv_open() returns
+}
+
+/* Only families without states, whose bytes below 0x80 are ASCII, except a currency sign. */
+static iconv_t open_encoding(const char *name) {
+    static const char *const families[] = {"windows-", "cp12", "cp9",  "iso-8859-", "iso8859-", "latin",    "koi8-",
+                                           "gb",       "big5", "euc-", "shift",     "sjis",     "macintosh"};
+    static const char windows[] = "windows-";
+    char page[32];
+    iconv_t converter = no_converter();
+    for (size_t i = 0; i < sizeof families / sizeof families[0]; i++) {
+        if (strncasecmp(name, families[i], strlen(families[i])) == 0) {
+            converter = iconv_open("WCHAR_T", name);
+            break;
+        }
+    }
+    if (converter == no_converter() && strncasecmp(name, windows, strlen(windows)) == 0) {
+        (void)snprintf(page, sizeof page, "CP%.20s", name + strlen(windows));
+        converter = iconv_open("WCHAR_T", page);
+    }
+    return converter;
+}
+
+static int XMLCALL on_encoding(void *context, const XML_Char *name, XML_Encoding *encoding) {
+    (void)context;
+    decoder *own = calloc(1, sizeof *own);
+    iconv_t converter = own != NULL ? open_encoding(name) : no_converter();
+    if (converter == no_converter()) {
+        free(own);
+        return XML_STATUS_ERROR;
+    }
+    own->iconv = converter;
+    for (int i = 0; i < 256; i++) {
+        int described = i < 0x80 ? i : describe_byte(converter, (unsigned char)i);
+        encoding->map[i] = described;
+        own->length[i] = (unsigned char)(described < INVALID ? -described : 1);
+    }
+    encoding->data = own;
+    encoding->convert = decode_character;
+    encoding->release = close_decoder;
+    return XML_STATUS_OK;
+}
+
+/* ---- Parsing ---- */
+
+/* A text in memory, or a file that is read in parts. */
+typedef struct description_source {
+    const char *xml; /* NULL: a file */
+    size_t size;
+    int file;
+} description_source;
+
+/* expat scans an unfinished token again with each part, so small parts would make a long comment
+ * slow. */
+enum { PART = 16 * 1024 * 1024 };
+
+static enum XML_Status feed_file(description_parser *parser, int file) {
+    enum XML_Status result = XML_STATUS_OK;
+    ssize_t got = PART;
+    while (got == PART && result == XML_STATUS_OK) {
+        void *part = XML_GetBuffer(parser->expat, PART);
+        if (part == NULL) {
+            fail_memory(parser);
+            return XML_STATUS_ERROR;
+        }
+        got = tl_file_bytes_read(file, part, PART);
+        if (got < 0) {
+            parser->status = tl_fail(parser->error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be read: %s",
+                                     parser->label, strerror(errno));
+            return XML_STATUS_ERROR;
+        }
+        result = XML_ParseBuffer(parser->expat, (int)got, got < PART ? XML_TRUE : XML_FALSE);
+    }
+    return result;
+}
+
+static void fail_xml(description_parser *parser) {
+    enum XML_Error code = XML_GetErrorCode(parser->expat);
+    if (code == XML_ERROR_NO_MEMORY) {
+        fail_memory(parser);
+        return;
+    }
+    const char *advice = "";
+    if (code == XML_ERROR_UNKNOWN_ENCODING) {
+        advice = "; save the file as UTF-8 in the FMU, and declare that in its first line";
+    } else if (code == XML_ERROR_INVALID_TOKEN) {
+        advice =
+            "; if there are letters in another encoding than the declared one (UTF-8 if none is), save it as UTF-8";
+    }
+    fail_at(parser, current_line(parser), "not well-formed XML, column %lu: %s%s",
+            (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code), advice);
+}
+
+static void parse(description_parser *parser, const description_source *from) {
     XML_SetUserData(parser->expat, parser);
     XML_SetElementHandler(parser->expat, on_begin, on_end);
     XML_SetStartDoctypeDeclHandler(parser->expat, on_doctype);
-    enum XML_Status result = XML_Parse(parser->expat, xml, (int)size, XML_TRUE);
-    if (parser->status != TL_OK) {
-        return;
+    XML_SetUnknownEncodingHandler(parser->expat, on_encoding, NULL);
+    enum XML_Status result = from->xml != NULL ? XML_Parse(parser->expat, from->xml, (int)from->size, XML_TRUE)
+                                               : feed_file(parser, from->file);
+    if (parser->status == TL_OK && result != XML_STATUS_OK) {
+        fail_xml(parser);
     }
-    if (result != XML_STATUS_OK) {
-        enum XML_Error code = XML_GetErrorCode(parser->expat);
-        if (code == XML_ERROR_NO_MEMORY) {
-            fail_memory(parser);
-        } else {
-            fail_at(parser, current_line(parser), "not well-formed XML, column %lu: %s",
-                    (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code));
-        }
-        return;
+    if (parser->status == TL_OK) {
+        check_document(parser);
     }
-    check_document(parser);
 }
 
 static tl_status fail_size(const char *label, tl_error *error) {
@@ -836,10 +1041,10 @@ static tl_status fail_size(const char *label, tl_error *error) {
                    TL_MODEL_DESCRIPTION_BYTES / (1024 * 1024));
 }
 
-tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
-                                     tl_error *error) {
+static tl_status parse_source(const description_source *from, const char *label, tl_arena *arena, tl_model *model,
+                              tl_error *error) {
     *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
-    if (size > TL_MODEL_DESCRIPTION_BYTES) {
+    if (from->size > TL_MODEL_DESCRIPTION_BYTES) {
         return fail_size(label, error);
     }
     description_parser *parser = calloc(1, sizeof *parser);
@@ -858,7 +1063,7 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     parser->units.size = sizeof(tl_draft_unit);
     parser->types.size = sizeof(tl_draft_type);
     parser->variables.size = sizeof(tl_draft_variable);
-    parse(parser, xml, size);
+    parse(parser, from);
     tl_status status = parser->status;
     XML_ParserFree(expat);
     free(parser->units.items);
@@ -868,35 +1073,29 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     return status;
 }
 
-/* ---- Files ----------------------------------------------------------------------------------- */
+tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
+                                     tl_error *error) {
+    const description_source from = {.xml = xml, .size = size};
+    return parse_source(&from, label, arena, model, error);
+}
 
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error) {
     struct stat facts;
-    tl_status status = TL_TRY_AGAIN;
+    tl_status status = TL_OK;
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
-        return errno == ENOENT
-                   ? tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is not an FMU",
-                             label)
-                   : tl_fail(error, status, "%s: modelDescription.xml cannot be opened: %s", label, strerror(errno));
+        return errno == ENOENT ? tl_fail(error, TL_BAD_DATA,
+                                         "%s: there is no modelDescription.xml in it: this is not an FMU", label)
+                               : tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label,
+                                         strerror(errno));
     }
-    bool is_file = fstat(file, &facts) == 0 && S_ISREG(facts.st_mode);
-    bool fits = is_file && facts.st_size <= TL_MODEL_DESCRIPTION_BYTES;
-    char *xml = fits ? malloc((size_t)facts.st_size + 1) : NULL;
-    ssize_t size = xml != NULL ? tl_file_bytes_read(file, xml, (size_t)facts.st_size) : 0;
-    if (!is_file) {
+    if (fstat(file, &facts) != 0 || !S_ISREG(facts.st_mode)) {
         status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is not a file: this is not an FMU", label);
-    } else if (!fits) {
-        status = fail_size(label, error);
-    } else if (xml == NULL) {
-        (void)tl_fail(error, status, "%s: not enough memory; free memory and try again", label);
-    } else if (size < 0) {
-        (void)tl_fail(error, status, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
     } else {
-        status = tl_model_description_parse(xml, (size_t)size, label, arena, model, error);
+        const description_source from = {.size = (size_t)facts.st_size, .file = file};
+        status = parse_source(&from, label, arena, model, error);
     }
-    free(xml);
     (void)close(file);
     return status;
 }

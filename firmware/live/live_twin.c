@@ -786,6 +786,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     }
     int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
     if (self.fmus != NULL) {
+        tl_process_complete(code);
         tl_fmu_thread_call(self.fmus, do_free, assembly);
         tl_fmu_thread_end(self.fmus);
     }

@@ -318,6 +318,16 @@ void tl_assembly_find_component(const tl_assembly *assembly, const char *sentenc
     }
 }
 
+const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component) {
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        if (strcmp(assembly->components[i].name, component) == 0) {
+            const tl_fmu_guard *guard = assembly->components[i].callbacks->componentEnvironment;
+            return guard->logger.last;
+        }
+    }
+    return "";
+}
+
 void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size) {
     size_t length = strlen(name);
     bool is_named = strncmp(sentence, name, length) == 0 && (sentence[length] == ':' || sentence[length] == ' ');

@@ -58,6 +58,10 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
  * copies that name. Otherwise `component` becomes "". */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
+/* Returns the newest message of a component's FMU with fmi2Warning or worse, cut to fit; "": none.
+ * After the build; valid until the FMU's next call. */
+const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component);
+
 /* Copies a sentence without the component's name at its beginning and without the advice after a
  * semicolon. */
 void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size);

@@ -209,27 +209,36 @@ static void normalise_booleans(tl_component *component) {
     }
 }
 
-tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
+/* Reads all outputs. *call: the last call. */
+static fmi2Status read_outputs(const tl_component *component, const char **call) {
     const tl_ports *out = &component->outputs;
     const tl_fmi2 *fmi = component->fmi;
     fmi2Status status = fmi2OK;
     if (out->real_count != 0) {
+        *call = "fmi2GetReal";
         status = fmi->get_real(component->instance, out->real_references, out->real_count, out->reals);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetReal", error);
-        }
     }
-    if (out->integer_count != 0) {
+    if (status <= fmi2Warning && out->integer_count != 0) {
+        *call = "fmi2GetInteger";
         status = fmi->get_integer(component->instance, out->integer_references, out->integer_count, out->integers);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetInteger", error);
-        }
     }
-    if (out->boolean_count != 0) {
+    if (status <= fmi2Warning && out->boolean_count != 0) {
+        *call = "fmi2GetBoolean";
         status = fmi->get_boolean(component->instance, out->boolean_references, out->boolean_count, out->booleans);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetBoolean", error);
-        }
+    }
+    return status;
+}
+
+tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
+    const char *call = "";
+    bool may_refuse = component->mode == TL_MODE_INITIALIZING;
+    fmi2Status status = may_refuse && component->reads_late ? fmi2Error : read_outputs(component, &call);
+    if (may_refuse && (status == fmi2Discard || status == fmi2Error)) {
+        component->reads_late = true;
+        return TL_OK;
+    }
+    if (status > fmi2Warning) {
+        return check_status(component, status, call, error);
     }
     normalise_booleans(component);
     return tl_component_check_outputs(component, error);

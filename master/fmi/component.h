@@ -70,6 +70,7 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
+    bool reads_late;      /* the FMU rejects fmi2GetXXX in initialisation mode: outputs are read after it */
     bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
     bool says_final;      /* each step is final, whatever the caller says: for a proof */
     bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
@@ -106,7 +107,8 @@ tl_status tl_component_enter_initialization(tl_component *component, double star
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
 /* Writes the inputs to the FMU; reads the outputs from it. TL_FMU_FAILED if an output is not
- * finite. */
+ * finite. If the FMU rejects reading in initialisation mode, as ControlBuild's do, the outputs keep
+ * their values, and it is not read again before the end of that mode. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 

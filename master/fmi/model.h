@@ -59,6 +59,7 @@ typedef struct tl_variable {
     double maximum; /* +infinity if none is declared */
     double nominal; /* > 0; 1 if none is declared */
     tl_initial initial;
+    bool is_ambiguous; /* the model has another variable of this name: neither can be used */
 } tl_variable;
 
 typedef struct tl_capabilities {

@@ -126,7 +126,8 @@ void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph);
 
 /* Initialises all components at the instant of macro step `first`: fmi2SetupExperiment …
  * fmi2ExitInitializationMode, with outputs and inputs exchanged in between until they agree. The
- * plant must have a sample; that of tick `shown` is delivered first. */
+ * plant must have a sample; that of tick `shown` is delivered first. If FMUs reject reading in
+ * initialisation mode and then fail, all are instantiated again, and those are not read in it. */
 tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error);
 
 /* Assigns all inputs from the outputs. */

@@ -69,6 +69,17 @@ static void report_no_variable(const tl_component *component, const char *name, 
         nearest != NULL ? nearest : "", nearest != NULL ? "\"?)" : "");
 }
 
+static bool is_unique(const tl_component *component, const tl_variable *variable, const char *where,
+                      tl_report *report) {
+    if (variable->is_ambiguous) {
+        tl_report_add(report, TL_BAD_DATA, where,
+                      "%s.%s: modelDescription.xml declares several variables of this name; rename them in the model "
+                      "and export it again",
+                      component->name, variable->name);
+    }
+    return !variable->is_ambiguous;
+}
+
 /* Looks up "component.variable" and reports what is missing. */
 static const tl_variable *resolve(const tl_graph *graph, const char *name, const char *where, size_t *node,
                                   tl_report *report) {
@@ -86,7 +97,7 @@ static const tl_variable *resolve(const tl_graph *graph, const char *name, const
         return NULL;
     }
     *node = (size_t)(component - graph->components);
-    return variable;
+    return is_unique(component, variable, where, report) ? variable : NULL;
 }
 
 static tl_type port_type(tl_type type) {
@@ -295,6 +306,8 @@ static void check_set(const tl_component *component, const tl_plan_set *set, tl_
     tl_value fitted;
     if (variable == NULL) {
         report_no_variable(component, set->variable, set->where, report);
+    } else if (variable->is_ambiguous) {
+        (void)is_unique(component, variable, set->where, report);
     } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
                variable->variability == TL_CONSTANT) {
         tl_report_add(report, TL_BAD_DATA, set->where,
@@ -475,8 +488,10 @@ void tl_graph_check_inputs(const tl_graph *graph, tl_report *report) {
         const tl_plan_component *plan = &graph->plan->components[node];
         for (size_t i = 0; i < plan->model->variable_count; i++) {
             const tl_variable *variable = &plan->model->variables[i];
-            if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
-                !is_set(plan, variable->name) && !is_target(graph, node, variable)) {
+            if (variable->causality == TL_INPUT && variable->is_ambiguous) {
+                (void)is_unique(&graph->components[node], variable, plan->where, report);
+            } else if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
+                       !is_set(plan, variable->name) && !is_target(graph, node, variable)) {
                 tl_report_add(report, TL_BAD_DATA, plan->where,
                               "input %s.%s is not connected; connect it, or give it a "
                               "constant value in components.%s.set",

@@ -109,6 +109,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     fill_needs(twin, component, &entry);
     if (!plant) {
         entry.replay = exchange->components[component].fmi->replay;
+        entry.reads_late = exchange->components[component].reads_late;
         entry.cost = exchange->costs.each[component].most;
     }
     if (!plant && exchange->cached != NULL) {

@@ -63,6 +63,7 @@ typedef struct tl_twin_facts {
 typedef struct tl_twin_ledger {
     const char *name;
     uint32_t reach;       /* Γ_k (eq. 4.5) */
+    bool reads_late;      /* it refuses to be read in initialisation mode */
     bool on_a_way;        /* on a path from an adjusted variable to a matched output */
     uint32_t longer;      /* C_k, on such a path */
     uint32_t first_need;  /* most executions of a step's first evaluation, as saved */

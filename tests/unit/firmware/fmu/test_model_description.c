@@ -12,6 +12,7 @@
 #include "firmware/fmu/model_description.h"
 #include "tests/support/comma_locale.h"
 #include "tests/support/message.h"
+#include "tests/support/scratch.h"
 
 #define ROOT                                                                                                           \
     "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"                                                                     \
@@ -288,6 +289,40 @@ static void test_other_encodings(void) {
     TEST_ASSERT_EQUAL_STRING("m\xC3\xB6", model.name);
 }
 
+static void expect_name(const char *encoding, const char *bytes, const char *name) {
+    char xml[400];
+    (void)snprintf(xml, sizeof xml,
+                   "<?xml version='1.0' encoding='%s'?><fmiModelDescription fmiVersion='2.0' modelName='%s' guid='g'>"
+                   "<CoSimulation modelIdentifier='m'/><ModelVariables/></fmiModelDescription>",
+                   encoding, bytes);
+    expect_ok(xml);
+    TEST_ASSERT_EQUAL_STRING(name, model.name);
+}
+
+static void test_encodings_of_windows(void) {
+    expect_name("windows-1252", "\x80 \xB0\x43 \xD6l", "\xE2\x82\xAC \xC2\xB0\x43 \xC3\x96l");
+    expect_name("Windows-1250", "\x9Elut\xFD", "\xC5\xBElut\xC3\xBD");
+    expect_name("windows-1251", "\xE2\xEE\xE4\xE0", "\xD0\xB2\xD0\xBE\xD0\xB4\xD0\xB0");
+    expect_name("cp1252", "\x85", "\xE2\x80\xA6");
+    expect_name("ISO-8859-15", "\xA4", "\xE2\x82\xAC");
+    expect_name("GBK", "\xB5\xE7\xBB\xFA x", "\xE7\x94\xB5\xE6\x9C\xBA x");
+    expect_name("GB2312", "\xB5\xE7\xBB\xFA", "\xE7\x94\xB5\xE6\x9C\xBA");
+    expect_name("Shift_JIS", "\x93\x64 \xB1", "\xE9\x9B\xBB \xEF\xBD\xB1");
+    expect_name("windows-31J", "\x93\x64", "\xE9\x9B\xBB");
+    expect_name("EUC-JP", "\xC5\xC5\x8F\xB0\xA1", "\xE9\x9B\xBB\xE4\xB8\x82");
+    expect_name("Big5", "\xB9\x71", "\xE9\x9B\xBB");
+}
+
+static void test_encodings_that_are_refused(void) {
+    expect_bad("<?xml version='1.0' encoding='windows-1252'?>\n<fmiModelDescription modelName='\x81'/>", 2,
+               "XML|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='GBK'?>\n<fmiModelDescription modelName='\xB5'/>", 2, "XML");
+    expect_bad("<?xml version='1.0' encoding='UTF-7'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='ISO-2022-JP'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='EBCDIC-US'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='windows-9999'?>\n<x/>", 1, "encoding|UTF-8");
+}
+
 /* ---- Refused --------------------------------------------------------------------------------- */
 
 static void test_versions(void) {
@@ -395,16 +430,31 @@ static void test_words(void) {
 }
 
 static void test_names_given_twice(void) {
-    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>\n"
-                              "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>\n"
-                              "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"),
-               7, "variable|\"v\"|line 5");
     expect_bad(ROOT CO_SIMULATION
                "<UnitDefinitions><Unit name='u'/>\n<Unit name='u'/></UnitDefinitions><ModelVariables/>" END,
                5, "unit|\"u\"|line 4");
     expect_bad(ROOT CO_SIMULATION "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType>\n"
                                   "<SimpleType name='T'><Real/></SimpleType></TypeDefinitions><ModelVariables/>" END,
                5, "type|\"T\"|line 4");
+}
+
+/* Equal ones are dropped; of different ones, none can be used. The order stays that of the document. */
+static void test_variables_declared_twice(void) {
+    expect_ok(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='a' valueReference='4'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"
+                             "<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>"));
+    static const struct {
+        const char *name;
+        bool is_ambiguous;
+    } expected[] = {{"v", true}, {"w", false}, {"a", false}, {"v", true}, {"v", true}};
+    TEST_ASSERT_EQUAL_size_t(5, model.variable_count);
+    for (size_t i = 0; i < model.variable_count; i++) {
+        TEST_ASSERT_EQUAL_STRING(expected[i].name, model.variables[i].name);
+        TEST_ASSERT_EQUAL_INT(expected[i].is_ambiguous, model.variables[i].is_ambiguous);
+    }
 }
 
 static void test_xml_that_is_not_well_formed(void) {
@@ -437,7 +487,7 @@ static void test_depth_and_size(void) {
     free(xml);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse("", (size_t)TL_MODEL_DESCRIPTION_BYTES + 1, "box.fmu",
                                                                   &arena, &model, &error));
-    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|64 MiB", error.text);
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|512 MiB", error.text);
 }
 
 static void test_memory_is_out(void) {
@@ -466,6 +516,26 @@ static void test_files(void) {
 
 /* Each prefix of a good document is rejected. A document with one changed byte is accepted or
  * rejected. */
+/* It is read in parts, and its text is not kept. */
+static void test_a_large_file(void) {
+    enum { SIZE = 65 * 1024 * 1024, PART = 1000 };
+    tl_scratch scratch;
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_model_description");
+    const char *path = tl_scratch_path(&scratch, "modelDescription.xml");
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fprintf(file, ROOT CO_SIMULATION "<ModelVariables>\n<!--%*d-->\n", SIZE / 2, 0);
+    for (int i = 0; i < SIZE / PART; i++) {
+        (void)fprintf(file, "<!--%*d-->\n", PART - 8, i);
+    }
+    (void)fputs("<ScalarVariable name='v' valueReference='7'><Real/></ScalarVariable></ModelVariables>" END, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_model_description_read(path, "large.fmu", &arena, &model, &error));
+    TEST_ASSERT_EQUAL_UINT32(7, variable("v")->reference);
+    TEST_ASSERT_LESS_THAN_size_t(1024 * 1024, tl_arena_used(&arena));
+    tl_scratch_remove(&scratch);
+}
+
 static void test_damaged_documents(void) {
     char xml[1024];
     (void)snprintf(xml, sizeof xml,
@@ -567,6 +637,8 @@ int main(void) {
     RUN_TEST(test_unknown_elements_are_skipped);
     RUN_TEST(test_the_rounded_largest_double_is_no_limit);
     RUN_TEST(test_other_encodings);
+    RUN_TEST(test_encodings_of_windows);
+    RUN_TEST(test_encodings_that_are_refused);
     RUN_TEST(test_versions);
     RUN_TEST(test_mandatory_parts);
     RUN_TEST(test_identifiers_stay_in_their_folder);
@@ -574,12 +646,14 @@ int main(void) {
     RUN_TEST(test_numbers);
     RUN_TEST(test_words);
     RUN_TEST(test_names_given_twice);
+    RUN_TEST(test_variables_declared_twice);
     RUN_TEST(test_xml_that_is_not_well_formed);
     RUN_TEST(test_entities_cannot_expand);
     RUN_TEST(test_depth_and_size);
     RUN_TEST(test_memory_is_out);
     RUN_TEST(test_error_may_be_null);
     RUN_TEST(test_files);
+    RUN_TEST(test_a_large_file);
     RUN_TEST(test_damaged_documents);
     RUN_TEST(test_doubles);
     RUN_TEST(test_doubles_in_a_locale_with_commas);
