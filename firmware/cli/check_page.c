@@ -239,6 +239,17 @@ static const char *edge_name(const tl_plan_edge *edge) {
 }
 
 /* Prints the settings of a search with an event horizon. */
+/* Only if it is not the usual one: from 0, without a stop time. */
+static void print_time(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    const tl_experiment experiment = tl_twin_get_facts(assembly->twin).experiment;
+    if (!isnan(config->stop_s) || experiment.start_s < 0.0 || experiment.start_s > 0.0) {
+        (void)fprintf(output, "time of the FMUs\n  %-12s %.15g s (%s)\n  %-12s %.15g s (%s)\n\n", "start",
+                      experiment.start_s, isnan(config->start_s) ? "of their DefaultExperiment" : "start_s", "stop",
+                      experiment.stop_s, !isnan(config->stop_s) ? "stop_s" : "far: not configured");
+    }
+}
+
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
@@ -599,6 +610,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
+    print_time(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
     print_delays(config, output);

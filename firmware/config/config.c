@@ -29,6 +29,10 @@ static bool is_whole_nanoseconds(double seconds) {
 static void read_times(tl_config_object *root, tl_config *config) {
     static const tl_config_number step_rule = {
         .need = TL_CONFIG_REQUIRED, .minimum = 1e-5, .maximum = 3600, .example = "0.01"};
+    static const tl_config_number start_rule = {
+        .need = TL_CONFIG_OPTIONAL, .minimum = -1e12, .maximum = 1e12, .example = "64800"};
+    static const tl_config_number stop_rule = {
+        .need = TL_CONFIG_OPTIONAL, .minimum = -1e12, .maximum = 1e12, .example = "86400"};
     double seconds = 0;
     if (tl_config_get_number(root, "step_s", &step_rule, &seconds)) {
         config->step = tl_time_of_seconds(seconds);
@@ -37,6 +41,13 @@ static void read_times(tl_config_object *root, tl_config *config) {
         }
     }
     (void)tl_config_get_duration(root, "duration_s", TL_CONFIG_OPTIONAL, "14", &config->duration);
+    config->start_s = config->stop_s = (double)NAN;
+    if (tl_config_get_number(root, "start_s", &start_rule, &config->start_s)) {
+        config->start_s += 0.0; /* not −0 */
+    }
+    if (tl_config_get_number(root, "stop_s", &stop_rule, &config->stop_s) && config->stop_s <= config->start_s) {
+        tl_config_wrong(root, "stop_s", NULL, "a time after start_s", stop_rule.example);
+    }
 }
 
 static void read_sections(tl_config_reader *reader, tl_config *config) {

@@ -135,6 +135,8 @@ typedef struct tl_config {
 
     const char *name;
     tl_time step;     /* T_S, ns */
+    double start_s;   /* the FMUs' time at tick 0, s; NaN: not given */
+    double stop_s;    /* their stop time, s; NaN: not given */
     tl_time duration; /* ns; 0: to the end of the recording, or until the run is stopped */
 
     tl_config_component *components;

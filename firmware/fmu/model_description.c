@@ -447,6 +447,20 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     read_boolean(parser, tag, "canSerializeFMUstate", &capabilities->can_serialize_state);
 }
 
+/* Leaves *time unchanged if the attribute is missing or not finite: most models do not need it. */
+static void read_time(const xml_tag *tag, const char *name, double *time) {
+    const char *text = attribute(tag, name);
+    double found = 0.0;
+    if (text != NULL && tl_xml_double(text, &found) && isfinite(found)) {
+        *time = found + 0.0; /* not −0 */
+    }
+}
+
+static void begin_default_experiment(description_parser *parser, const xml_tag *tag) {
+    read_time(tag, "startTime", &parser->model->start_time);
+    read_time(tag, "stopTime", &parser->model->stop_time);
+}
+
 /* ---- Units ----------------------------------------------------------------------------------- */
 
 static void begin_unit(description_parser *parser, const xml_tag *tag) {
@@ -643,6 +657,7 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {DOCUMENT, "fmiModelDescription", DESCRIPTION, begin_description},
         {DESCRIPTION, "ModelExchange", CAPABILITIES, begin_model_exchange},
         {DESCRIPTION, "CoSimulation", CAPABILITIES, begin_co_simulation},
+        {DESCRIPTION, "DefaultExperiment", LEAF, begin_default_experiment},
         {DESCRIPTION, "UnitDefinitions", UNITS, NULL},
         {UNITS, "Unit", UNIT, begin_unit},
         {UNIT, "BaseUnit", LEAF, begin_base_unit},
@@ -838,7 +853,12 @@ static tl_status fail_size(const char *label, tl_error *error) {
 
 tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
                                      tl_error *error) {
-    *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
+    *model = (tl_model){.name = "",
+                        .identifier = "",
+                        .guid = "",
+                        .generation_tool = "",
+                        .start_time = (double)NAN,
+                        .stop_time = (double)NAN};
     if (size > TL_MODEL_DESCRIPTION_BYTES) {
         return fail_size(label, error);
     }

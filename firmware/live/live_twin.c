@@ -764,6 +764,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     static live_twin self; /* one per process */
     tl_error error;
     self.assembly = assembly;
+    assembly->recorded.length = assembly->config.duration;
     self.config = &assembly->config;
     self.facts = facts;
     tl_status status = open_memory(&self, job, &assembly->config, &error);

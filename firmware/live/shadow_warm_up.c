@@ -203,6 +203,7 @@ tl_status tl_shadow_warm_up_run(const tl_shadow_warm_up *course, int64_t *next, 
            (!self.has_begun || present_tick(&self) - self.next > REMAINDER / course->assembly->config.step) &&
            tl_interrupt_requested() == NULL && fetch_samples(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
+            tl_twin_set_start(course->assembly->twin, self.samples.start_s);
             begin_at(&self, self.samples.first);
         }
         self.status_now.last = self.status_now.tick + present_tick(&self) - self.next;

@@ -73,6 +73,8 @@ typedef struct tl_model {
     const char *guid;
     const char *generation_tool; /* "" if there is none */
     tl_capabilities capabilities;
+    double start_time; /* of DefaultExperiment, s; NaN: not declared */
+    double stop_time;  /* the same */
     const tl_variable *variables;
     size_t variable_count;
     const tl_unit *units; /* those defined, then those that variables only name */

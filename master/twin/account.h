@@ -58,14 +58,15 @@ typedef struct tl_account_finding {
 } tl_account_finding;
 
 typedef struct tl_account {
-    uint32_t components;   /* at most TL_ACCOUNT_COMPONENTS */
-    uint32_t matches;      /* at most TL_MAX_MATCH */
-    uint32_t adjusts;      /* at most TL_MAX_ADJUST */
-    uint32_t prediction;   /* T_P in use */
-    uint32_t lead;         /* step i is computed at tick i + lead */
-    uint8_t complete;      /* 1: the ledger is complete; 0: its prediction is too high */
-    uint8_t has_free_twin; /* 1: the free-run check is on */
-    uint64_t verified;     /* as in tl_twin_facts */
+    uint32_t components;      /* at most TL_ACCOUNT_COMPONENTS */
+    uint32_t matches;         /* at most TL_MAX_MATCH */
+    uint32_t adjusts;         /* at most TL_MAX_ADJUST */
+    uint32_t prediction;      /* T_P in use */
+    tl_experiment experiment; /* as in tl_twin_facts; finite */
+    uint32_t lead;            /* step i is computed at tick i + lead */
+    uint8_t complete;         /* 1: the ledger is complete; 0: its prediction is too high */
+    uint8_t has_free_twin;    /* 1: the free-run check is on */
+    uint64_t verified;        /* as in tl_twin_facts */
     uint64_t verified_executions;
     uint64_t differed;
     tl_free_twin_counts free_twin;

@@ -58,6 +58,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .prediction = prediction,
         .distance = synchroniser->horizon.distance,
         .lead = twin->lead,
+        .experiment = twin->experiment,
         .first = twin->first,
         .unknowns = synchroniser->horizon.count,
         .algorithm = synchroniser->solver != NULL ? synchroniser->solver->name : "",

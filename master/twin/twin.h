@@ -36,6 +36,7 @@ typedef struct tl_twin_facts {
     uint32_t prediction;                /* T_P in use; of an event horizon, the largest */
     uint32_t distance;                  /* T_D: the smallest of all pairs; 0 if nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
+    tl_experiment experiment;           /* in use: stop_s is above start_s */
     int64_t first;                      /* first step, past or future: 0, or later after tl_twin_begin_at() */
     size_t unknowns;                    /* of a search */
     const char *algorithm;              /* the solver in use; "" if nothing is adjusted */
@@ -202,6 +203,10 @@ void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning);
 /* The first sample is that of `tick` ≥ 0. The FMUs start with their start values at that instant,
  * or later by the ticks that a look-up goes back; so does the first step. */
 void tl_twin_begin_at(tl_twin *twin, int64_t tick);
+
+/* Before one of the two: the FMUs' time at tick 0, s, as it was in the run that is continued. The
+ * stop time moves with it. */
+void tl_twin_set_start(tl_twin *twin, double start_s);
 
 /* Loads the twin as saved after `tick`: FMUs, values, samples, filters of the measurements, u. The
  * solver starts empty. The next tick is tick + 1. Initialises the FMUs.

@@ -136,6 +136,25 @@ static void test_variables_of_all_types(void) {
     TEST_ASSERT_NULL(tl_model_variable(&model, "x"));
 }
 
+static void test_default_experiment(void) {
+    static const struct {
+        const char *attributes;
+        double start, stop;
+    } cases[] = {
+        {"startTime='64800' stopTime='1e5'", 64800, 1e5}, {"startTime='-1.5'", -1.5, NAN}, {"stepSize='1'", NAN, NAN},
+        {"startTime='' stopTime='INF'", NAN, NAN}, /* no reason to reject the FMU */
+        {"startTime='NaN' stopTime='x'", NAN, NAN},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char xml[512];
+        (void)snprintf(xml, sizeof xml, ROOT CO_SIMULATION "<DefaultExperiment %s/><ModelVariables/>" END,
+                       cases[i].attributes);
+        expect_ok(xml);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].start, model.start_time);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].stop, model.stop_time);
+    }
+}
+
 static void test_optional_attributes(void) {
     expect_ok(with_variables("<ScalarVariable name='r' valueReference='1'><Real/></ScalarVariable>"));
     const tl_variable *r = variable("r");
@@ -559,6 +578,7 @@ int main(void) {
     RUN_TEST(test_root_and_capabilities);
     RUN_TEST(test_capabilities_default_to_false);
     RUN_TEST(test_variables_of_all_types);
+    RUN_TEST(test_default_experiment);
     RUN_TEST(test_optional_attributes);
     RUN_TEST(test_defaults_of_variability_and_initial);
     RUN_TEST(test_units);
