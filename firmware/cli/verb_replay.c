@@ -226,6 +226,8 @@ static tl_status replay(replayer *self) {
     if (status != TL_OK) {
         return status;
     }
+    tl_config_use_bounds(&job->config, &self->account);
+    tl_recording_use_limits(self->recording);
     const tl_twin_feed_settings settings = {
         .config = &job->config,
         .account = &self->account,

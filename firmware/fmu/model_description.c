@@ -33,6 +33,8 @@ typedef struct tl_draft_declaration {
     double minimum;
     double maximum;
     double nominal;
+    uint64_t items;                /* of an Enumeration: bit k: least_item + k */
+    int64_t least_item, most_item; /* most_item < least_item: there are none */
 } tl_draft_declaration;
 
 /* First fields of units, types and variables. */
@@ -165,6 +167,7 @@ typedef enum element {
     UNIT,
     TYPES,
     SIMPLE_TYPE,
+    ITEMS, /* Enumeration of a type */
     VARIABLES,
     VARIABLE,
     LEAF,   /* known, but its children are skipped */
@@ -508,6 +511,7 @@ static void read_declaration(description_parser *parser, const xml_tag *tag, tl_
     declaration->minimum = (double)NAN;
     declaration->maximum = (double)NAN;
     declaration->nominal = (double)NAN;
+    declaration->most_item = -1;
     if (declaration->type == TL_REAL) {
         declaration->unit = text_or(parser, tag, "unit", NULL);
         read_finite(parser, tag, "nominal", &declaration->nominal);
@@ -525,6 +529,22 @@ static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
 static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
     tl_draft_type *entry = last_item(&parser->types);
     read_declaration(parser, tag, &entry->declaration);
+}
+
+/* Values may come in any order. Items that do not fit into 64 bits are no list any more. */
+static void begin_item(description_parser *parser, const xml_tag *tag) {
+    tl_draft_type *entry = last_item(&parser->types);
+    tl_draft_declaration *type = &entry->declaration;
+    int32_t value = 0;
+    (void)mandatory(parser, tag, "value");
+    read_int(parser, tag, "value", &value);
+    bool is_first = type->most_item < type->least_item;
+    int64_t least = is_first || value < type->least_item ? value : type->least_item;
+    int64_t most = is_first || value > type->most_item ? value : type->most_item;
+    bool fits = most - least < 64 && (is_first || type->items != 0);
+    type->items = !fits ? 0 : is_first ? 1 : type->items << (type->least_item - least) | UINT64_C(1) << (value - least);
+    type->least_item = least;
+    type->most_item = most;
 }
 
 static void end_simple_type(description_parser *parser) {
@@ -667,7 +687,8 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {SIMPLE_TYPE, "Integer", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "Boolean", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "String", LEAF, begin_type_of_type},
-        {SIMPLE_TYPE, "Enumeration", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Enumeration", ITEMS, begin_type_of_type},
+        {ITEMS, "Item", LEAF, begin_item},
         {DESCRIPTION, "ModelVariables", VARIABLES, begin_variables},
     };
     for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
@@ -736,9 +757,23 @@ static double first_number(double own, double inherited, double standard) {
     return isnan(value) ? standard : value;
 }
 
+static void inherit_items(tl_variable *variable, const tl_draft_declaration *type) {
+    double least = (double)type->least_item;
+    double most = (double)type->most_item;
+    if (variable->type != TL_ENUMERATION || type->most_item < type->least_item || variable->minimum > most ||
+        variable->maximum < least) {
+        return;
+    }
+    double skipped = variable->minimum > least ? ceil(variable->minimum) - least : 0.0;
+    variable->minimum = least + skipped;
+    variable->maximum = variable->maximum < most ? variable->maximum : most;
+    variable->items = skipped < 64.0 ? type->items >> (unsigned)skipped : 0;
+}
+
 /* Attributes that the variable does not have are inherited from its declared type. */
 static void inherit(description_parser *parser, tl_draft_variable *entry) {
-    static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
+    static const tl_draft_declaration none = {
+        .minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN, .most_item = -1};
     tl_draft_declaration *own = &entry->declaration;
     tl_variable *variable = &entry->variable;
     const tl_draft_declaration *inherited = &none;
@@ -755,6 +790,7 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
     own->unit = own->unit == NULL ? inherited->unit : own->unit;
     variable->minimum = first_number(own->minimum, inherited->minimum, -(double)INFINITY);
     variable->maximum = first_number(own->maximum, inherited->maximum, (double)INFINITY);
+    inherit_items(variable, inherited);
     variable->nominal = fabs(first_number(own->nominal, inherited->nominal, 1));
     if (variable->nominal == 0) {
         variable->nominal = 1;

@@ -385,6 +385,7 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
         find_start(recording, &read.sample);
     }
     read.sample.instant = tl_time_of_step(recording->start, recording->config->step, read.sample.tick);
+    tl_live_plant_apply_bounds(recording->config, &read.sample);
     tick->sample = read.sample;
     if (recording->looks_up_again || recording->on_reading != NULL) {
         post_new_readings(recording, &read.sample);
@@ -560,6 +561,10 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
 
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording) {
     return recording->tunings;
+}
+
+void tl_recording_use_limits(tl_recording *recording) {
+    tl_live_plant_set_limits(&recording->input, recording->config);
 }
 
 tl_recording_time tl_recording_get_time(const tl_recording *recording) {

@@ -98,6 +98,10 @@ const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *rec
 /* Returns the tunings; most recordings have none. */
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
 
+/* Takes the limits of the configuration again, before the first tick: those that FMUs declare
+ * (tl_config_use_bounds()) apply to recorded values too. */
+void tl_recording_use_limits(tl_recording *recording);
+
 tl_recording_time tl_recording_get_time(const tl_recording *recording);
 
 /* Reads the next tick, starting with 0 or the first one. Sets *end if the recording ends before the

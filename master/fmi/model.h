@@ -58,6 +58,7 @@ typedef struct tl_variable {
     double minimum; /* −infinity if none is declared */
     double maximum; /* +infinity if none is declared */
     double nominal; /* > 0; 1 if none is declared */
+    uint64_t items; /* Enumeration: bit k: minimum + k is an item; 0: unknown, or more than 64 apart */
     tl_initial initial;
 } tl_variable;
 

@@ -99,6 +99,10 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
         account->replayed += tl_twin_get_ledger(twin, i).replay.steps;
     }
     take_ports(twin, account);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        tl_twin_bounds bounds = tl_twin_get_bounds(twin, i);
+        account->signal[i] = (tl_account_signal){bounds.least, bounds.most, bounds.scale, bounds.items};
+    }
 }
 
 /* Whether it ends and can be shown as it is. */

@@ -45,6 +45,12 @@ typedef struct tl_account_adjust {
     double step, lower, upper, least, most; /* as in tl_twin_adjusted */
 } tl_account_adjust;
 
+/* As in tl_twin_bounds. */
+typedef struct tl_account_signal {
+    double least, most, scale;
+    uint64_t items;
+} tl_account_signal;
+
 /* As in tl_twin_finding. */
 typedef struct tl_account_finding {
     char component[TL_ACCOUNT_TEXT];
@@ -78,6 +84,7 @@ typedef struct tl_account {
     tl_account_component component[TL_ACCOUNT_COMPONENTS];
     tl_account_match match[TL_MAX_MATCH];
     tl_account_adjust adjust[TL_MAX_ADJUST];
+    tl_account_signal signal[TL_MAX_SIGNALS];
 } tl_account;
 
 /* The present account of a twin. Characters of names and units that cannot be shown are replaced by

@@ -240,6 +240,17 @@ void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, b
 
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin);
 
+/* Values of a signal of the plant that the inputs fed by it declare, in the signal's unit: their
+ * intersection; least > most if they have no common value. */
+typedef struct tl_twin_bounds {
+    double least, most;            /* ∓infinity: none */
+    double scale;                  /* the largest nominal value of these inputs; 0: no input declares a bound */
+    uint64_t items;                /* of Enumerations: bit k: `least` + k is an item; 0: all values within the bounds */
+    const char *component, *input; /* the first input that declares one; NULL: none */
+} tl_twin_bounds;
+
+tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal);
+
 /* Executions of component k so far, and its name; the plant is the last one. */
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component);
 const char *tl_twin_component_name(const tl_twin *twin, size_t component);
