@@ -215,8 +215,8 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
  * `path`, which need not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
 
-/* Adds the limits that the inputs of FMUs declare, where they are narrower, to the signals that feed
- * them. A value at most a hundredth of the range beyond such a limit is noise; without a second
+/* Adds the limits that the inputs of FMUs declare, if narrower, to the signals that feed them. A
+ * value at most a hundredth of the range beyond such a limit is noise; without a second
  * limit, a hundredth of the limit or of the nominal value. Signals of which no value would remain
  * stay as they are. `account`: of the built twin. */
 void tl_config_use_bounds(tl_config *config, const tl_account *account);

@@ -76,8 +76,8 @@ void tl_plant_input_close(tl_plant_input *input);
 /* Returns true if the newest reading of every signal is good, with any value. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
-/* Rates a recorded value by limits. Returns false if it is out of range; else moves it to a limit if
- * it is slightly beyond. */
+/* Rates a value by limits. Returns false if it is out of range. A value slightly beyond a limit is
+ * moved to it. */
 bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *moved);
 
 /* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
