@@ -461,6 +461,21 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
     }
 }
 
+/* Inputs get it until the first good value. */
+static void check_initial(warnings *list, const tl_assembly *assembly) {
+    for (size_t i = 0; i < assembly->config.signal_count; i++) {
+        const tl_plan_signal *signal = &assembly->config.signals[i].plan;
+        const tl_twin_bounds bounds = tl_twin_get_bounds(assembly->twin, i);
+        if (signal->has_initial && bounds.least <= bounds.most &&
+            (signal->initial < bounds.least || signal->initial > bounds.most)) {
+            char path[128];
+            (void)snprintf(path, sizeof path, "plant.%s.initial", signal->name);
+            warn(list, path, "%.6g is outside %.6g \342\200\246 %.6g, which %.80s.%.80s declares: give a value within",
+                 signal->initial, bounds.least, bounds.most, bounds.component, bounds.input);
+        }
+    }
+}
+
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
@@ -481,6 +496,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);
         check_free_twin(&list, config, assembly->twin);
     }
+    check_initial(&list, assembly);
     check_between(&list, config);
     check_every(&list, config);
     check_delays(&list, config);

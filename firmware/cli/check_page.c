@@ -243,6 +243,34 @@ static const char *edge_name(const tl_plan_edge *edge) {
 }
 
 /* Prints the settings of a search with an event horizon. */
+/* Only if it is not the usual one: from 0, without a stop time. */
+static void print_time(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    const tl_experiment experiment = tl_twin_get_facts(assembly->twin).experiment;
+    if (!isnan(config->stop_s) || experiment.start_s < 0.0 || experiment.start_s > 0.0) {
+        (void)fprintf(output, "time of the FMUs\n  %-12s %.15g s (%s)\n  %-12s %.15g s (%s)\n\n", "start",
+                      experiment.start_s, isnan(config->start_s) ? "of their DefaultExperiment" : "start_s", "stop",
+                      experiment.stop_s, !isnan(config->stop_s) ? "stop_s" : "far: not configured");
+    }
+}
+
+/* Limits of signals that come from the inputs that they feed. */
+static void print_bounds(const tl_assembly *assembly, FILE *output) {
+    bool is_first = true;
+    for (size_t i = 0; i < assembly->config.signal_count; i++) {
+        const tl_plan_signal *signal = &assembly->config.signals[i].plan;
+        const tl_twin_bounds bounds = tl_twin_get_bounds(assembly->twin, i);
+        if (bounds.input != NULL) {
+            (void)fprintf(output, "%s  plant.%s %.6g \342\200\246 %.6g%s%s (declared by %s.%s)%s\n",
+                          is_first ? "limits of plant signals, from inputs of FMUs\n" : "", signal->name, bounds.least,
+                          bounds.most, signal->unit != NULL && signal->unit[0] != '\0' ? " " : "",
+                          signal->unit != NULL ? signal->unit : "", bounds.component, bounds.input,
+                          bounds.least <= bounds.most ? "" : ": not used, because no value satisfies all inputs");
+            is_first = false;
+        }
+    }
+}
+
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
@@ -620,6 +648,8 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
+    print_time(assembly, output);
+    print_bounds(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
     print_delays(config, output);

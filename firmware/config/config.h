@@ -21,6 +21,7 @@
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 #include "master/plan/tuning.h"
+#include "master/twin/account.h"
 
 struct cJSON;
 
@@ -67,7 +68,10 @@ typedef struct tl_config_source {
 
 typedef struct tl_config_signal {
     tl_plan_signal plan;
-    double minimum, maximum; /* ∓infinity: no limit */
+    double minimum, maximum; /* ∓infinity: no limit; in use: also those that FMUs declare */
+    double below, above;     /* a value so far beyond them is moved to the limit; 0: none is */
+    uint64_t items;          /* bit k: minimum + k is permitted; 0: all values */
+    bool is_declared;        /* a limit in use is declared by an FMU */
     double stale_s;          /* 0: never stale */
     const char *column;      /* column in a recording or CSV source; default: the signal's name */
     size_t source;           /* index of its live source; SIZE_MAX: none, the signal comes from recordings only */
@@ -135,6 +139,8 @@ typedef struct tl_config {
 
     const char *name;
     tl_time step;     /* T_S, ns */
+    double start_s;   /* the FMUs' time at tick 0, s; NaN: not given */
+    double stop_s;    /* their stop time, s; NaN: not given */
     tl_time duration; /* ns; 0: to the end of the recording, or until the run is stopped */
 
     tl_config_component *components;
@@ -208,6 +214,12 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
 /* As tl_config_read(), for `size` bytes in memory. Relative file names start at the folder of
  * `path`, which need not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
+
+/* Adds the limits that the inputs of FMUs declare, if narrower, to the signals that feed them. A
+ * value at most a hundredth of the range beyond such a limit is noise; without a second
+ * limit, a hundredth of the limit or of the nominal value. Signals of which no value would remain
+ * stay as they are. `account`: of the built twin. */
+void tl_config_use_bounds(tl_config *config, const tl_account *account);
 
 /* Describes for people why a value of a signal is not good: "18.55 m is outside 0 … 5". `age`: of
  * its reading, ns. */

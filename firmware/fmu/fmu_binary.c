@@ -317,7 +317,7 @@ static tl_status find_binary(const char *folder, const tl_model *model, const ch
 
 /* ---- Functions ------------------------------------------------------------------------------- */
 
-typedef enum need { ALWAYS, FOR_STATE, FOR_SERIALIZING } need;
+typedef enum need { ALWAYS, IF_THERE, FOR_STATE, FOR_SERIALIZING } need;
 
 typedef struct symbol {
     const char *name;
@@ -349,6 +349,7 @@ static const symbol fmi_symbols[] = {
     {"fmi2SerializedFMUstateSize", offsetof(tl_fmi2, serialized_fmu_state_size), FOR_SERIALIZING},
     {"fmi2SerializeFMUstate", offsetof(tl_fmi2, serialize_fmu_state), FOR_SERIALIZING},
     {"fmi2DeSerializeFMUstate", offsetof(tl_fmi2, deserialize_fmu_state), FOR_SERIALIZING},
+    {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), IF_THERE},
     {"fmi2DoStep", offsetof(tl_fmi2, do_step), ALWAYS},
 };
 
@@ -358,11 +359,11 @@ static tl_status resolve_symbols(void *handle, const tl_model *model, const char
     for (size_t i = 0; i < sizeof fmi_symbols / sizeof fmi_symbols[0]; i++) {
         bool is_claimed = fmi_symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
                                                            : model->capabilities.can_serialize_state;
-        if (fmi_symbols[i].need != ALWAYS && !is_claimed) {
+        if (fmi_symbols[i].need > IF_THERE && !is_claimed) {
             continue;
         }
         void *address = dlsym(handle, fmi_symbols[i].name);
-        if (address == NULL) {
+        if (address == NULL && fmi_symbols[i].need != IF_THERE) {
             (void)tl_fail(error, TL_BAD_DATA,
                           "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
                           fmi_symbols[i].name,

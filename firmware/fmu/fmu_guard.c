@@ -1040,6 +1040,12 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
                        expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
+static fmi2Status get_boolean_status(fmi2Component component, const fmi2StatusKind kind, fmi2Boolean *value) {
+    guarded *self = component;
+    enter(self, TL_FMU_GET_BOOLEAN_STATUS);
+    return leave_guard(self, self->own->get_boolean_status(self->instance, kind, value));
+}
+
 /* ---- the guard ---- */
 
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
@@ -1073,6 +1079,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .serialized_fmu_state_size = own->serialized_fmu_state_size != NULL ? serialized_fmu_state_size : NULL,
         .serialize_fmu_state = own->serialize_fmu_state != NULL ? serialize_fmu_state : NULL,
         .deserialize_fmu_state = own->deserialize_fmu_state != NULL ? deserialize_fmu_state : NULL,
+        .get_boolean_status = own->get_boolean_status != NULL ? get_boolean_status : NULL,
         .do_step = do_step,
         .step_reals = step_reals,
     };

@@ -36,6 +36,8 @@ typedef struct tl_draft_declaration {
     double minimum;
     double maximum;
     double nominal;
+    uint64_t items;                /* of an Enumeration: bit k: least_item + k */
+    int64_t least_item, most_item; /* most_item < least_item: there are none */
 } tl_draft_declaration;
 
 /* First fields of units, types and variables. */
@@ -170,6 +172,7 @@ typedef enum element {
     UNIT,
     TYPES,
     SIMPLE_TYPE,
+    ITEMS, /* Enumeration of a type */
     VARIABLES,
     VARIABLE,
     LEAF,   /* known, but its children are skipped */
@@ -452,6 +455,20 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     read_boolean(parser, tag, "canSerializeFMUstate", &capabilities->can_serialize_state);
 }
 
+/* Leaves *time unchanged if the attribute is missing or not finite: most models do not need it. */
+static void read_time(const xml_tag *tag, const char *name, double *time) {
+    const char *text = attribute(tag, name);
+    double found = 0.0;
+    if (text != NULL && tl_xml_double(text, &found) && isfinite(found)) {
+        *time = found + 0.0; /* not −0 */
+    }
+}
+
+static void begin_default_experiment(description_parser *parser, const xml_tag *tag) {
+    read_time(tag, "startTime", &parser->model->start_time);
+    read_time(tag, "stopTime", &parser->model->stop_time);
+}
+
 /* ---- Units ----------------------------------------------------------------------------------- */
 
 static void begin_unit(description_parser *parser, const xml_tag *tag) {
@@ -499,6 +516,7 @@ static void read_declaration(description_parser *parser, const xml_tag *tag, tl_
     declaration->minimum = (double)NAN;
     declaration->maximum = (double)NAN;
     declaration->nominal = (double)NAN;
+    declaration->most_item = -1;
     if (declaration->type == TL_REAL) {
         declaration->unit = text_or(parser, tag, "unit", NULL);
         read_finite(parser, tag, "nominal", &declaration->nominal);
@@ -516,6 +534,22 @@ static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
 static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
     tl_draft_type *entry = last_item(&parser->types);
     read_declaration(parser, tag, &entry->declaration);
+}
+
+/* Values may come in any order. Items that do not fit into 64 bits are no list any more. */
+static void begin_item(description_parser *parser, const xml_tag *tag) {
+    tl_draft_type *entry = last_item(&parser->types);
+    tl_draft_declaration *type = &entry->declaration;
+    int32_t value = 0;
+    (void)mandatory(parser, tag, "value");
+    read_int(parser, tag, "value", &value);
+    bool is_first = type->most_item < type->least_item;
+    int64_t least = is_first || value < type->least_item ? value : type->least_item;
+    int64_t most = is_first || value > type->most_item ? value : type->most_item;
+    bool fits = most - least < 64 && (is_first || type->items != 0);
+    type->items = !fits ? 0 : is_first ? 1 : type->items << (type->least_item - least) | UINT64_C(1) << (value - least);
+    type->least_item = least;
+    type->most_item = most;
 }
 
 static void end_simple_type(description_parser *parser) {
@@ -653,6 +687,7 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {DOCUMENT, "fmiModelDescription", DESCRIPTION, begin_description},
         {DESCRIPTION, "ModelExchange", CAPABILITIES, begin_model_exchange},
         {DESCRIPTION, "CoSimulation", CAPABILITIES, begin_co_simulation},
+        {DESCRIPTION, "DefaultExperiment", LEAF, begin_default_experiment},
         {DESCRIPTION, "UnitDefinitions", UNITS, NULL},
         {UNITS, "Unit", UNIT, begin_unit},
         {UNIT, "BaseUnit", LEAF, begin_base_unit},
@@ -662,7 +697,8 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {SIMPLE_TYPE, "Integer", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "Boolean", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "String", LEAF, begin_type_of_type},
-        {SIMPLE_TYPE, "Enumeration", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Enumeration", ITEMS, begin_type_of_type},
+        {ITEMS, "Item", LEAF, begin_item},
         {DESCRIPTION, "ModelVariables", VARIABLES, begin_variables},
     };
     for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
@@ -731,9 +767,23 @@ static double first_number(double own, double inherited, double standard) {
     return isnan(value) ? standard : value;
 }
 
+static void inherit_items(tl_variable *variable, const tl_draft_declaration *type) {
+    double least = (double)type->least_item;
+    double most = (double)type->most_item;
+    if (variable->type != TL_ENUMERATION || type->most_item < type->least_item || variable->minimum > most ||
+        variable->maximum < least) {
+        return;
+    }
+    double skipped = variable->minimum > least ? ceil(variable->minimum) - least : 0.0;
+    variable->minimum = least + skipped;
+    variable->maximum = variable->maximum < most ? variable->maximum : most;
+    variable->items = skipped < 64.0 ? type->items >> (unsigned)skipped : 0;
+}
+
 /* Attributes that the variable does not have are inherited from its declared type. */
 static void inherit(description_parser *parser, tl_draft_variable *entry) {
-    static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
+    static const tl_draft_declaration none = {
+        .minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN, .most_item = -1};
     tl_draft_declaration *own = &entry->declaration;
     tl_variable *variable = &entry->variable;
     const tl_draft_declaration *inherited = &none;
@@ -750,6 +800,7 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
     own->unit = own->unit == NULL ? inherited->unit : own->unit;
     variable->minimum = first_number(own->minimum, inherited->minimum, -(double)INFINITY);
     variable->maximum = first_number(own->maximum, inherited->maximum, (double)INFINITY);
+    inherit_items(variable, inherited);
     variable->nominal = fabs(first_number(own->nominal, inherited->nominal, 1));
     if (variable->nominal == 0) {
         variable->nominal = 1;
@@ -1043,7 +1094,12 @@ static tl_status fail_size(const char *label, tl_error *error) {
 
 static tl_status parse_source(const description_source *from, const char *label, tl_arena *arena, tl_model *model,
                               tl_error *error) {
-    *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
+    *model = (tl_model){.name = "",
+                        .identifier = "",
+                        .guid = "",
+                        .generation_tool = "",
+                        .start_time = (double)NAN,
+                        .stop_time = (double)NAN};
     if (from->size > TL_MODEL_DESCRIPTION_BYTES) {
         return fail_size(label, error);
     }

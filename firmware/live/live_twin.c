@@ -27,6 +27,7 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/shadow_warm_up.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
@@ -552,6 +553,8 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
 
 static tl_status start_cycle(live_twin *self, tl_error *error) {
     tl_account_take(self->assembly->twin, &self->account);
+    tl_config_use_bounds(&self->assembly->config, &self->account);
+    tl_live_plant_set_limits(&self->input, self->config);
     tl_status status = self->is_shadow ? begin_shadow(self, error) : resume_run(self, error);
     if (status != TL_OK) {
         return status;
@@ -764,6 +767,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     static live_twin self; /* one per process */
     tl_error error;
     self.assembly = assembly;
+    assembly->recorded.length = assembly->config.duration;
     self.config = &assembly->config;
     self.facts = facts;
     tl_status status = open_memory(&self, job, &assembly->config, &error);

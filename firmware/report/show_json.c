@@ -22,6 +22,9 @@ static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_add_text(json, "ended_reason", run->ended_reason);
     tl_json_add_text(json, "committed", run->committed);
     tl_json_add_number(json, "step_s", tl_seconds(run->step));
+    tl_json_add_number(json, "start_s", run->experiment.start_s);
+    tl_json_add_number(json, "stop_s",
+                       run->experiment.stop_s > run->experiment.start_s ? run->experiment.stop_s : (double)NAN);
     tl_json_add_count(json, "prediction", run->prediction);
     tl_json_add_count(json, "lead", run->lead);
     tl_json_add_text(json, "measurements", tl_pairing_names[run->measurements]);

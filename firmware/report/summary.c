@@ -40,6 +40,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
     summary->samples++;
     for (size_t i = 0; i < config->signal_count; i++) {
+        summary->moved[i] += sample->moved >> i & 1U;
         bool is_one = !config->signals[i].is_reading; /* its look-up is matched and counted instead */
         if (is_one && sample->quality[i] != TL_GOOD) {
             summary->not_good[i]++;
@@ -223,6 +224,7 @@ static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_
         tl_json_open_object(json, config->signals[i].plan.name);
         tl_json_add_count(json, "samples", summary->samples);
         tl_json_add_count(json, "not_good", summary->not_good[i]);
+        tl_json_add_count(json, "moved", summary->moved[i]);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -344,6 +346,12 @@ static void print_match(const printing *page, size_t match) {
 static void print_inputs(const printing *page) {
     for (size_t i = 0; i < page->config->signal_count; i++) {
         uint64_t bad = page->summary->not_good[i];
+        if (page->summary->moved[i] != 0) {
+            (void)fprintf(page->file,
+                          "  plant.%s: %" PRIu64 " of %" PRIu64 " samples were slightly beyond a limit that an FMU "
+                          "declares, and were moved to it\n",
+                          page->config->signals[i].plan.name, page->summary->moved[i], page->summary->samples);
+        }
         if (bad != 0 && !is_matched(page->config, i)) {
             const char *name = page->config->signals[i].plan.name;
             tl_quality quality = (tl_quality)page->summary->rejected[i].quality;

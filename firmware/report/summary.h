@@ -25,6 +25,7 @@ typedef struct tl_summary {
     tl_run_figures figures;            /* except what the twin itself counts: added when it is printed */
     uint64_t samples;                  /* samples of the plant */
     uint64_t not_good[TL_MAX_SIGNALS]; /* samples that were not good, by signal */
+    uint64_t moved[TL_MAX_SIGNALS];    /* samples whose value was moved to a limit of an FMU, by signal */
     struct {
         double value;
         tl_time age; /* of the reading, ns */

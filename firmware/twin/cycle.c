@@ -231,6 +231,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the run before */
         .tick = cycle->handover.tick > cycle->next_tick ? cycle->handover.tick : cycle->next_tick,
+        .start_s = start.account.experiment.start_s,
         .start = settings->slot_index.start,
         .started = settings->slot_index.started,
     };

@@ -381,6 +381,7 @@ static void run_task(void *context) {
     if (checks || tries) { /* verify as often as possible (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
+    self->assembly.recorded = self->job.time;
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
     if (self->assembly.twin != NULL) {
         if (self->job.checkpoint_size != 0) {

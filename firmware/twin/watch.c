@@ -97,6 +97,19 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
                      plan->name, text, tl_config_quality_remedy(quality), instead);
 }
 
+/* Once for each signal; the summary has their number. */
+static void report_moved(tl_watch *watch, const tl_sample *sample, size_t signal) {
+    const tl_config_signal *described = &watch->config->signals[signal];
+    if (((sample->moved & ~watch->moved) >> signal & 1U) != 0) {
+        watch->moved |= UINT64_C(1) << signal;
+        tl_journal_event(
+            watch->journal, sample->tick, TL_EVENT_INFO, "plant",
+            "plant.%s: a value slightly outside %.6g \342\200\246 %.6g (declared by the FMU) is moved to the limit; "
+            "later ones are only counted",
+            described->plan.name, described->minimum, described->maximum);
+    }
+}
+
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     for (size_t i = 0; i < watch->config->match_count; i++) {
         watch_noise(watch, sample, i);
@@ -107,6 +120,7 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
             continue;
         }
         watch->had_value[i] = watch->had_value[i] || sample->quality[i] == TL_GOOD;
+        report_moved(watch, sample, i);
         if (sample->quality[i] == watch->quality[i]) {
             continue;
         }

@@ -50,6 +50,7 @@ typedef struct tl_watch {
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as reported last */
     bool had_value[TL_MAX_SIGNALS];  /* a good one */
+    uint64_t moved;                  /* bit i: reported that a value of signal i was moved to a limit */
     tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
     bool out_of_tolerance;                /* event horizon: of the last stroke */

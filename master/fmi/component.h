@@ -76,6 +76,8 @@ typedef struct tl_component {
     bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
     bool reals_only;      /* no other ports: set by the exchange once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
+    double start_s;       /* the FMU's time at t = 0, s; the times of the calls below count from it */
+    double stop_s;        /* its stop time, s; not above start_s: none */
 } tl_component;
 
 /* fmi2Instantiate; then start values may be set. If the FMU rejects it, it is called once more with
@@ -99,7 +101,7 @@ tl_status tl_component_reset(tl_component *component, tl_error *error);
  * again. All its states must have been freed. */
 tl_status tl_component_renew(tl_component *component, tl_error *error);
 
-/* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and
+/* fmi2SetupExperiment (from start_s + `start`, s, to stop_s; no tolerance) and
  * fmi2EnterInitializationMode. */
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error);
 
@@ -112,7 +114,8 @@ tl_status tl_component_exit_initialization(tl_component *component, tl_error *er
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
-/* Sets the inputs, steps from `now` by `step` (both s of simulated time), reads the outputs.
+/* Sets the inputs, steps from start_s + `now` by `step` (both s), reads the outputs. If the FMU has
+ * ended itself, the error says so, with its time.
  * `final`: no earlier state will be restored any more. An FMU that is rolled back without its
  * knowledge (tl_fmi2.is_unaware) is always told that a step is final, as in a run without rollback,
  * because the outputs of some FMUs depend on it. */

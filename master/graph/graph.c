@@ -260,6 +260,64 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
     connection->conversion = conversion;
 }
 
+/* The bound of the signal at which its input has this bound. Rounding must not bring the input
+ * beyond it. */
+static double bound_of_signal(const tl_connection *connection, double bound, bool upper) {
+    const tl_conversion *conversion = &connection->conversion;
+    double found = tl_conversion_is_identity(conversion) ? bound : (bound - conversion->offset) / conversion->factor;
+    double inside = upper == (conversion->factor > 0.0) ? -HUGE_VAL : HUGE_VAL;
+    for (int i = 0; i < 8 && isfinite(found) && !tl_conversion_is_identity(conversion); i++) {
+        double input = conversion->factor * found + conversion->offset;
+        if (upper ? input <= bound : input >= bound) {
+            break;
+        }
+        found = nextafter(found, inside);
+    }
+    return found;
+}
+
+static void intersect_items(tl_signal_bounds *bounds, const tl_variable *variable) {
+    double shift = bounds->least - variable->minimum;
+    uint64_t items = shift >= 0.0 && shift < 64.0 ? variable->items >> (unsigned)shift : 0;
+    bounds->items = bounds->items == 0 ? items : bounds->items & items;
+    if (bounds->items == 0) {
+        bounds->most = bounds->least - 1.0; /* no common item */
+    }
+}
+
+static void intersect(tl_signal_bounds *bounds, const tl_connection *connection) {
+    const tl_variable *variable = connection->to->variable;
+    double ends[2] = {bound_of_signal(connection, variable->minimum, false),
+                      bound_of_signal(connection, variable->maximum, true)};
+    bool turns = connection->conversion.factor < 0.0;
+    double least = ends[turns ? 1 : 0];
+    double most = ends[turns ? 0 : 1];
+    if ((!isfinite(least) && !isfinite(most)) || connection->to->type == TL_BOOLEAN) {
+        return;
+    }
+    if (bounds->items != 0 && least > bounds->least) {
+        bounds->items = least - bounds->least < 64.0 ? bounds->items >> (unsigned)ceil(least - bounds->least) : 0;
+    }
+    bounds->least = fmax(bounds->least, least);
+    bounds->most = fmin(bounds->most, most);
+    bounds->scale = fmax(bounds->scale, fabs(variable->nominal / connection->conversion.factor));
+    bounds->input = bounds->input == NULL ? connection->to : bounds->input;
+    if (variable->items != 0) {
+        intersect_items(bounds, variable);
+    }
+}
+
+tl_signal_bounds tl_graph_signal_bounds(const tl_graph *graph, size_t signal) {
+    tl_signal_bounds bounds = {.least = -HUGE_VAL, .most = HUGE_VAL};
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        const tl_connection *connection = &graph->connections[i];
+        if (connection->from->node == graph->component_count && connection->from->signal == signal) {
+            intersect(&bounds, connection);
+        }
+    }
+    return bounds;
+}
+
 /* A number of any type as double. */
 static double number_of(const tl_value *value) {
     return value->type == TL_REAL ? value->real : (double)value->integer;

@@ -58,6 +58,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .prediction = prediction,
         .distance = synchroniser->horizon.distance,
         .lead = twin->lead,
+        .experiment = twin->experiment,
         .first = twin->first,
         .unknowns = synchroniser->horizon.count,
         .algorithm = synchroniser->solver != NULL ? synchroniser->solver->name : "",
@@ -153,6 +154,16 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .least = twin->adjust_ports[adjust]->variable->minimum,
         .most = twin->adjust_ports[adjust]->variable->maximum,
     };
+}
+
+tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal) {
+    tl_signal_bounds found = tl_graph_signal_bounds(&twin->graph, signal);
+    tl_twin_bounds bounds = {.least = found.least, .most = found.most, .scale = found.scale, .items = found.items};
+    if (found.input != NULL) {
+        bounds.component = tl_twin_component_name(twin, found.input->node);
+        bounds.input = found.input->variable->name;
+    }
+    return bounds;
 }
 
 tl_twin_delay tl_twin_get_delay(const tl_twin *twin) {

@@ -137,6 +137,53 @@ static void test_variables_of_all_types(void) {
     TEST_ASSERT_NULL(tl_model_variable(&model, "x"));
 }
 
+static void test_default_experiment(void) {
+    static const struct {
+        const char *attributes;
+        double start, stop;
+    } cases[] = {
+        {"startTime='64800' stopTime='1e5'", 64800, 1e5}, {"startTime='-1.5'", -1.5, NAN}, {"stepSize='1'", NAN, NAN},
+        {"startTime='' stopTime='INF'", NAN, NAN}, /* no reason to reject the FMU */
+        {"startTime='NaN' stopTime='x'", NAN, NAN},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char xml[512];
+        (void)snprintf(xml, sizeof xml, ROOT CO_SIMULATION "<DefaultExperiment %s/><ModelVariables/>" END,
+                       cases[i].attributes);
+        expect_ok(xml);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].start, model.start_time);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].stop, model.stop_time);
+    }
+}
+
+static void expect_items(const char *items, const char *limits, double minimum, double maximum, uint64_t bits) {
+    char xml[1024];
+    (void)snprintf(xml, sizeof xml,
+                   ROOT CO_SIMULATION
+                   "<TypeDefinitions><SimpleType name='E'><Enumeration>%s</Enumeration></SimpleType></TypeDefinitions>"
+                   "<ModelVariables><ScalarVariable name='e' valueReference='0' causality='input'>"
+                   "<Enumeration declaredType='E' %s start='1'/></ScalarVariable></ModelVariables>" END,
+                   items, limits);
+    expect_ok(xml);
+    TEST_ASSERT_EQUAL_DOUBLE(minimum, variable("e")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(maximum, variable("e")->maximum);
+    TEST_ASSERT_EQUAL_HEX64(bits, variable("e")->items);
+}
+
+static void test_items(void) {
+    static const char *const items = "<Item name='c' value='5'/><Item name='a' value='1'/><Item name='b' value='3'/>";
+    expect_items(items, "", 1, 5, 0x15);
+    expect_items(items, "min='2'", 2, 5, 0x0A);
+    expect_items(items, "min='-9' max='4'", 1, 4, 0x15);
+    expect_items(items, "min='7'", 7, INFINITY, 0); /* contradicts them */
+    expect_items("<Item name='a' value='-2'/>", "", -2, -2, 1);
+    expect_items("<Item name='a' value='-1'/><Item name='b' value='62'/>", "", -1, 62, UINT64_C(1) << 63 | 1);
+    expect_items("<Item name='a' value='0'/><Item name='b' value='64'/><Item name='c' value='1'/>", "", 0, 64, 0);
+    expect_items("<Item name='a' value='-2147483648'/><Item name='b' value='2147483647'/>", "", INT32_MIN, INT32_MAX,
+                 0);
+    expect_items("", "", -INFINITY, INFINITY, 0);
+}
+
 static void test_optional_attributes(void) {
     expect_ok(with_variables("<ScalarVariable name='r' valueReference='1'><Real/></ScalarVariable>"));
     const tl_variable *r = variable("r");
@@ -629,6 +676,8 @@ int main(void) {
     RUN_TEST(test_root_and_capabilities);
     RUN_TEST(test_capabilities_default_to_false);
     RUN_TEST(test_variables_of_all_types);
+    RUN_TEST(test_default_experiment);
+    RUN_TEST(test_items);
     RUN_TEST(test_optional_attributes);
     RUN_TEST(test_defaults_of_variability_and_initial);
     RUN_TEST(test_units);
