@@ -115,6 +115,25 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
+/* Reported once per run: further ones are counted in the summary. */
+static void watch_refused(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const tl_record_refused *refused = &record->refused;
+    const tl_config *config = watch->config;
+    bool by_output = refused->by_output != 0;
+    if (refused->count == 0 || watch->refused || refused->variable >= config->adjust_count ||
+        refused->index >= (by_output ? config->match_count : config->component_count)) {
+        return;
+    }
+    watch->refused = true;
+    const char *adjusted = config->adjust[refused->variable].variable;
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                     "%s: %s with %s = %.6g, in a trial of step %lld: the search leaves such values out; set \"%s\" of "
+                     "%s to save these trials",
+                     by_output ? config->match[refused->index].variable : config->components[refused->index].name,
+                     by_output ? "not finite" : "the FMU failed", adjusted, refused->u, (long long)record->step,
+                     refused->u < record->nominal[refused->variable] ? "min" : "max", adjusted);
+}
+
 /* Permanent until the FMUs are reset. */
 static void watch_rollback(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool has_none = (record->flags & TL_FLAG_NO_ROLLBACK) != 0;
@@ -331,6 +350,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         return; /* reported by the run that was resumed */
     }
     watch_rollback(watch, tick, record);
+    watch_refused(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;

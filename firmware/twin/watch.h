@@ -62,6 +62,7 @@ typedef struct tl_watch {
     tl_delay_state delay_state;           /* as reported last */
     tl_time delay;                        /* as reported last, ns */
     bool differed;                        /* reported: the rollback of an FMU is not exact */
+    bool refused;                         /* reported: a candidate could not be evaluated */
     bool rests;                           /* reported: u stays at nominal */
     bool no_way_back;                     /* reported: an FMU cannot be rolled back by replay */
     uint64_t skipped;                     /* not reported yet */

@@ -39,6 +39,7 @@ void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser,
     search->flags = 0;
     search->held = 0;
     search->seen = 0;
+    search->refused = (tl_record_refused){0};
     search->idle = 0;
     search->stagnated = false;
     search->acquaints = false;
@@ -230,6 +231,30 @@ static tl_status simulate_horizon(tl_step_search *search, const double *u, doubl
     return status;
 }
 
+/* Counts a candidate that could not be evaluated. The first one is described by the unknown that is
+ * furthest from nominal. */
+static void note_refused(tl_step_search *search, const double *u, bool by_output, size_t index) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_horizon *horizon = &synchroniser->horizon;
+    tl_record_refused *refused = &search->refused;
+    double furthest = -1.0;
+    if (refused->count++ != 0) {
+        return;
+    }
+    refused->by_output = by_output ? 1 : 0;
+    refused->index = (uint32_t)index;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
+            double distance = fabs(u[i] - search->nominal[v]) / synchroniser->adjusted[v].step;
+            if (distance > furthest) {
+                furthest = distance;
+                refused->variable = (uint32_t)v;
+                refused->u = u[i];
+            }
+        }
+    }
+}
+
 /* J of u, or HUGE_VAL if an FMU fails, a result is not finite, or time runs out. */
 static double simulate(tl_step_search *search, const double *u) {
     tl_synchroniser *synchroniser = search->synchroniser;
@@ -240,6 +265,9 @@ static double simulate(tl_step_search *search, const double *u) {
     status = status == TL_OK ? simulate_horizon(search, u, &sum) : status;
     if (status == TL_FMU_FATAL) {
         search->fatal = status;
+    }
+    if (status == TL_FMU_FAILED) {
+        note_refused(search, u, false, synchroniser->exchange->failed);
     }
     return status == TL_OK && !search->late && isfinite(sum) ? sum : HUGE_VAL;
 }

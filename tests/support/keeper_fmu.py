@@ -61,6 +61,12 @@ def make_runaway(**macros):
 
 
 @functools.cache
+def make_limits(**macros):
+    """The path of one with limits of its input and instants without an output: see limits.c."""
+    return _make_model("limits", **macros)
+
+
+@functools.cache
 def make_met(**macros):
     """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
@@ -100,7 +106,8 @@ def _rename(folder, source, header):
 
 
 # The source of fmus/common, and the header that renames the function that these FMUs replace.
-OWN_FUNCTIONS = {"cold": ("state", "other_set_state.h"), "slow": ("state", "other_set_state.h"), "final": ("life", "other_do_step.h")}
+OWN_FUNCTIONS = {"cold": ("state", "other_set_state.h"), "slow": ("state", "other_set_state.h"), "final": ("life", "other_do_step.h"),
+                 "limits": ("life", "other_do_step.h")}
 
 
 def _make_model(name, **macros):

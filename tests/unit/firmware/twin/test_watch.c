@@ -245,6 +245,31 @@ static void test_stagnation_is_reported_separately(void) {
     expect_nothing();
 }
 
+/* The first one, with the value; the record of another process may name anything. */
+static void test_a_refused_trial_is_reported_once(void) {
+    static tl_config_component components[] = {{.name = "motor"}};
+    static tl_plan_match match[] = {{.variable = "motor.y"}};
+    config.components = components;
+    config.component_count = 1;
+    record.refused = (tl_record_refused){.count = 2, .index = 1, .variable = 0, .u = 6.5};
+    searches(0, 1);
+    record.refused.index = 0;
+    record.refused.variable = 2;
+    searches(0, 1);
+    expect_nothing();
+    record.refused.variable = 0;
+    searches(0, 2);
+    expect_told("warning|twin|motor: |failed|motor.d = 6.5|max|motor.d");
+    tl_watch_init(&watch, &config, &journal);
+    config.match = match;
+    config.match_count = 1;
+    record.refused = (tl_record_refused){.count = 1, .by_output = 1, .index = 0, .variable = 1, .u = -6.5};
+    searches(0, 1);
+    expect_told("warning|twin|motor.y: |finite|drive.u = -6.5|min|drive.u");
+    config.match_count = 0;
+    config.component_count = 0;
+}
+
 /* If a step is longer than TL_WATCH_REST, the number of searches counts. */
 static void test_troubles_of_a_slow_twin(void) {
     config.step = 3600 * TL_SECOND;
@@ -421,6 +446,7 @@ int main(void) {
     RUN_TEST(test_variables_are_watched_one_by_one);
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_reported_separately);
+    RUN_TEST(test_a_refused_trial_is_reported_once);
     RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_an_inexact_rollback_is_reported_once);
     RUN_TEST(test_free_running);

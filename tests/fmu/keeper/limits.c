@@ -1,0 +1,64 @@
+/* An FMU with limits: with u above LIMIT a step returns the fmi2Status REFUSES (0: y is not a number), and from second NAN_FROM to NAN_TO y is not a number.
+ * Its variables are those of fmus/lag, and so are its other functions. */
+#include <math.h>
+#include <stdbool.h>
+
+#include <fmi2Functions.h>
+
+#include "description.h"
+#include "fmus/common/model.h"
+
+#ifndef LIMIT
+#define LIMIT 1e9
+#endif
+#ifndef REFUSES
+#define REFUSES 0
+#endif
+#ifndef NAN_FROM
+#define NAN_FROM 1e9
+#endif
+#ifndef NAN_TO
+#define NAN_TO 1e9
+#endif
+
+/* Our own FMUs', by the name that other_do_step.h gives it. */
+fmi2Status own_do_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior);
+
+typedef struct lag {
+    fmi2Real u;
+    fmi2Real T;
+    fmi2Real x_start, t_step;
+    fmi2Real y;
+    fmi2Real x;
+    fmi2Real time;
+} lag;
+
+static bool is_beyond;
+
+fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior) {
+    fmi2Status status = own_do_step(component, point, size, no_set_state_prior);
+    return is_beyond ? (fmi2Status)REFUSES : status;
+}
+
+static void show(lag *m) {
+    bool stands = m->time > NAN_FROM && m->time < NAN_TO;
+    m->y = is_beyond || stands ? NAN : m->x;
+}
+
+static void start(void *model) {
+    lag *m = model;
+    m->x = m->x_start;
+    m->time = 0.0;
+    is_beyond = false;
+    show(m);
+}
+
+static void step(void *model, double h) {
+    lag *m = model;
+    m->time += h;
+    m->x += h * (m->u - m->x) / m->T;
+    is_beyond = m->u > LIMIT;
+    show(m);
+}
+
+TL_FMU_MODEL(lag, .t_step = offsetof(lag, t_step), .start = start, .step = step);
