@@ -338,7 +338,7 @@ static void print_match(const printing *page, size_t match) {
                    space_before(unit), unit, is_compared_only ? "; compared only" : "");
     }
     if (metrics->left_out != 0) {
-        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements were not good and are left out",
+        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements or outputs were not good and are left out",
                    metrics->left_out, metrics->left_out + metrics->pairs);
     }
 }

@@ -9,6 +9,8 @@
  *          as between two messages. Then only the sum of several unknowns is observable, and they
  *          may swing against each other. Such an unknown is damped: √TL_UNSEEN_RATE·(u − u
  *          before)/step is added to J, unless the rate penalty is larger.
+ * NaN:     an output that is not finite makes J of its candidate NaN. If that is not the
+ *          candidate's fault, tl_objective_leave_out() gives it weight 0 in this step, as for a bad ŷ.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
  *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -97,6 +99,13 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step);
  * of the residuals and of the course: `matched` values of y per sample. */
 double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
 
+/* The first match whose y in this course should count and is not finite; SIZE_MAX: none. */
+size_t tl_objective_find_bad(const tl_objective *objective, const double *course);
+
+/* Leaves these y out of J in this step; their residuals become 0. Returns the contribution of the
+ * other samples; HUGE_VAL, without any change, if none would remain. */
+double tl_objective_leave_out(tl_objective *objective, const double *course, double *residuals);
+
 /* Contribution of u itself to J: damping, deviation from nominal, and rate. Fills the rest of the
  * residuals, also those that do not belong to J in this step. `before`: u of the step before, by
  * variable. */
@@ -105,7 +114,7 @@ double tl_objective_penalise(const tl_objective *objective, const double *u, con
 
 /* Residuals to be expected one step after a candidate with this course is committed and its u held.
  * Its samples shift by one; the new last one extrapolates from `earlier` (y of the sample before)
- * through the last. Penalties are left out. */
+ * through the last. Penalties are left out, and so is a y that is not finite. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
 

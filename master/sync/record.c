@@ -17,6 +17,7 @@ void tl_record_begin(tl_record *record, int64_t step) {
     record->evaluations = 0;
     record->flags = 0;
     record->held = 0;
+    record->bad_outputs = 0;
     record->refused = (tl_record_refused){0};
 }
 
@@ -53,6 +54,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "resting";
     case TL_FLAG_REFUSED:
         return "refused";
+    case TL_FLAG_NOT_FINITE:
+        return "not finite";
     }
     return "unknown";
 }

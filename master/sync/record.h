@@ -67,8 +67,9 @@ typedef enum tl_flag {
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched: the free-running twin predicts better (sync/free_twin.h), and u rests at nominal */
-    TL_FLAG_REFUSED = 512, /* candidates of this step could not be evaluated (tl_record_refused) */
-    TL_LAST_FLAG = TL_FLAG_REFUSED
+    TL_FLAG_REFUSED = 512,     /* candidates of this step could not be evaluated (tl_record_refused) */
+    TL_FLAG_NOT_FINITE = 1024, /* an output of an FMU was not finite (bad_outputs) */
+    TL_LAST_FLAG = TL_FLAG_NOT_FINITE
 } tl_flag;
 
 /* State of a measured delay. */
@@ -108,9 +109,13 @@ typedef struct tl_record {
     uint32_t predicted;  /* executions that the ledger predicts for the same evaluations (sync/ledger.h) */
     uint32_t flags;      /* tl_flag */
     uint32_t held;       /* bit v: adjusted variable v was not identifiable and was held at nominal */
+    /* Bit k: output k of an FMU was not finite at t_(i+1); for the first step after an initialisation
+     * also at t_i. The outputs are those of `match`, then the sources of `connections` of the plan;
+     * the last bit stands for any further one. */
+    uint64_t bad_outputs;
     tl_record_refused refused;
-    tl_time used; /* ns by the budget's clock, 0 without one; set by tl_twin_step */
-    double y[TL_MAX_MATCH];
+    tl_time used;           /* ns by the budget's clock, 0 without one; set by tl_twin_step */
+    double y[TL_MAX_MATCH]; /* NaN: not finite */
     double measured[TL_MAX_MATCH];
     uint8_t measured_quality
         [TL_MAX_MATCH]; /* tl_quality; `measured` is never NaN: a bad one is replaced by the last good one */

@@ -34,6 +34,7 @@ typedef struct tl_step_search {
     uint32_t flags; /* tl_flag */
     uint32_t held;  /* bit v: variable v is not identifiable */
     uint32_t seen;  /* bit v: variable v has moved an output */
+    bool executed;  /* J of a candidate is finite */
     tl_record_refused refused;
     uint32_t idle;      /* evaluations since the last progress */
     bool stagnated;     /* no progress for too long: the solver is stopped */

@@ -270,6 +270,38 @@ static void test_a_refused_trial_is_reported_once(void) {
     config.component_count = 0;
 }
 
+/* Each output once, by its name, though it is matched and connected; its end a minute later. */
+static void test_outputs_that_are_not_finite(void) {
+    static tl_plan_match match[] = {{.variable = "motor.y"}};
+    static tl_plan_connection connections[] = {{.from = "motor.y", .to = "drive.u"},
+                                               {.from = "drive.y", .to = "motor.u"}};
+    config.match = match;
+    config.match_count = 1;
+    config.connections = connections;
+    config.connection_count = 2;
+    record.step = 200;
+    record.bad_outputs = 3;
+    searches(0, 1);
+    expect_told("warning|twin|motor.y: |finite|2 s|2.01 s|last value");
+    record.bad_outputs = 7;
+    searches(0, 1);
+    expect_told("warning|twin|drive.y: |finite|2.01 s|2.02 s");
+    record.bad_outputs = UINT64_MAX;
+    searches(0, 8);
+    expect_nothing();
+    record.bad_outputs = 0;
+    record.flags = TL_FLAG_RESET;
+    searches(0, 1);
+    expect_told("warning|lock|reset|step 210|finite|10 steps");
+    record.flags = 0;
+    searches(0, MINUTE - 2);
+    expect_nothing();
+    searches(0, 1);
+    expect_two_told("notice|twin|motor.y: |10", "notice|twin|drive.y: |9");
+    config.match_count = 0;
+    config.connection_count = 0;
+}
+
 /* If a step is longer than TL_WATCH_REST, the number of searches counts. */
 static void test_troubles_of_a_slow_twin(void) {
     config.step = 3600 * TL_SECOND;
@@ -447,6 +479,7 @@ int main(void) {
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_reported_separately);
     RUN_TEST(test_a_refused_trial_is_reported_once);
+    RUN_TEST(test_outputs_that_are_not_finite);
     RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_an_inexact_rollback_is_reported_once);
     RUN_TEST(test_free_running);
