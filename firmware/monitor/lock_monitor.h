@@ -57,8 +57,8 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *             has ten parts of 0.1 s, or of two steps if these are longer. The state is updated at
  *             the end of each part. With an event horizon, the unit is a stroke whose search has
  *             ended, and three strokes give the first state.
- * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement, or the
- *             J of a search is not finite. An output that is not finite is not compared.
+ * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement, or
+ *             the J of a search is not finite. An output that is not finite is not compared.
  * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
  *             First, the twin is ten tolerances off. Second, an output has moved that far in one
  *             step while the plant did not. An adequately sampled plant does not do that, and its

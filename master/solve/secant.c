@@ -16,8 +16,9 @@
  *          whole move would be the best line through the horizon, which soon leaves the tolerance
  *          on the other side. Each new u costs the executions of a whole horizon; a held one costs
  *          only its newest step.
- * Refused: a probe that cannot be evaluated is repeated to the other side, and with smaller steps. A
- *          column that could not be measured stays as it was and is tried again in the next search.
+ * Refused: a probe that cannot be evaluated is repeated to the other side, and with smaller steps.
+ *          A column that could not be measured stays as it was and is tried again in the next
+ *          search.
  *          If the start itself cannot be evaluated, the nearest point that can is looked for.
  * Rows:    a sample's residual of exactly 0 was not measured and does not count. A penalty of 0 is
  *          one at nominal and counts. A damping residual counts if it is damped in this search.

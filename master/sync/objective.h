@@ -9,8 +9,8 @@
  *          as between two messages. Then only the sum of several unknowns is observable, and they
  *          may swing against each other. Such an unknown is damped: √TL_UNSEEN_RATE·(u − u
  *          before)/step is added to J, unless the rate penalty is larger.
- * NaN:     an output that is not finite makes J of its candidate NaN. If that is not the
- *          candidate's fault, tl_objective_leave_out() gives it weight 0 in this step, as for a bad ŷ.
+ * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
+ *          tl_objective_leave_out() gives it weight 0 in this step, as for a ŷ that is not good.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
  *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
