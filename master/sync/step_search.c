@@ -271,10 +271,10 @@ static double use_finite(tl_step_search *search, const double *u, bool nominal, 
         value =
             penalties + tl_objective_leave_out(&synchroniser->objective, memory->candidate_course, memory->residuals);
     }
-    if (isfinite(value)) {
-        search->refused = (tl_record_refused){0};
-    } else {
+    if (!isfinite(value)) {
         note_refused(search, u, true, bad);
+    } else if (search->refused.by_output != 0) {
+        search->refused = (tl_record_refused){0};
     }
     return value;
 }

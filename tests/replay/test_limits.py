@@ -130,6 +130,20 @@ def test_never_handed_on():
         expect(results[0] == results[1], f"{limits}: saved executions differ")
 
 
+def test_one_of_two_outputs():
+    """The one that stands is left out of J; the other one keeps the twin in lock."""
+    def add(text):
+        return text | {"match": text["match"] | {"k.y": {"to": "plant.y", "tolerance": 0.5}}}
+    path = chain(keeper_fmu.make_limits(NAN_FROM=2.005, NAN_TO=2.045))
+    config = json.loads(path.read_text(encoding="utf-8"))
+    config["synchronise"] = add(config["synchronise"])
+    code, told, database, err = replay(write_config(config))
+    expect(code == 0 and told["lock"]["percent"] == 100, f"{code} {told}\n{err}")
+    expect(told["match"]["k.y"]["left_out"] == 4 and told["match"]["next.y"]["left_out"] == 0, f"{told['match']}")
+    objectives = query(database, "SELECT count(*) FROM steps WHERE J IS NULL AND step BETWEEN 200 AND 203")
+    expect(objectives == [(0,)], f"{objectives}")
+
+
 def test_check_names_the_output():
     for limits, step in ({"NAN_FROM": -1, "NAN_TO": 0.005}, 0), ({"NAN_FROM": 0.095}, 9):
         config = configure(keeper_fmu.make_limits(**limits), swings)
