@@ -42,13 +42,18 @@ static void count_executions(const tl_assembly *assembly, tl_prognosis *prognosi
 
 /* ---- time ---- */
 
-static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_error *error) {
+/* `noted` receives the first outputs that are not finite; may be NULL. */
+static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_prognosis *noted, tl_error *error) {
     const tl_budget budget = {
         .evaluations = 1, .time = INT64_MAX / 4, .started = tl_clock_now(NULL), .now = tl_clock_now};
     tl_record record;
     bool ready = false;
     tl_status status = tl_twin_step(assembly->twin, sample, &budget, &record, &ready, error);
     sample->tick++;
+    if (status == TL_OK && ready && noted != NULL && noted->bad_outputs == 0) {
+        noted->bad_outputs = record.bad_outputs;
+        noted->bad_step = record.step;
+    }
     return status;
 }
 
@@ -63,24 +68,29 @@ static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     }
 }
 
-tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error) {
+static tl_status warm_up(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_prognosis *noted,
+                         tl_error *error) {
     tl_status status = TL_OK;
     *sample = (tl_sample){0};
     memset(sample->quality, TL_NO_LINK, assembly->config.signal_count);
     while (status == TL_OK && sample->tick < ticks) {
-        status = take_step(assembly, sample, error);
+        status = take_step(assembly, sample, noted, error);
     }
     return status;
+}
+
+tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error) {
+    return warm_up(assembly, ticks, sample, NULL, error);
 }
 
 /* No signal has a reading, so nothing is matched and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample;
     int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
-    tl_status status = tl_prognosis_run_dry(assembly, before, &sample, &prognosis->error);
+    tl_status status = warm_up(assembly, before, &sample, prognosis, &prognosis->error);
     tl_time began = tl_clock_now(NULL);
     while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - began < LONGEST) {
-        status = take_step(assembly, &sample, &prognosis->error);
+        status = take_step(assembly, &sample, prognosis, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;
     }
@@ -143,6 +153,22 @@ static void warn(warnings *list, const char *path, const char *format, ...) {
     (void)fputs(list->count == 0 ? "warnings\n" : "", list->file);
     tl_wrapped_print(list->file, text, INDENT - 2, INDENT);
     list->count++;
+}
+
+/* Each output once, though it may be matched and drive inputs. */
+static void check_outputs(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
+    const char *name = "";
+    for (size_t bit = 0; name != NULL && bit < TL_CONFIG_OUTPUTS; bit++) {
+        name = tl_config_output_name(config, bit);
+        if (name != NULL && tl_config_is_bad_output(config, prognosis->bad_outputs, bit)) {
+            warn(list, name,
+                 "not finite (NaN or infinity) in step %" PRId64
+                 " of the dry run, at %g s, with the plant's initial values: "
+                 "such a value is left out of the matching, and inputs that it drives keep their last value; check the "
+                 "model, for example for 0/0",
+                 prognosis->bad_step, tl_seconds(tl_time_of_step(0, config->step, prognosis->bad_step)));
+        }
+    }
 }
 
 static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
@@ -480,6 +506,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     warnings list = {.file = file};
+    check_outputs(&list, config, prognosis);
     check_step(&list, config, prognosis);
     check_rollback(&list, rollback);
     check_saved_states(&list, config, states);

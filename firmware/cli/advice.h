@@ -34,6 +34,8 @@ typedef struct tl_prognosis {
     /* times in ns on this machine; 0: not known */
     size_t steps;                         /* of the dry run */
     tl_error error;                       /* of a failure in the dry run; only next_tick is then valid too */
+    uint64_t bad_outputs;                 /* the first outputs that were not finite, as in a record */
+    int64_t bad_step;                     /* and their step */
     int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including saving its state */

@@ -238,6 +238,15 @@ void tl_config_use_lookups(tl_config *config);
  */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
 
+/* Outputs of FMUs by the bits of tl_record.bad_outputs: those of `match`, then the sources of
+ * `connect`. The first function returns NULL beyond the last one; the last bit may stand for
+ * several. The second one returns true if the output is in the set, and no earlier one has its
+ * name. */
+enum { TL_CONFIG_OUTPUTS = 64 };
+
+const char *tl_config_output_name(const tl_config *config, size_t output);
+bool tl_config_is_bad_output(const tl_config *config, uint64_t bad_outputs, size_t output);
+
 /* Returns true if a component is unconfined. Its FMUs have all rights of the user then, and so has
  * their whole process. */
 bool tl_config_is_unconfined(const tl_config *config);

@@ -59,6 +59,7 @@ static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
     tl_json_add_count(json, "evaluations", figures->evaluations);
     tl_json_add_count(json, "optimised_steps", figures->optimised_steps);
     tl_json_add_count(json, "rested_steps", figures->rested);
+    tl_json_add_count(json, "refused_steps", figures->refused);
     tl_json_add_count(json, "time_limited", figures->time_limited);
     tl_figures_json_add_outcomes(json, figures);
 }

@@ -35,6 +35,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->nominal[i]);
     }
     tl_run_figures_add_step(&summary->figures, &step, config->step);
+    summary->refused += record->refused.count;
 }
 
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
@@ -249,6 +250,8 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
+    tl_json_add_count(&json, "refused_trials", summary->refused);
+    tl_json_add_count(&json, "refused_steps", page.figures.refused);
     add_matches(&json, &page);
     add_plant(&json, summary, config);
     add_adjusted(&json, &page);
@@ -337,7 +340,7 @@ static void print_match(const printing *page, size_t match) {
                    space_before(unit), unit, is_compared_only ? "; compared only" : "");
     }
     if (metrics->left_out != 0) {
-        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements were not good and are left out",
+        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements or outputs were not good and are left out",
                    metrics->left_out, metrics->left_out + metrics->pairs);
     }
 }
@@ -417,6 +420,11 @@ static void print_effort(const printing *page) {
     }
     if (total.repeated + total.uncached != 0) {
         print_line(page, "", "%" PRIu64 " repeated, %" PRIu64 " not cached", total.repeated, total.uncached);
+    }
+    if (page->summary->refused != 0) {
+        print_line(page, "refused",
+                   "%" PRIu64 " trials in %" PRIu64 " steps: an FMU failed, or an output was not finite",
+                   page->summary->refused, figures->refused);
     }
 }
 

@@ -31,6 +31,7 @@ typedef struct tl_summary {
         tl_time age; /* of the reading, ns */
         uint32_t quality;
     } rejected[TL_MAX_SIGNALS]; /* the last sample that was not good, by signal */
+    uint64_t refused;           /* candidates that could not be evaluated */
     uint64_t ticks;             /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
     uint64_t deadline_misses;   /* steps that ended after their period */
     uint64_t gaps;              /* live: number of gaps; successive missed ticks are one gap */

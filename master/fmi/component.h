@@ -41,6 +41,9 @@ size_t tl_ports_size(const tl_ports *ports);
 void tl_ports_read(const tl_ports *ports, unsigned char *bytes);
 void tl_ports_write(const tl_ports *ports, const unsigned char *bytes);
 
+/* True if all are finite. */
+bool tl_reals_are_finite(const fmi2Real *values, size_t count);
+
 typedef enum tl_component_mode {
     TL_MODE_ABSENT, /* not instantiated, or freed */
     TL_MODE_INSTANTIATED,
@@ -108,9 +111,9 @@ tl_status tl_component_enter_initialization(tl_component *component, double star
 /* fmi2ExitInitializationMode. */
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
-/* Writes the inputs to the FMU; reads the outputs from it. TL_FMU_FAILED if an output is not
- * finite. If the FMU rejects reading in initialisation mode, as ControlBuild's do, the outputs keep
- * their values, and it is not read again before the end of that mode. */
+/* Writes the inputs to the FMU; reads the outputs from it. A Real output that is not finite is NaN,
+ * always with the same bits. If the FMU rejects reading in initialisation mode, as ControlBuild's
+ * do, the outputs keep their values, and it is not read again before the end of that mode. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
@@ -122,12 +125,12 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
 /* The same for `count` components in one call. If one fails, *failed is its index, and those after
- * it were not stepped. Real outputs are not checked: see tl_component_check_outputs(). */
+ * it were not stepped. Real outputs stay as the FMU gives them: see tl_component_mark_outputs(). */
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error);
 
-/* TL_FMU_FAILED if a Real output is not finite. */
-tl_status tl_component_check_outputs(const tl_component *component, tl_error *error);
+/* Sets each Real output that is not finite to NaN, always with the same bits. */
+void tl_component_mark_outputs(const tl_component *component);
 
 /* Saves and restores the FMU's hidden state; needs canGetAndSetFMUstate. Port values belong to the
  * graph. A handle that is not NULL is reused; tl_component_forget() frees it. If an FMU has once

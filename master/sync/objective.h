@@ -10,6 +10,8 @@
  *          the sum of several unknowns, and they may oscillate against each other. An unseen
  *          unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step before)/step,
  *          unless its rate penalty is larger.
+ * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
+ *          tl_objective_leave_out() gives it weight 0 in this step, as for a ŷ that is not good.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
  *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -98,6 +100,13 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step);
  * of `residuals` and of `course`, the y of all samples (`matched` values per sample). */
 double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
 
+/* The first match whose y in this course should count and is not finite; SIZE_MAX: none. */
+size_t tl_objective_find_bad(const tl_objective *objective, const double *course);
+
+/* Leaves these y out of J in this step; their residuals become 0. Returns the contribution of the
+ * other samples; HUGE_VAL, without any change, if none would remain. */
+double tl_objective_leave_out(tl_objective *objective, const double *course, double *residuals);
+
 /* Contribution of u itself to J: damping, deviation from nominal, and rate. Fills the rest of the
  * residuals, also those that do not belong to J in this step. `before`: u of the step before, by
  * variable. */
@@ -106,7 +115,7 @@ double tl_objective_penalise(const tl_objective *objective, const double *u, con
 
 /* Predicts the residuals of the next step, if the candidate with this course is committed and its u
  * stays constant. The samples shift by one. The new last sample is extrapolated linearly from the
- * last two: `earlier` is y of the last but one. Penalties are 0. */
+ * last two: `earlier` is y of the last but one. Penalties are 0. A y that is not finite is left out. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
 

@@ -53,6 +53,7 @@ struct tl_twin {
     tl_tuning built;  /* as it was built: its fixed parts */
     tl_tuning tuning; /* in use */
     tl_proof proof;
+    uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
     bool resets;           /* the FMUs are reset before the next step */
     const char *runs_free; /* the component because of which the twin runs free since the last step; NULL: none */
     tl_verifier verifier;

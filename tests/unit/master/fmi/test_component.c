@@ -452,15 +452,21 @@ static void fatal_while_initialising_is_fatal(void) {
     }
 }
 
-static void an_output_that_is_no_number_is_a_failure(void) {
+/* NaN and infinity of any sign have the same bits. */
+static void an_output_that_is_not_finite_is_nan(void) {
+    static const double nan_bits = (double)NAN;
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_NAN, 1, 1);
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
-    TL_EXPECT_PARTS("motor|finite", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
-    in_reals[1] = 1e200;
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    TEST_ASSERT_FALSE(tl_reals_are_finite(out_reals, 2));
+    for (size_t i = 0; i < 4; i++) {
+        out_reals[0] = (double[]){-(double)NAN, (double)INFINITY, -(double)INFINITY, (double)NAN}[i];
+        tl_component_mark_outputs(&component);
+        TEST_ASSERT_EQUAL_MEMORY(&nan_bits, &out_reals[0], sizeof nan_bits);
+    }
+    in_reals[1] = 1e200;
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(1));
+    TEST_ASSERT_TRUE(tl_reals_are_finite(out_reals, 2));
 }
 
 static fmi2Status pending_step(fmi2Component instance, fmi2Real time, fmi2Real size, fmi2Boolean final) {
@@ -570,7 +576,7 @@ int main(void) {
     RUN_TEST(nothing_is_called_after_fatal);
     RUN_TEST(fatal_while_freeing_ends_the_freeing);
     RUN_TEST(fatal_while_initialising_is_fatal);
-    RUN_TEST(an_output_that_is_no_number_is_a_failure);
+    RUN_TEST(an_output_that_is_not_finite_is_nan);
     RUN_TEST(a_step_that_ends_the_fmu_is_named);
     RUN_TEST(a_pending_step_is_a_failure);
     RUN_TEST(a_warning_is_success);
