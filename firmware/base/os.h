@@ -117,11 +117,11 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
 
 /* Synchronises the folder of this path, so that a new name in it survives a power failure. Not all
  * file systems support this; that is no error. */
-void tl_keep_name(const char *path);
+void tl_folder_sync(const char *path);
 
 /* Returns true if both names are equal or refer to the same file, so that a new file at `path`
  * would replace `other`. */
-bool tl_new_file_is(const char *path, const char *other);
+bool tl_new_file_would_replace(const char *path, const char *other);
 
 /* Deletes the temporary file. A zeroed struct is allowed. */
 void tl_new_file_discard(tl_new_file *new_file);

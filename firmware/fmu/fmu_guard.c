@@ -121,9 +121,9 @@ static fmi2Status reject_copy(tl_fmu_guarded *self) {
                   tl_fmu_memory_remaining(&self->guard->memory),
                   was_exact ? "; set \"rollback\": \"state\" in its component" : "");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
-    if (is_needed && !self->guard->was_left_told) {
+    if (is_needed && !self->guard->was_remaining_reported) {
         log_failure(self, error.text);
-        self->guard->was_left_told = true;
+        self->guard->was_remaining_reported = true;
     }
     return fmi2Error;
 }

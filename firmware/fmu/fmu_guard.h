@@ -73,11 +73,11 @@ typedef struct tl_fmu_guard {
     bool by_replay;       /* replay is the method in use */
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most; /* steps from the start that replay can roll back at most */
-    bool gives_again;   /* private: own states are used, and the last inputs are set again after each restore */
-    bool was_left_told; /* private: the side effects that prevent a copy were logged */
-    void *full_copy;    /* private: copy of the memory from the start of the proof; NULL: no copy */
-    bool was_proved;    /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
-    uint32_t name;      /* name of the file in fmu_call.h, for calls without an instance */
+    bool gives_again; /* private: own states are used, and the last inputs are set again after each restore */
+    bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
+    void *full_copy;             /* private: copy of the memory from the start of the proof; NULL: no copy */
+    bool was_proved; /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
+    uint32_t name;   /* name of the file in fmu_call.h, for calls without an instance */
     unsigned was_reported; /* changes of the process that were already logged for the file */
     tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
     bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */

@@ -19,6 +19,6 @@ bool tl_service_notify(const char *state);
 
 /* Returns the unit's WatchdogSec, ns: the longest time between two "WATCHDOG=1"; 0: no watchdog.
  * Sends nothing, and extends no timeout (EXTEND_TIMEOUT_USEC). */
-tl_time tl_service_extend_timeout(void);
+tl_time tl_service_watchdog_period(void);
 
 #endif

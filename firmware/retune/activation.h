@@ -84,7 +84,7 @@ typedef struct tl_activation_host {
 
     /* Writes the hash of the configuration that the run uses now, or will use from its next tick
      * on. */
-    void (*active_text)(void *context, char hash[TL_SHA256_TEXT]);
+    void (*active_hash)(void *context, char hash[TL_SHA256_TEXT]);
 
     /* Copies the text of the configuration with this hash from the run's memory, with a final NUL.
      * `text` has TL_CONTROL_MOST + 1 bytes. Returns false if the memory does not contain it. */
@@ -122,7 +122,7 @@ typedef struct tl_activation_host {
 
     /* Returns the result of the handover. It is refused if there is no shadow that can take over;
      * `why` is the reason. After a handover, active_text() and tune() refer to the new twin. */
-    tl_activation_answer (*has_handed_over)(void *context, char why[TL_ACTIVATION_WHY]);
+    tl_activation_answer (*handover_result)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* Ends the run. A new run starts with the version that is active on disk. */
     void (*restart)(void *context);
@@ -221,12 +221,12 @@ typedef struct tl_activation {
     char leaving[TL_SHA256_TEXT]; /* hash of the run's configuration before a handover */
     tl_time passed;               /* ns from the previous poll to this one */
     tl_time waited;               /* ns since the step began */
-    tl_time was_reported;         /* value of `waited` at the step's last message */
+    tl_time reported_at;          /* value of `waited` at the step's last message */
     tl_probation probation;
     tl_time unsaved;   /* ns since the probation was saved */
     tl_time pause;     /* ns until the probation is ended again after a failed try */
     bool is_unwritten; /* the probation could not be saved, and that was logged */
-    tl_time looked;    /* CLOCK_MONOTONIC: time of the previous poll */
+    tl_time polled_at; /* CLOCK_MONOTONIC: time of the previous poll */
 } tl_activation;
 
 /* Starts with the state on disk: resumes a probation and completes an unfinished change. */
@@ -258,7 +258,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 
 /* Rolls back the version on probation; only during the step TL_CONTROL_PROBATION. Sends the result
  * to the client. */
-void tl_activation_refuse(tl_activation *activation, const char *who);
+void tl_activation_roll_back(tl_activation *activation, const char *who);
 
 /* Polls the current step and begins the next one. May be called at any rate. */
 void tl_activation_poll(tl_activation *activation);

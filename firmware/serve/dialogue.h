@@ -57,7 +57,7 @@ void tl_dialogue_list_plants(tl_dialogue *dialogue, const char *folder);
 void tl_dialogue_follow(tl_dialogue *dialogue, char *room);
 
 /* Returns true if the plant may send more replies and the buffer has space for them. */
-bool tl_dialogue_listens(const tl_dialogue *dialogue);
+bool tl_dialogue_can_receive(const tl_dialogue *dialogue);
 
 /* Ends the dialogue with an "end" line that has this result. If `status` is not set yet, that line
  * replaces the buffered answer. */

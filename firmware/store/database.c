@@ -866,7 +866,7 @@ tl_status tl_database_create(const char *path, tl_error *error) {
         (void)unlink(name);
         return status;
     }
-    tl_keep_name(path);
+    tl_folder_sync(path);
     return TL_OK;
 }
 

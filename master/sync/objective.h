@@ -115,7 +115,8 @@ double tl_objective_penalise(const tl_objective *objective, const double *u, con
 
 /* Predicts the residuals of the next step, if the candidate with this course is committed and its u
  * stays constant. The samples shift by one. The new last sample is extrapolated linearly from the
- * last two: `earlier` is y of the last but one. Penalties are 0. A y that is not finite is left out. */
+ * last two: `earlier` is y of the last but one. Penalties are 0. A y that is not finite is left
+ * out. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
 
