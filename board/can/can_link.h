@@ -17,12 +17,14 @@
 /* ---- Converts the kernel's receive stamps from the wall clock to CLOCK_MONOTONIC. Private to the
  * CAN driver.
  *
- * Purpose: the wall clock may be set between the reception of a frame and its reading. But the
- *          frame was received after the queue was last empty (or after the frame before it) and
- *          before now. A stamp outside of this interval is converted with the earlier offset of the
- *          clocks; if it is still outside, it is moved to the nearer end.
- * Bound:   after a change of the clock, a stamp is wrong by at most that interval. Stamps never
- *          decrease.
+ * Purpose: the wall clock may be set after a frame was received and before it is read. Then
+ *          the converted stamp is wrong.
+ * Check:   a frame was received in a known interval: it starts when the queue was last empty (or
+ *          with the frame before), and ends now. If the converted stamp is outside, it is converted
+ *          again, with the offset that the clocks had when the queue was last empty. If it is still
+ *          outside, the nearer end of the interval is used.
+ * Bound:   after a change of the clock, a stamp is wrong by at most the length of that interval.
+ *          Stamps never decrease.
  * Thread:  one; reads no clock itself.
  */
 
@@ -45,16 +47,16 @@ tl_time tl_can_clock_stamp(tl_can_clock *clock, tl_time received, tl_time monoto
  * Source:  linux/can/error.h; ISO 11898-1, fault confinement.
  */
 
-/* State of the controller. */
+/* Error state of the CAN controller. The state of the interface (up, running) is tl_can_state. */
 typedef enum tl_can_health { TL_CAN_SAME, TL_CAN_ACTIVE, TL_CAN_WARNING, TL_CAN_PASSIVE, TL_CAN_BUS_OFF } tl_can_health;
 
 typedef struct tl_can_fault {
-    tl_can_health health;  /* TL_CAN_SAME: not in this frame */
+    tl_can_health health;  /* TL_CAN_SAME: this frame does not report it */
     bool overflow;         /* the controller had no room for a frame */
     const char *bus_error; /* description of the error on the bus; NULL: none */
 } tl_can_fault;
 
-/* Error classes to request: a value of CAN_RAW_ERR_FILTER. */
+/* Error classes to request from the kernel: the value for the option CAN_RAW_ERR_FILTER. */
 extern const uint32_t tl_can_fault_classes;
 
 /* `classes`: id of the error frame, with or without flags. */
@@ -67,8 +69,8 @@ const char *tl_can_health_text(tl_can_health health);
  *
  * Purpose: opens a raw CAN socket that receives only the wanted ids and error frames, waits for
  *          frames, and reads them.
- * Listens: a raw CAN socket cannot be shut down for sending. So this part uses no symbol that
- *          sends, and tests/check/symbols.py checks the object file.
+ * Listens: shutdown() cannot disable sending on a raw CAN socket. Instead this part calls no
+ *          function that sends; tests/check/symbols.py checks this in the object file.
  * Owner:   one thread makes, opens, receives, closes, releases; any thread may call
  *          tl_can_link_interrupt().
  */
@@ -79,7 +81,7 @@ typedef struct tl_can_link {
     tl_wake wake;      /* of the waiting thread */
     uint32_t overflow; /* the kernel's last count of dropped frames */
     tl_can_clock clock;
-    tl_time monotonic, wall; /* when the queue was last read */
+    tl_time monotonic, wall; /* when the queue was last read, by both clocks */
 } tl_can_link;
 
 typedef struct tl_can_frame {
@@ -89,7 +91,7 @@ typedef struct tl_can_frame {
     uint8_t data[TL_CAN_BYTES]; /* 0 beyond the length */
     tl_time stamp;              /* CLOCK_MONOTONIC */
     tl_can_fault fault;         /* of an error frame */
-    uint32_t lost;              /* frames dropped by the kernel since the frame before */
+    uint32_t lost;              /* number of frames that the kernel dropped since the frame before */
 } tl_can_frame;
 
 typedef enum tl_can_arrival {
@@ -101,11 +103,11 @@ typedef enum tl_can_arrival {
     TL_CAN_LOST   /* the interface was removed or the socket failed, see errno: close it */
 } tl_can_arrival;
 
-/* Returns false with errno if a resource is missing. Opens nothing. */
+/* Initialises a link; opens no socket. Returns false with errno if a resource is missing. */
 bool tl_can_link_make(tl_can_link *link, const char *interface);
 
-/* Opens the socket for these ids. Otherwise returns false, and `cause` has the reason and the
- * remedy. */
+/* Opens the socket for the ids of `map`. Returns false if this fails; then `cause` has the reason
+ * and the remedy. */
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size);
 
 /* State of an open link; false if the interface does not exist any more. */
@@ -118,11 +120,13 @@ bool tl_can_link_await(const tl_can_link *link, int timeout_ms);
 /* Reads the next frame without waiting. */
 tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame);
 
+/* Closes the socket. The link can be opened again. */
 void tl_can_link_close(tl_can_link *link);
 
 /* From any thread: ends the present or the next wait. */
 void tl_can_link_interrupt(const tl_can_link *link);
 
+/* Closes the socket and frees what tl_can_link_make() has created. */
 void tl_can_link_release(tl_can_link *link);
 
 #endif

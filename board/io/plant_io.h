@@ -3,10 +3,11 @@
  * Purpose: a driver reads one device (one Modbus server, one CSV stream) and posts readings. It
  *          only listens: no driver has a function that writes to the plant.
  * Life:    open → poll … poll → finish → close, all from one thread that firmware owns
- *          (plant_reader.h). Any thread may call interrupt(), which makes a waiting poll, or else
- *          the next one, return soon.
- * Waiting: open() never waits for a device. If a device is absent, fails or returns, poll() posts
- *          TL_NO_LINK for each of its channels, backs off, and retries.
+ *          (plant_reader.h). open() is the driver's own function, for example tl_modbus_open(). Any
+ *          thread may call interrupt(): a waiting poll, or else the next one, returns soon.
+ * Waiting: open() never waits for a device. While a device is absent or fails, poll() posts
+ *          TL_NO_LINK for each of its channels, and retries with increasing pauses. So a returning
+ *          device is read again.
  * Values:  a driver converts to the signal's unit (value = raw·scale + offset) and posts TL_GOOD,
  *          TL_NOT_A_NUMBER or TL_NO_LINK; the caller checks range and age.
  * Clock:   stamps are CLOCK_MONOTONIC nanoseconds.
@@ -23,11 +24,11 @@
 /* Receives readings. `channel` is the index of the signal in the driver's settings. */
 typedef struct tl_plant_io_sink {
     void (*post)(void *context, size_t channel, const tl_reading *reading);
-    /* Reports that the link went up or down; `text` names the device and the cause. Also reports
-     * once if a part of it recovers, with `up` unchanged. */
+    /* Reports that the link went up or down; `text` names the device and the cause. If only a part
+     * of the device recovers, link() is called once more, with the same `up` as before. */
     void (*link)(void *context, bool up, const char *text);
     /* Reports once that a part fails while the link is up (one unit answers with an exception, a
-     * row is malformed): a person should act. NULL: link() is called, with `up` true. */
+     * row is malformed), so that a user acts. If this is NULL, link() is called with `up` true. */
     void (*part_failed)(void *context, const char *text);
     void *context;
 } tl_plant_io_sink;
@@ -37,9 +38,10 @@ typedef struct tl_plant_io tl_plant_io;
 typedef struct tl_plant_io_driver {
     const char *name; /* "modbus_tcp", "csv" */
 
-    /* Reads everything once and posts it. Waits for the device at most for its own timeout; returns
-     * at once if there is nothing to read. Also TL_OK if the device is down; sets *finished if
-     * nothing can follow (end of a file). An error means that the driver can never continue. */
+    /* Reads the device once and posts the readings. Waits for the device at most for the driver's
+     * timeout; returns at once if there is nothing to read. Returns TL_OK also if the device is
+     * down. Sets *finished at the end of a file. An error means that the driver can never continue.
+     */
     tl_status (*poll)(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error);
 
     /* From any thread: a waiting poll returns soon. If none waits, the next one returns at once. */

@@ -136,7 +136,7 @@ bool tl_file_bytes_write(int file, const void *bytes, size_t size) {
 
 /* ---- new file ---- */
 
-bool tl_new_file_is(const char *path, const char *other) {
+bool tl_new_file_would_replace(const char *path, const char *other) {
     struct stat first;
     struct stat second;
     return strcmp(path, other) == 0 || (stat(path, &first) == 0 && stat(other, &second) == 0 &&
@@ -197,7 +197,7 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
     return status;
 }
 
-void tl_keep_name(const char *path) {
+void tl_folder_sync(const char *path) {
     char folder[PATH_MAX];
     (void)snprintf(folder, sizeof folder, "%s", path);
     int opened = open(dirname(folder), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -227,7 +227,7 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: the new file cannot be renamed to this name: %s", new_file->path,
                        strerror(cause));
     }
-    tl_keep_name(new_file->path);
+    tl_folder_sync(new_file->path);
     return TL_OK;
 }
 

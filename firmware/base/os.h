@@ -18,9 +18,9 @@
 
 /* ---- C locale for a thread of ours, whatever the locale of the process is.
  *
- * Purpose: an FMU or its libraries may call setlocale(). With a decimal comma, every strtod() and
- *          printf() of the process would then use other numbers. After this call the thread has its
- *          own locale: decimal points and English messages. Characters are UTF-8 if the system has
+ * Purpose: an FMU or its libraries may call setlocale(). Then every strtod() and printf() of the
+ *          process might expect or write a decimal comma. After this call the thread has its own
+ *          locale: decimal points and English messages. Characters are UTF-8 if the system has
  *          C.UTF-8, because Python FMUs need it. FMUs that run in the thread use this locale too.
  * Use:     call it first in main() and in each of our threads, and again whenever an FMU could have
  *          called uselocale(). It only stores a pointer. The locale lives as long as the process.
@@ -51,7 +51,7 @@ void tl_clock_sleep_until(tl_time instant);
  * Thread:  any.
  */
 
-/* Returns bytes, including the allocator's own. */
+/* Returns the number of allocated bytes, including the allocator's own overhead. */
 size_t tl_heap_used(void);
 
 /* Returns the array with room for one more element after `count`, each of `size` bytes. It is
@@ -62,12 +62,12 @@ void *tl_array_grown(void *array, size_t count, size_t size);
 /* ---- Shortages: whether an operation failed only because descriptors, memory or disk space ran
  * out.
  *
- * Purpose: such a failure is not caused by the file itself and may disappear. It is reported as
- *          TL_TRY_AGAIN, not TL_BAD_DATA, so that the caller retries.
+ * Purpose: the cause of such a failure is not the file that is opened or written, and it may
+ *          disappear. It is reported as TL_TRY_AGAIN, not TL_BAD_DATA, so that the caller retries.
  * Thread:  any.
  */
 
-/* `code`: an errno value. */
+/* Returns true if `code`, an errno value, is a shortage. */
 bool tl_shortage_is(int code);
 
 /* The same for a message of the C library that contains the text of such a code, for example from
@@ -95,8 +95,9 @@ bool tl_file_bytes_write(int file, const void *bytes, size_t size);
  *
  * Purpose: the file is written as FILE.new- plus six characters and renamed at the end. Until then
  *          an existing FILE stays; it also stays if the command is interrupted or the disk is full.
- * Rules:   those of `--db`: an ordinary file is replaced, also through a link. A device, a FIFO, a
- *          folder and a broken link are rejected. The permissions of a replaced file are kept.
+ * Rules:   an ordinary file is replaced, also through a link. A device, a FIFO, a folder and a
+ *          broken link are rejected. The permissions of a replaced file are kept. The option `--db`
+ *          has the same rules.
  * Thread:  one thread.
  */
 
@@ -116,11 +117,11 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
 
 /* Synchronises the folder of this path, so that a new name in it survives a power failure. Not all
  * file systems support this; that is no error. */
-void tl_keep_name(const char *path);
+void tl_folder_sync(const char *path);
 
-/* Returns whether both names are equal or refer to the same file, so that a new file would replace
- * the other one. */
-bool tl_new_file_is(const char *path, const char *other);
+/* Returns true if both names are equal or refer to the same file, so that a new file at `path`
+ * would replace `other`. */
+bool tl_new_file_would_replace(const char *path, const char *other);
 
 /* Deletes the temporary file. A zeroed struct is allowed. */
 void tl_new_file_discard(tl_new_file *new_file);
@@ -144,8 +145,8 @@ int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint
 enum { TL_OTHER_CASE_TEXT = 320 };
 
 /* Returns `text`, the end of an error message about `path`: "; there is Config.json beside it, with
- * other letters' case". It is empty if the file exists or no such name does. Only ASCII letters
- * count. */
+ * other letters' case". `text` is empty if the file exists, or if its folder has no such name. Only
+ * the case of ASCII letters is ignored. */
 const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]);
 
 /* ---- Latest value: shares the newest copy of a small struct between one writer and any number of
@@ -178,14 +179,15 @@ void tl_words_load(void *to, const void *shared, size_t bytes);
 /* ---- Side thread: runs under ordinary scheduling and receives no signals, whichever thread starts
  * it.
  *
- * Purpose: the only function to start a thread that just reads, writes or waits. Threads inherit
- *          priority and signal mask from the thread that starts them, which may be the real-time
- *          cycle. This one does not.
+ * Purpose: every thread that only reads, writes or waits is started by this function. A thread
+ *          normally inherits priority and signal mask from the thread that starts it, which may be
+ *          the real-time cycle. A side thread does not.
  * Stack:   in bytes; mlockall() makes all of it resident. 0: the system's default.
- * Thread:  any. Errors: returns 0, or an errno value: EAGAIN if a resource is missing.
+ * Thread:  any.
  */
 
-/* Runs `run` with `context`. The caller joins *thread. */
+/* Starts a thread that calls `run` with `context`; the caller joins *thread. Returns 0, or an errno
+ * value: EAGAIN if a resource is missing. */
 int tl_side_thread_start(pthread_t *thread, size_t stack, void *(*run)(void *context), void *context);
 
 #endif

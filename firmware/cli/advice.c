@@ -42,13 +42,18 @@ static void count_executions(const tl_assembly *assembly, tl_prognosis *prognosi
 
 /* ---- time ---- */
 
-static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_error *error) {
+/* `noted` receives the first outputs that are not finite; may be NULL. */
+static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_prognosis *noted, tl_error *error) {
     const tl_budget budget = {
         .evaluations = 1, .time = INT64_MAX / 4, .started = tl_clock_now(NULL), .now = tl_clock_now};
     tl_record record;
     bool ready = false;
     tl_status status = tl_twin_step(assembly->twin, sample, &budget, &record, &ready, error);
     sample->tick++;
+    if (status == TL_OK && ready && noted != NULL && noted->bad_outputs == 0) {
+        noted->bad_outputs = record.bad_outputs;
+        noted->bad_step = record.step;
+    }
     return status;
 }
 
@@ -63,34 +68,37 @@ static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     }
 }
 
-tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error) {
+static tl_status warm_up(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_prognosis *noted,
+                         tl_error *error) {
     tl_status status = TL_OK;
     *sample = (tl_sample){0};
     memset(sample->quality, TL_NO_LINK, assembly->config.signal_count);
     while (status == TL_OK && sample->tick < ticks) {
-        status = take_step(assembly, sample, error);
+        status = take_step(assembly, sample, noted, error);
     }
     return status;
+}
+
+tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error) {
+    return warm_up(assembly, ticks, sample, NULL, error);
 }
 
 /* No signal has a reading, so nothing is matched and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample;
     int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
-    tl_status status = tl_prognosis_run_dry(assembly, before, &sample, &prognosis->error);
+    tl_status status = warm_up(assembly, before, &sample, prognosis, &prognosis->error);
     tl_time began = tl_clock_now(NULL);
     while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - began < LONGEST) {
-        status = take_step(assembly, &sample, &prognosis->error);
+        status = take_step(assembly, &sample, prognosis, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;
     }
     prognosis->next_tick = sample.tick;
-    if (status != TL_OK || prognosis->steps == 0) {
-        prognosis->steps = 0;
-        memset(prognosis->cost, 0, sizeof prognosis->cost);
-        return;
+    if (status == TL_OK) {
+        prognosis->error = (tl_error){TL_OK, ""}; /* of a finding that was mended */
+        prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
     }
-    prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
 }
 
 static void predict_time(const tl_assembly *assembly, tl_prognosis *prognosis) {
@@ -115,7 +123,7 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis) {
     *prognosis = (tl_prognosis){0};
     count_executions(assembly, prognosis);
     run_dry(assembly, prognosis);
-    if (prognosis->steps != 0 && tl_twin_get_facts(assembly->twin).unknowns != 0) {
+    if (prognosis->error.status == TL_OK && tl_twin_get_facts(assembly->twin).unknowns != 0) {
         predict_time(assembly, prognosis);
     }
 }
@@ -147,28 +155,20 @@ static void warn(warnings *list, const char *path, const char *format, ...) {
     list->count++;
 }
 
-/* A failure in step 0 is caused by the initial values. A later one is often a stop time, which some
- * exporters write into the FMU. */
-static void check_dry_run(warnings *list, const tl_assembly *assembly, const tl_prognosis *prognosis) {
-    const char *reason = prognosis->error.text;
-    int64_t step = prognosis->next_tick - 1 - (int64_t)tl_twin_get_facts(assembly->twin).lead;
-    char component[TL_ASSEMBLY_NAME] = "";
-    char path[TL_ASSEMBLY_NAME + 16];
-    char quote[TL_ERROR_TEXT];
-    tl_assembly_find_component(assembly, reason, component);
-    if (step < 1 || component[0] == '\0') {
-        warn(list, "plant",
-             "the FMUs cannot step with its initial values%s%s%s: give its signals an \"initial\" that the model "
-             "accepts",
-             reason[0] != '\0' ? " (" : "", reason, reason[0] != '\0' ? ")" : "");
-        return;
+/* Each output once, though it may be matched and drive inputs. */
+static void check_outputs(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
+    const char *name = "";
+    for (size_t bit = 0; name != NULL && bit < TL_CONFIG_OUTPUTS; bit++) {
+        name = tl_config_output_name(config, bit);
+        if (name != NULL && tl_config_is_bad_output(config, prognosis->bad_outputs, bit)) {
+            warn(list, name,
+                 "not finite (NaN or infinity) in step %" PRId64
+                 " of the dry run, at %g s, with the plant's initial values: "
+                 "such a value is left out of the matching, and inputs that it drives keep their last value; check the "
+                 "model, for example for 0/0",
+                 prognosis->bad_step, tl_seconds(tl_time_of_step(0, config->step, prognosis->bad_step)));
+        }
     }
-    (void)snprintf(path, sizeof path, "components.%s", component);
-    tl_assembly_quote(reason, component, quote, sizeof quote);
-    warn(list, path,
-         "fails in step %" PRId64 ", at %g s, with constant inputs (%.200s): see its messages. If it has a stop time, "
-         "export it without one",
-         step, tl_seconds(tl_time_of_step(0, assembly->config.step, step)), quote);
 }
 
 static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
@@ -239,7 +239,7 @@ static void check_stroke_tolerance(warnings *list, const tl_config *config) {
 /* With an event horizon, the search continues from cycle to cycle. But each cycle needs time for at
  * least one step of a candidate. */
 static void check_stroke_budget(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
-    if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
+    if (2 * prognosis->step_time > config->budget_time) {
         warn(
             list, "synchronise.budget.time_s",
             "%g s is too short for the step of a cycle (%.3g ms here) and one step of a candidate, so no stroke can be "
@@ -331,9 +331,8 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
     }
 }
 
-static void check_free_twin(warnings *list, const tl_config *config, const tl_prognosis *prognosis,
-                            const tl_twin *twin) {
-    if (config->free_twin && prognosis->steps != 0 && !tl_twin_get_facts(twin).has_free_twin) {
+static void check_free_twin(warnings *list, const tl_config *config, const tl_twin *twin) {
+    if (config->free_twin && !tl_twin_get_facts(twin).has_free_twin) {
         warn(list, "synchronise.free_twin",
              "has no effect, because an FMU is rolled back by replay, which restores one instant only: u never rests");
     }
@@ -488,13 +487,26 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
     }
 }
 
+/* Inputs get it until the first good value. */
+static void check_initial(warnings *list, const tl_assembly *assembly) {
+    for (size_t i = 0; i < assembly->config.signal_count; i++) {
+        const tl_plan_signal *signal = &assembly->config.signals[i].plan;
+        const tl_twin_bounds bounds = tl_twin_get_bounds(assembly->twin, i);
+        if (signal->has_initial && bounds.least <= bounds.most &&
+            (signal->initial < bounds.least || signal->initial > bounds.most)) {
+            char path[128];
+            (void)snprintf(path, sizeof path, "plant.%s.initial", signal->name);
+            warn(list, path, "%.6g is outside %.6g \342\200\246 %.6g, which %.80s.%.80s declares: give a value within",
+                 signal->initial, bounds.least, bounds.most, bounds.component, bounds.input);
+        }
+    }
+}
+
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
                        const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     warnings list = {.file = file};
-    if (prognosis->steps == 0) {
-        check_dry_run(&list, assembly, prognosis);
-    }
+    check_outputs(&list, config, prognosis);
     check_step(&list, config, prognosis);
     check_rollback(&list, rollback);
     check_saved_states(&list, config, states);
@@ -509,8 +521,9 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_adjusted(&list, config, assembly->twin);
         check_conditions(&list, config);
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);
-        check_free_twin(&list, config, prognosis, assembly->twin);
+        check_free_twin(&list, config, assembly->twin);
     }
+    check_initial(&list, assembly);
     check_between(&list, config);
     check_every(&list, config);
     check_delays(&list, config);

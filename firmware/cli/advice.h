@@ -14,35 +14,37 @@
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_trial.h"
 
-/* ---- Forecast: the cost of a step, before anything runs.
+/* ---- Prognosis: forecast of the cost of a step, before anything runs.
  *
  * Purpose: predicts the executions from the graph (eq. 4.5, 4.13), and the time from the cost of
  *          one execution of each FMU. A dry run measures that cost on this machine: free steps with
- *          the plant's initial values. The time of the solver is not included, nor executions that
- *          catch up with "keep": "outputs".
+ *          the plant's initial values. Not included: the time of the solver, and the executions
+ *          that "keep": "outputs" needs to catch up from an older state.
  * Thread:  one thread. The twin must not have started, and cannot be used for a run afterwards.
  */
 
 typedef struct tl_prognosis {
     /* executions of all components together */
     uint64_t step;  /* of a free step */
-    uint64_t plain; /* of an evaluation, if nothing were saved */
+    uint64_t plain; /* of an evaluation that reuses no earlier result: K·T_P */
     uint64_t first; /* of a step's first evaluation, at most */
     uint64_t next;  /* of each later evaluation, at most */
     uint64_t worst; /* of a step that uses all its evaluations, including the committing step */
 
     /* times in ns on this machine; 0: not known */
-    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
-    tl_error error;                       /* the reason if `steps` is 0 */
+    size_t steps;                         /* of the dry run */
+    tl_error error;                       /* of a failure in the dry run; only next_tick is then valid too */
+    uint64_t bad_outputs;                 /* the first outputs that were not finite, as in a record */
+    int64_t bad_step;                     /* and their step */
     int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */
     tl_time step_time;                    /* of a free step */
-    tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including the save of its state */
+    tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including saving its state */
     tl_time worst_time;                   /* of `worst`; INT64_MAX: at least that much */
     uint32_t fitting;                     /* evaluations that fit into the time budget in the worst case */
 } tl_prognosis;
 
-/* Executes only the dry run, for `ticks` ticks from tick 0. `sample` receives the sample of the
- * next tick. Errors: those of tl_twin_step(). */
+/* Executes `ticks` ticks of the dry run, from tick 0, and measures nothing. Afterwards `sample` is
+ * that of the next tick. Errors: those of tl_twin_step(). */
 tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error);
 
 /* Counts the executions, and executes the dry run: 1600 steps, or fewer if they take 1 s. Reports a
@@ -57,7 +59,8 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
  */
 
 /* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
- * Returns the number of warnings. */
+ * Returns the number of warnings. `rollback`: result of the later rollback test (twin_trial.h);
+ * `states`: result of the test of saved states (read_back.h). */
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
                        const tl_read_back_report *states, FILE *file);
 

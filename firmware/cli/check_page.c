@@ -220,6 +220,10 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
                           ",\n               %.3g \302\265s to save, step and restore; by its own state %.3g \302\265s",
                           (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
         }
+        if (tl_twin_get_ledger(assembly->twin, i).reads_late) {
+            (void)fputs(",\n               its outputs are read after initialisation, because it refuses that before",
+                        output);
+        }
         (void)fputc('\n', output);
     }
     size_t signals = 0;
@@ -239,6 +243,34 @@ static const char *edge_name(const tl_plan_edge *edge) {
 }
 
 /* Prints the settings of a search with an event horizon. */
+/* Only if it is not the usual one: from 0, without a stop time. */
+static void print_time(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    const tl_experiment experiment = tl_twin_get_facts(assembly->twin).experiment;
+    if (!isnan(config->stop_s) || experiment.start_s < 0.0 || experiment.start_s > 0.0) {
+        (void)fprintf(output, "time of the FMUs\n  %-12s %.15g s (%s)\n  %-12s %.15g s (%s)\n\n", "start",
+                      experiment.start_s, isnan(config->start_s) ? "of their DefaultExperiment" : "start_s", "stop",
+                      experiment.stop_s, !isnan(config->stop_s) ? "stop_s" : "far: not configured");
+    }
+}
+
+/* Limits of signals that come from the inputs that they feed. */
+static void print_bounds(const tl_assembly *assembly, FILE *output) {
+    bool is_first = true;
+    for (size_t i = 0; i < assembly->config.signal_count; i++) {
+        const tl_plan_signal *signal = &assembly->config.signals[i].plan;
+        const tl_twin_bounds bounds = tl_twin_get_bounds(assembly->twin, i);
+        if (bounds.input != NULL) {
+            (void)fprintf(output, "%s  plant.%s %.6g \342\200\246 %.6g%s%s (declared by %s.%s)%s\n",
+                          is_first ? "limits of plant signals, from inputs of FMUs\n" : "", signal->name, bounds.least,
+                          bounds.most, signal->unit != NULL && signal->unit[0] != '\0' ? " " : "",
+                          signal->unit != NULL ? signal->unit : "", bounds.component, bounds.input,
+                          bounds.least <= bounds.most ? "" : ": not used, because no value satisfies all inputs");
+            is_first = false;
+        }
+    }
+}
+
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
@@ -463,8 +495,8 @@ static void print_block(const char *name, size_t bytes, const char *purpose, FIL
 
 /* Returns the size in bytes of the saved twin after the dry run; 0 if the twin is not saved or
  * cannot be. */
-static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *prognosis) {
-    bool is_saved = assembly->config.record_resume != 0 && prognosis->steps != 0 && tl_twin_can_save(assembly->twin);
+static size_t saved_size(const tl_assembly *assembly) {
+    bool is_saved = assembly->config.record_resume != 0 && tl_twin_can_save(assembly->twin);
     size_t size = 0;
     tl_error error;
     return is_saved && tl_twin_save(assembly->twin, NULL, 0, &size, &error) == TL_OK ? size : 0;
@@ -484,11 +516,9 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
     (void)fprintf(output, "  free step    %" PRIu64 " executions\n", prognosis->step);
-    if (prognosis->steps != 0) {
-        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of the period\n",
-                      tl_seconds(prognosis->step_time) * 1e6,
-                      100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
-    }
+    (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of the period\n",
+                  tl_seconds(prognosis->step_time) * 1e6,
+                  100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
     if (tl_twin_get_facts(assembly->twin).has_free_twin) {
         (void)fprintf(output,
                       "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
@@ -509,12 +539,8 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     if (config->source_count != 0) {
         print_blocks(blocks, output);
     }
-    if (prognosis->steps != 0) {
-        (void)fprintf(output, "  measured by %zu free steps with the plant's initial values, without a search\n",
-                      prognosis->steps);
-    } else {
-        (void)fputs("  not measured: an FMU failed in the dry run; see the warnings below\n", output);
-    }
+    (void)fprintf(output, "  measured by %zu free steps with the plant's initial values, without a search\n",
+                  prognosis->steps);
 }
 
 /* Prints the limits of the FMUs, and the paths that they may read in addition to those of all
@@ -584,6 +610,29 @@ static void print_read_back(const tl_assembly *assembly, const tl_read_back_repo
     }
 }
 
+/* Logs a failure of the dry run. With constant inputs, often a stop time causes a failure after the
+ * first steps: some exporters write one into the FMU. */
+static void report_failure(const tl_assembly *assembly, const tl_prognosis *prognosis) {
+    int64_t lead = (int64_t)tl_twin_get_facts(assembly->twin).lead;
+    int64_t step = prognosis->next_tick - 1 > lead ? prognosis->next_tick - 1 - lead : 0;
+    char component[TL_ASSEMBLY_NAME] = "";
+    char quote[TL_ERROR_TEXT];
+    tl_assembly_find_component(assembly, prognosis->error.text, component);
+    if (tl_twin_get_facts(assembly->twin).cannot_return || component[0] == '\0') {
+        tl_log(TL_LOG_ERROR, "%s", prognosis->error.text);
+        return;
+    }
+    tl_assembly_quote(prognosis->error.text, component, quote, sizeof quote);
+    const char *said = tl_assembly_last_message(assembly, component);
+    tl_log(TL_LOG_ERROR,
+           "%s: components.%s: fails in step %" PRId64 ", at %g s, with constant inputs: %.200s; %s%.240s%s; %s",
+           assembly->config.path, component, step, tl_seconds(tl_time_of_step(0, assembly->config.step, step)), quote,
+           said[0] != '\0' ? "it said: \"" : "it said nothing (\"logging\": true may help)", said,
+           said[0] != '\0' ? "\"" : "",
+           step < 1 ? "give it other values (\"set\" of the component, \"initial\" of its signals), or export it again"
+                    : "if it has a stop time, export it without one");
+}
+
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
                             FILE *output, tl_twin_check *found) {
     const tl_config *config = &assembly->config;
@@ -593,23 +642,25 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-    if (facts.cannot_return || prognosis.error.status == TL_FMU_FATAL) {
-        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
+    if (prognosis.error.status != TL_OK) {
+        report_failure(assembly, &prognosis);
         return prognosis.error.status;
     }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
+    print_time(assembly, output);
+    print_bounds(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
     print_delays(config, output);
     print_needs(assembly, &prognosis, output);
-    tl_live_blocks_of(config, saved_size(assembly, &prognosis), &blocks);
+    tl_live_blocks_of(config, saved_size(assembly), &blocks);
     print_costs(assembly, &prognosis, &blocks, output);
-    if (prognosis.steps != 0 && !job->brief) {
+    if (!job->brief) {
         tl_late_verification_get(assembly, prognosis.next_tick, &rollback);
     }
     print_rollback_test(assembly, &rollback, output);
-    tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, &states);
+    tl_read_back_take(assembly, host, &states);
     print_read_back(assembly, &states, output);
     if (!job->unconfined) {
         print_limits(assembly, job->memory, output);

@@ -31,7 +31,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
 }
 
 static tl_status check_one(const char *option, const char *path, const char *used, tl_error *error) {
-    return path == NULL || used == NULL || path == used || !tl_new_file_is(path, used)
+    return path == NULL || used == NULL || path == used || !tl_new_file_would_replace(path, used)
                ? TL_OK
                : tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give another name", option, path, used);
 }

@@ -47,6 +47,9 @@ static tl_status open_emulation(player *self, const tl_config *config, tl_error 
     }
     status = tl_verb_job_start(job, NULL);
     status = status == TL_OK ? tl_twin_child_build(job->child, &self->account, error) : status;
+    if (status == TL_OK) {
+        tl_config_use_bounds(&job->config, &self->account);
+    }
     if (status != TL_OK) {
         return status;
     }

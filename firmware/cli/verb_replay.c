@@ -200,6 +200,10 @@ static tl_status open_recording(replayer *self) {
     if (status != TL_OK) {
         return status;
     }
+    job->order.time = tl_recording_get_time(self->recording);
+    if (job->config.duration != 0) {
+        job->order.time.length = job->config.duration;
+    }
     const tl_recording_tunings tunings = tl_recording_get_tunings(self->recording);
     job->order.tunings = (const unsigned char *)tunings.list;
     job->order.tunings_size = tunings.count * sizeof *tunings.list;
@@ -222,6 +226,8 @@ static tl_status replay(replayer *self) {
     if (status != TL_OK) {
         return status;
     }
+    tl_config_use_bounds(&job->config, &self->account);
+    tl_recording_use_limits(self->recording);
     const tl_twin_feed_settings settings = {
         .config = &job->config,
         .account = &self->account,

@@ -29,6 +29,10 @@ static bool is_whole_nanoseconds(double seconds) {
 static void read_times(tl_config_object *root, tl_config *config) {
     static const tl_config_number step_rule = {
         .need = TL_CONFIG_REQUIRED, .minimum = 1e-5, .maximum = 3600, .example = "0.01"};
+    static const tl_config_number start_rule = {
+        .need = TL_CONFIG_OPTIONAL, .minimum = -1e12, .maximum = 1e12, .example = "64800"};
+    static const tl_config_number stop_rule = {
+        .need = TL_CONFIG_OPTIONAL, .minimum = -1e12, .maximum = 1e12, .example = "86400"};
     double seconds = 0;
     if (tl_config_get_number(root, "step_s", &step_rule, &seconds)) {
         config->step = tl_time_of_seconds(seconds);
@@ -37,6 +41,13 @@ static void read_times(tl_config_object *root, tl_config *config) {
         }
     }
     (void)tl_config_get_duration(root, "duration_s", TL_CONFIG_OPTIONAL, "14", &config->duration);
+    config->start_s = config->stop_s = (double)NAN;
+    if (tl_config_get_number(root, "start_s", &start_rule, &config->start_s)) {
+        config->start_s += 0.0; /* not −0 */
+    }
+    if (tl_config_get_number(root, "stop_s", &stop_rule, &config->stop_s) && config->stop_s <= config->start_s) {
+        tl_config_wrong(root, "stop_s", NULL, "a time after start_s", stop_rule.example);
+    }
 }
 
 static void read_sections(tl_config_reader *reader, tl_config *config) {
@@ -277,23 +288,62 @@ bool tl_config_is_unconfined(const tl_config *config) {
     return is_unconfined;
 }
 
+/* ---- limits that FMUs declare ---- */
+
+static double find_noise(double least, double most, double limit, double scale) {
+    static const double part = 0.01;
+    static const double rounding = 1e-9;
+    double range = isfinite(most - least) ? most - least : fmax(fabs(limit), scale);
+    return fmax(part * range, rounding * fabs(limit));
+}
+
+static void use_bounds(tl_config_signal *signal, const tl_account_signal *declared) {
+    double least = fmax(signal->minimum, declared->least);
+    double most = fmin(signal->maximum, declared->most);
+    uint64_t items = declared->items;
+    if (items != 0) { /* its first bit is the minimum */
+        double skipped = ceil(least - declared->least);
+        items = skipped < 64.0 ? items >> (unsigned)skipped : 0;
+        least = declared->least + skipped;
+    }
+    if (signal->is_declared || !(declared->scale > 0.0) || !(least <= most) || (items == 0) != (declared->items == 0)) {
+        return;
+    }
+    signal->below = least > signal->minimum && items == 0 ? find_noise(least, most, least, declared->scale) : 0.0;
+    signal->above = most < signal->maximum && items == 0 ? find_noise(least, most, most, declared->scale) : 0.0;
+    signal->is_declared = least > signal->minimum || most < signal->maximum || items != 0;
+    signal->minimum = least;
+    signal->maximum = most;
+    signal->items = items;
+}
+
+void tl_config_use_bounds(tl_config *config, const tl_account *account) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        use_bounds(&config->signals[i], &account->signal[i]);
+    }
+}
+
 /* ---- quality of a value, for people ---- */
 
 static void describe_range(const tl_config_signal *signal, double value, char text[TL_CONFIG_DESCRIPTION]) {
     const char *unit = signal->plan.unit == NULL ? "" : signal->plan.unit;
     const char *space = unit[0] == '\0' ? "" : " ";
     bool is_below = value < signal->minimum;
+    bool is_declared = (is_below ? signal->below : signal->above) > 0.0 || signal->items != 0;
+    const char *by = is_declared ? " (declared by the FMU)" : "";
     if (!is_below && !(value > signal->maximum) && signal->plan.type == TL_REAL) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%s", tl_quality_name(TL_OUT_OF_RANGE));
+    } else if (!is_below && !(value > signal->maximum) && signal->items != 0) {
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is not an item of the FMU's Enumeration", value);
     } else if (!is_below && !(value > signal->maximum)) {
         (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g is not of type %s", value, tl_type_name(signal->plan.type));
     } else if (isfinite(signal->minimum) && isfinite(signal->maximum)) {
-        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is outside %.6g \342\200\246 %.6g", value, space, unit,
-                       signal->minimum, signal->maximum);
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is outside %.6g \342\200\246 %.6g%s", value, space,
+                       unit, signal->minimum, signal->maximum, by);
     } else {
-        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is %s %.6g", value, space, unit,
+        (void)snprintf(text, TL_CONFIG_DESCRIPTION, "%.6g%s%.60s is %s %.6g%s", value, space, unit,
                        is_below ? "below the minimum of" : "above the maximum of",
-                       is_below ? signal->minimum : signal->maximum);
+                       is_below ? signal->minimum : signal->maximum, by);
     }
 }
 

@@ -21,6 +21,7 @@
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 #include "master/plan/tuning.h"
+#include "master/twin/account.h"
 
 struct cJSON;
 
@@ -67,7 +68,10 @@ typedef struct tl_config_source {
 
 typedef struct tl_config_signal {
     tl_plan_signal plan;
-    double minimum, maximum; /* ∓infinity: no limit */
+    double minimum, maximum; /* ∓infinity: no limit; in use: also those that FMUs declare */
+    double below, above;     /* a value so far beyond them is moved to the limit; 0: none is */
+    uint64_t items;          /* bit k: minimum + k is permitted; 0: all values */
+    bool is_declared;        /* a limit in use is declared by an FMU */
     double stale_s;          /* 0: never stale */
     const char *column;      /* column in a recording or CSV source; default: the signal's name */
     size_t source;           /* index of its live source; SIZE_MAX: none, the signal comes from recordings only */
@@ -135,6 +139,8 @@ typedef struct tl_config {
 
     const char *name;
     tl_time step;     /* T_S, ns */
+    double start_s;   /* the FMUs' time at tick 0, s; NaN: not given */
+    double stop_s;    /* their stop time, s; NaN: not given */
     tl_time duration; /* ns; 0: to the end of the recording, or until the run is stopped */
 
     tl_config_component *components;
@@ -209,6 +215,12 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
  * `path`, which need not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
 
+/* Adds the limits that the inputs of FMUs declare, if narrower, to the signals that feed them. A
+ * value at most a hundredth of the range beyond such a limit is noise; without a second
+ * limit, a hundredth of the limit or of the nominal value. Signals of which no value would remain
+ * stay as they are. `account`: of the built twin. */
+void tl_config_use_bounds(tl_config *config, const tl_account *account);
+
 /* Describes for people why a value of a signal is not good: "18.55 m is outside 0 … 5". `age`: of
  * its reading, ns. */
 enum { TL_CONFIG_DESCRIPTION = 256 };
@@ -225,6 +237,15 @@ void tl_config_use_lookups(tl_config *config);
  * two messages and the memory of the filters, at least 2. Returns 0 if the free-run check is off.
  */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
+
+/* Outputs of FMUs by the bits of tl_record.bad_outputs: those of `match`, then the sources of
+ * `connect`. The first function returns NULL beyond the last one; the last bit may stand for
+ * several. The second one returns true if the output is in the set, and no earlier one has its
+ * name. */
+enum { TL_CONFIG_OUTPUTS = 64 };
+
+const char *tl_config_output_name(const tl_config *config, size_t output);
+bool tl_config_is_bad_output(const tl_config *config, uint64_t bad_outputs, size_t output);
 
 /* Returns true if a component is unconfined. Its FMUs have all rights of the user then, and so has
  * their whole process. */

@@ -235,6 +235,8 @@ const tl_change_rule tl_change_rules[] = {
     {"name", RESTART, NULL},                /* summaries and the database contain it */
     {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock monitor counts steps */
     {"duration_s", RESTART_COMMISSIONED, NULL},
+    {"start_s", RESTART_COMMISSIONED, NULL}, /* a run begins once */
+    {"stop_s", RESTART_COMMISSIONED, NULL},
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*", NEW_TWIN_COMMISSIONED, NULL},

@@ -401,3 +401,29 @@ void tl_config_forget_delays(tl_config *config) {
         config->reading_as[i] = NULL;
     }
 }
+
+/* ---- outputs of the FMUs ---- */
+
+const char *tl_config_output_name(const tl_config *config, size_t output) {
+    if (output < config->match_count) {
+        return config->match[output].variable;
+    }
+    output -= config->match_count;
+    if (output >= config->connection_count) {
+        return NULL;
+    }
+    bool is_one = output + config->match_count < TL_CONFIG_OUTPUTS - 1;
+    return is_one ? config->connections[output].from : "an output";
+}
+
+bool tl_config_is_bad_output(const tl_config *config, uint64_t bad_outputs, size_t output) {
+    const char *name = output < TL_CONFIG_OUTPUTS ? tl_config_output_name(config, output) : NULL;
+    if (name == NULL || (bad_outputs >> output & 1U) == 0) {
+        return false;
+    }
+    size_t i = 0;
+    while (strcmp(tl_config_output_name(config, i), name) != 0) {
+        i++;
+    }
+    return i == output;
+}

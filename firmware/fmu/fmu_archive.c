@@ -17,7 +17,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 
-enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
+enum { BUFFER = 64 * 1024, NAME_SHOWN = 120, LINK_PATH = 2 * TL_FMU_ENTRY_PATH + 2 };
 
 typedef struct unpacking {
     const char *label;
@@ -156,6 +156,20 @@ static tl_status fail_zip(const unpacking *work, const char *path, zip_error_t *
                    work->label, NAME_SHOWN, path, zip_error_strerror(problem));
 }
 
+/* Reads all of a short entry as a text. Returns false if it is longer, or cannot be read. */
+static bool read_short(const unpacking *work, zip_uint64_t index, char *text, size_t size) {
+    zip_file_t *entry = zip_fopen_index(work->zip, index, 0);
+    zip_int64_t got = entry != NULL ? zip_fread(entry, text, size) : -1;
+    if (entry != NULL) {
+        (void)zip_fclose(entry);
+    }
+    if (got <= 0 || (size_t)got >= size) {
+        return false;
+    }
+    text[got] = '\0';
+    return strlen(text) == (size_t)got;
+}
+
 static tl_status copy_entry(unpacking *work, zip_uint64_t index, const char *path, int file) {
     zip_file_t *entry = zip_fopen_index(work->zip, index, 0);
     if (entry == NULL) {
@@ -212,25 +226,88 @@ static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *pa
     return status;
 }
 
+/* 0 if the archive was made on a system without Unix modes. */
+static uint32_t unix_mode_of(const unpacking *work, zip_uint64_t index) {
+    zip_uint8_t system = 0;
+    zip_uint32_t attributes = 0;
+    (void)zip_file_get_external_attributes(work->zip, index, 0, &system, &attributes);
+    return attributes >> 16;
+}
+
+static bool is_link(const unpacking *work, zip_uint64_t index) {
+    return (unix_mode_of(work, index) & (uint32_t)S_IFMT) == (uint32_t)S_IFLNK;
+}
+
+/* Resolves the target of a link at `path` within the archive: "a/b/link" and "../c" give "a/c". No
+ * folder of the archive is a link, so this is exact. Returns why it is rejected, or NULL. */
+static const char *resolve_link(const char *path, const char *target, char result[LINK_PATH]) {
+    char copy[TL_FMU_ENTRY_PATH + 1];
+    char *rest = NULL;
+    if (target[0] == '/') {
+        return "it is a symbolic link to an absolute path";
+    }
+    const char *name = strrchr(path, '/');
+    size_t end = name != NULL ? (size_t)(name - path) : 0; /* of the folder, without a slash */
+    memcpy(result, path, end);
+    (void)snprintf(copy, sizeof copy, "%s", target);
+    for (const char *part = strtok_r(copy, "/", &rest); part != NULL; part = strtok_r(NULL, "/", &rest)) {
+        if (strcmp(part, "..") == 0 && end == 0) {
+            return "it is a symbolic link that leads out of the FMU";
+        }
+        if (strcmp(part, "..") == 0) {
+            while (end > 0 && result[--end] != '/') {
+            }
+        } else if (strcmp(part, ".") != 0) {
+            end += (size_t)snprintf(result + end, LINK_PATH - end, "%s%s", end > 0 ? "/" : "", part);
+        }
+    }
+    result[end] = '\0';
+    return NULL;
+}
+
+/* Follows symbolic links from *index to the entry whose content they stand for. Such links are
+ * usual between the versions of a library. Only names of the archive are looked up. */
+static tl_status follow_links(const unpacking *work, const char *path, zip_uint64_t *index) {
+    char from[LINK_PATH];
+    char to[LINK_PATH];
+    char target[TL_FMU_ENTRY_PATH + 1];
+    const char *fault = NULL;
+    (void)snprintf(from, sizeof from, "%s", path);
+    for (int links = 0; is_link(work, *index) && fault == NULL; links++) {
+        zip_int64_t found = -1;
+        if (links == TL_FMU_LINKS || !read_short(work, *index, target, sizeof target)) {
+            fault = "it is a symbolic link that cannot be followed";
+        } else {
+            fault = resolve_link(from, target, to);
+        }
+        if (fault == NULL) {
+            found = zip_name_locate(work->zip, to, 0);
+            fault = found < 0 ? "it is a symbolic link to no file of the FMU; pack it without links (zip -r, not -ry)"
+                              : NULL;
+        }
+        if (fault == NULL) {
+            *index = (zip_uint64_t)found;
+            memcpy(from, to, sizeof from);
+            fault = strlen(from) > TL_FMU_ENTRY_PATH ? "it is a symbolic link to a path longer than 1024 bytes" : NULL;
+        }
+    }
+    return fault != NULL ? reject_entry(work, path, fault) : TL_OK;
+}
+
 /* Rejects an entry if its Unix mode is neither that of a file nor of a folder; other systems leave
  * the mode 0. Also rejects it if it is encrypted or if FMI does not allow its compression. *mode:
  * for open(). */
 static tl_status check_entry(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
-    zip_uint8_t system = 0;
-    zip_uint32_t attributes = 0;
     zip_stat_t facts;
     const char *fault = NULL;
-    (void)zip_file_get_external_attributes(work->zip, index, 0, &system, &attributes);
-    uint32_t unix_mode = attributes >> 16;
+    uint32_t unix_mode = unix_mode_of(work, index);
     uint32_t kind = unix_mode & (uint32_t)S_IFMT;
     *mode = (unix_mode & 0111U) != 0 ? 0700 : 0600;
     zip_stat_init(&facts);
     if (zip_stat_index(work->zip, index, 0, &facts) != 0) {
         return fail_zip(work, name, zip_get_error(work->zip));
     }
-    if (kind == (uint32_t)S_IFLNK) {
-        fault = "it is a symbolic link";
-    } else if (kind != 0 && kind != (uint32_t)S_IFREG && kind != (uint32_t)S_IFDIR) {
+    if (kind != 0 && kind != (uint32_t)S_IFREG && kind != (uint32_t)S_IFDIR) {
         fault = "it is neither a file nor a folder";
     } else if ((facts.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && facts.encryption_method != ZIP_EM_NONE) {
         fault = "it is encrypted";
@@ -249,7 +326,10 @@ static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
         return fail_zip(work, "?", zip_get_error(work->zip));
     }
     tl_status status = safe_path(work, name, path);
-    if (status == TL_OK) {
+    if (status == TL_OK && !is_skipped(path)) {
+        status = follow_links(work, path, &index);
+    }
+    if (status == TL_OK && !(is_skipped(path) && is_link(work, index))) {
         status = check_entry(work, index, name, &mode);
     }
     return status == TL_OK ? write_entry(work, index, path, mode) : status;

@@ -3,9 +3,11 @@
  * Purpose: creates nothing outside of that folder, and leaves nothing behind if unpacking fails.
  *          The folder is a private folder (private_folder.h) of the kind "fmu". Each unpacking
  *          first removes the folders that terminated processes left behind.
+ * Links:   of a symbolic link to a file of the archive, a copy of that file is written. No link is
+ *          ever created.
  * Limits:  see below. Bytes are counted while they are written; the sizes that the archive claims
  *          are ignored. Only stored and deflated entries are accepted, as FMI requires. Rejected:
- *          absolute paths, drive letters, "..", symbolic links, devices, encrypted entries,
+ *          absolute paths, drive letters, "..", other symbolic links, devices, encrypted entries,
  *          duplicate names and control characters in names. A backslash counts as a separator.
  * Skipped: documentation/, sources/ and binaries for Windows and macOS would fill the memory of a
  *          small box. Their names are checked, but only their folders are created.
@@ -27,6 +29,7 @@ enum {
     TL_FMU_ENTRIES = 10000,
     TL_FMU_ENTRY_PATH = 1024, /* bytes of an entry's path */
     TL_FMU_ENTRY_DEPTH = 64,  /* folders in an entry's path */
+    TL_FMU_LINKS = 8,         /* symbolic links from one to the next */
     /* An archive that unpacks to more than TL_FMU_RATIO_FROM_BYTES may grow by this factor at most.
      */
     TL_FMU_RATIO_FROM_BYTES = 16 * 1024 * 1024,

@@ -11,9 +11,11 @@
 #include <stddef.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/own_copies.h"
 #include "firmware/process/process_end.h"
@@ -215,36 +217,57 @@ static void list_platforms(const char *folder, char *text, size_t size) {
     (void)closedir(binaries);
 }
 
-/* Finds the first library, by name, in a folder for this machine. Returns that folder, or NULL. */
-static const char *find_misnamed(const char *folder, char name[NAME_MAX + 1]) {
-    const char *found = NULL;
-    for (size_t i = 0; i < FOLDER_COUNT && found == NULL; i++) {
+/* Libraries in a folder for this machine, if none has the expected name. */
+typedef struct misnamed {
+    const char *folder;      /* in binaries/; NULL: no folder has libraries */
+    char names[160];         /* separated by commas */
+    char best[NAME_MAX + 1]; /* the only one, or the one that differs in letter case only; "": none */
+} misnamed;
+
+static void list_libraries(DIR *entries, const char *expected, misnamed *found) {
+    size_t count = 0;
+    bool is_likely = false;
+    for (struct dirent *entry = readdir(entries); entry != NULL; entry = readdir(entries)) {
+        const char *end = strrchr(entry->d_name, '.');
+        if (end == NULL || strcmp(end, ".so") != 0) {
+            continue;
+        }
+        bool is_alike = strcasecmp(entry->d_name, expected) == 0;
+        size_t used = strlen(found->names);
+        (void)snprintf(found->names + used, sizeof found->names - used, "%s%.40s", count > 0 ? ", " : "",
+                       entry->d_name);
+        if (is_alike || !is_likely) {
+            (void)snprintf(found->best, sizeof found->best, "%s", count == 0 || is_alike ? entry->d_name : "");
+        }
+        is_likely = is_likely || is_alike;
+        count++;
+    }
+}
+
+static void find_misnamed(const char *folder, const char *identifier, misnamed *found) {
+    char expected[NAME_MAX + 4];
+    (void)snprintf(expected, sizeof expected, "%s.so", identifier);
+    *found = (misnamed){.folder = NULL};
+    for (size_t i = 0; i < FOLDER_COUNT && found->folder == NULL; i++) {
         char path[PATH_MAX];
         int length = snprintf(path, sizeof path, "%s/binaries/%s", folder, folder_names[i]);
         DIR *entries = length > 0 && (size_t)length < sizeof path ? opendir(path) : NULL;
-        for (struct dirent *entry = NULL; entries != NULL && (entry = readdir(entries)) != NULL;) {
-            const char *end = strrchr(entry->d_name, '.');
-            if (end != NULL && strcmp(end, ".so") == 0 && (found == NULL || strcmp(entry->d_name, name) < 0)) {
-                (void)snprintf(name, NAME_MAX + 1, "%s", entry->d_name);
-                found = folder_names[i];
-            }
-        }
         if (entries != NULL) {
+            list_libraries(entries, expected, found);
             (void)closedir(entries);
+            found->folder = found->names[0] != '\0' ? folder_names[i] : NULL;
         }
     }
-    return found;
 }
 
-static tl_status fail_missing(const char *folder, const tl_model *model, const char *label, tl_error *error) {
+static tl_status fail_missing(const char *folder, const misnamed *other, const tl_model *model, const char *label,
+                              tl_error *error) {
     char found[160];
-    char name[NAME_MAX + 1];
-    const char *platform = find_misnamed(folder, name);
-    if (platform != NULL) {
-        return tl_fail(
-            error, TL_BAD_DATA,
-            "%s: binaries/%s has %.100s, but modelIdentifier is %.100s: rename the file in the FMU, or export it again",
-            label, platform, name, model->identifier);
+    if (other->folder != NULL) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: binaries/%s has %s, but modelIdentifier is %.100s: rename the file in the FMU, or export "
+                       "it again",
+                       label, other->folder, other->names, model->identifier);
     }
     list_platforms(folder, found, sizeof found);
     return tl_fail(error, TL_BAD_DATA,
@@ -252,6 +275,24 @@ static tl_status fail_missing(const char *folder, const tl_model *model, const c
                    "Linux on %s",
                    label, folder_names[0], model->identifier, machine_name(OWN_MACHINE),
                    found[0] == '\0' ? "nothing" : found, machine_name(OWN_MACHINE));
+}
+
+/* Uses a library of another name if there is no doubt which one is meant. */
+static tl_status use_misnamed(const char *folder, const tl_model *model, const char *label, char *path, size_t size,
+                              tl_error *error) {
+    misnamed other;
+    find_misnamed(folder, model->identifier, &other);
+    int length =
+        snprintf(path, size, "%s/binaries/%s/%s", folder, other.folder != NULL ? other.folder : "", other.best);
+    if (other.best[0] == '\0' || length < 0 || (size_t)length >= size) {
+        return fail_missing(folder, &other, model, label, error);
+    }
+    tl_status status = check_elf(path, path + strlen(folder) + 1, label, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: modelIdentifier is %.100s, and no library has that name: %s is used", label,
+               model->identifier, path + strlen(folder) + 1);
+    }
+    return status;
 }
 
 /* Finds the binary for this machine. */
@@ -271,12 +312,12 @@ static tl_status find_binary(const char *folder, const tl_model *model, const ch
         }
     }
     return first.status != TL_OK ? tl_fail(error, first.status, "%s", first.text)
-                                 : fail_missing(folder, model, label, error);
+                                 : use_misnamed(folder, model, label, path, size, error);
 }
 
 /* ---- Functions ------------------------------------------------------------------------------- */
 
-typedef enum need { ALWAYS, FOR_STATE, FOR_SERIALIZING } need;
+typedef enum need { ALWAYS, IF_THERE, FOR_STATE, FOR_SERIALIZING } need;
 
 typedef struct symbol {
     const char *name;
@@ -308,6 +349,7 @@ static const symbol fmi_symbols[] = {
     {"fmi2SerializedFMUstateSize", offsetof(tl_fmi2, serialized_fmu_state_size), FOR_SERIALIZING},
     {"fmi2SerializeFMUstate", offsetof(tl_fmi2, serialize_fmu_state), FOR_SERIALIZING},
     {"fmi2DeSerializeFMUstate", offsetof(tl_fmi2, deserialize_fmu_state), FOR_SERIALIZING},
+    {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), IF_THERE},
     {"fmi2DoStep", offsetof(tl_fmi2, do_step), ALWAYS},
 };
 
@@ -317,11 +359,11 @@ static tl_status resolve_symbols(void *handle, const tl_model *model, const char
     for (size_t i = 0; i < sizeof fmi_symbols / sizeof fmi_symbols[0]; i++) {
         bool is_claimed = fmi_symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
                                                            : model->capabilities.can_serialize_state;
-        if (fmi_symbols[i].need != ALWAYS && !is_claimed) {
+        if (fmi_symbols[i].need > IF_THERE && !is_claimed) {
             continue;
         }
         void *address = dlsym(handle, fmi_symbols[i].name);
-        if (address == NULL) {
+        if (address == NULL && fmi_symbols[i].need != IF_THERE) {
             (void)tl_fail(error, TL_BAD_DATA,
                           "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
                           fmi_symbols[i].name,

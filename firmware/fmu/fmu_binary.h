@@ -40,9 +40,10 @@ tl_status tl_library_open(const char *path, tl_error *error);
  */
 
 /* `folder`: absolute path of the unpacked FMU. The whole folder of the binary must exist, because
- * the binary may load libraries from it. Libraries that share a name with those of another FMU are
- * replaced by renamed copies first (own_copies.h). Optional functions that the model does not claim
- * are NULL in the table. */
+ * the binary may load libraries from it. A library of another name than modelIdentifier is used,
+ * and logged, if it is the only one of its folder, or differs only in letter case. Libraries that
+ * share a name with those of another FMU are replaced by renamed copies first (own_copies.h).
+ * Optional functions that the model does not claim are NULL in the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 

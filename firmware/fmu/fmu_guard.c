@@ -2,10 +2,12 @@
 #include "firmware/fmu/fmu_guard.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/process/crash.h"
 #include "firmware/process/host_state.h"
 
 /* ---- Serialising the state of an FMU that is rolled back by memory although its own states are
@@ -119,9 +121,9 @@ static fmi2Status reject_copy(tl_fmu_guarded *self) {
                   tl_fmu_memory_remaining(&self->guard->memory),
                   was_exact ? "; set \"rollback\": \"state\" in its component" : "");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
-    if (is_needed && !self->guard->was_left_told) {
+    if (is_needed && !self->guard->was_remaining_reported) {
         log_failure(self, error.text);
-        self->guard->was_left_told = true;
+        self->guard->was_remaining_reported = true;
     }
     return fmi2Error;
 }
@@ -765,13 +767,33 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     return self;
 }
 
+/* Some FMUs can only start at 0. A run that resumes, or resets its FMUs, starts them later. */
+static fmi2Status setup_at_0(guarded *self, const tl_fmu_setup *setup) {
+    tl_error text;
+    enter(self, TL_FMU_SETUP_EXPERIMENT);
+    fmi2Status status = leave_fully(
+        self, self->own->setup_experiment(self->instance, setup->has_tolerance, setup->tolerance, 0.0, setup->has_stop,
+                                          setup->has_stop != fmi2False ? setup->stop - setup->start : setup->stop));
+    if (status <= fmi2Warning) {
+        self->shift = setup->start;
+        (void)tl_fail(&text, TL_OK, "refuses to start at %g s: it starts at 0 s, and its time stays %g s behind",
+                      setup->start, setup->start);
+        tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING, text.text);
+    }
+    return status;
+}
+
 static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     guarded *self = component;
+    const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
+    self->shift = 0.0;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
     fmi2Status status =
         leave_fully(self, self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
-    const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
+    if ((status == fmi2Error || status == fmi2Discard) && fabs(start) > 0.0) {
+        status = setup_at_0(self, &setup);
+    }
     return note_call(self, TL_PROLOGUE_SETUP, NULL, 1, &setup, status);
 }
 
@@ -879,7 +901,7 @@ static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status 
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
-    fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now, step, final));
+    fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now - self->shift, step, final));
     const tl_fmi2_step made = {.now = now, .size = step, .final = final};
     note_step(self, &made, status);
     return status;
@@ -922,7 +944,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     if (status <= fmi2Warning) {
         *done = 1;
         tl_fmu_call_continue(self->name, TL_FMU_DO_STEP);
-        status = self->do_step(instance, step->now, step->size, step->final);
+        status = self->do_step(instance, step->now - self->shift, step->size, step->final);
     }
     if (status <= fmi2Warning) {
         *done = 2;
@@ -950,34 +972,64 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
     return status;
 }
 
+/* If nothing is rolled back by it, the FMU can still be stepped after fmi2Discard. */
+static fmi2Status crash_status(const guarded *self, bool is_serializing) {
+    return is_serializing || self->guard->is_free ? fmi2Discard : fmi2Error;
+}
+
+/* After a crash in one of its own state functions. */
+static fmi2Status report_caught(guarded *self, bool is_serializing) {
+    char text[160];
+    tl_fmu_call call = {.function = ""};
+    (void)tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call);
+    self->guard->has_crashed = self->guard->has_crashed || !is_serializing;
+    (void)snprintf(text, sizeof text, "crashed in %s: %s; %s", call.function, tl_crash_caught(),
+                   is_serializing ? "its states are not serialised" : "its own states are not used any more");
+    tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING, text);
+    return leave_guard(self, crash_status(self, is_serializing));
+}
+
+/* CALL is a call of one of the FMU's own state functions. Unfinished ones crash at once. After the
+ * proof nothing is caught when states are saved and restored, because a later crash has another
+ * cause. */
+#define STATE_CALL(self, function, is_serializing, CALL)                                                               \
+    do {                                                                                                               \
+        if ((self)->guard->has_crashed) {                                                                              \
+            return crash_status(self, (is_serializing));                                                               \
+        }                                                                                                              \
+        enter(self, (function));                                                                                       \
+        if (((is_serializing) || !(self)->guard->was_proved) && TL_CRASH_CATCH()) {                                    \
+            return report_caught(self, (is_serializing));                                                              \
+        }                                                                                                              \
+        fmi2Status status = (CALL);                                                                                    \
+        tl_crash_catch_end();                                                                                          \
+        return leave_guard(self, status);                                                                              \
+    } while (0)
+
 static fmi2Status get_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
-    enter(self, TL_FMU_GET_STATE);
-    return leave_guard(self, expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
+    STATE_CALL(self, TL_FMU_GET_STATE, false,
+               expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
 }
 
 static fmi2Status set_fmu_state(fmi2Component component, fmi2FMUstate state) {
     guarded *self = component;
-    enter(self, TL_FMU_SET_STATE);
-    return leave_guard(self, self->own->set_fmu_state(self->instance, state));
+    STATE_CALL(self, TL_FMU_SET_STATE, false, self->own->set_fmu_state(self->instance, state));
 }
 
 static fmi2Status free_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
-    enter(self, TL_FMU_FREE_STATE);
-    return leave_guard(self, self->own->free_fmu_state(self->instance, state));
+    STATE_CALL(self, TL_FMU_FREE_STATE, false, self->own->free_fmu_state(self->instance, state));
 }
 
 static fmi2Status serialized_fmu_state_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
     guarded *self = component;
-    enter(self, TL_FMU_SERIALIZED_SIZE);
-    return leave_guard(self, self->own->serialized_fmu_state_size(self->instance, state, size));
+    STATE_CALL(self, TL_FMU_SERIALIZED_SIZE, true, self->own->serialized_fmu_state_size(self->instance, state, size));
 }
 
 static fmi2Status serialize_fmu_state(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     guarded *self = component;
-    enter(self, TL_FMU_SERIALIZE);
-    return leave_guard(self, self->own->serialize_fmu_state(self->instance, state, bytes, size));
+    STATE_CALL(self, TL_FMU_SERIALIZE, true, self->own->serialize_fmu_state(self->instance, state, bytes, size));
 }
 
 static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte bytes[], size_t size,
@@ -986,6 +1038,12 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
     enter(self, TL_FMU_DESERIALIZE);
     return leave_guard(self,
                        expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
+}
+
+static fmi2Status get_boolean_status(fmi2Component component, const fmi2StatusKind kind, fmi2Boolean *value) {
+    guarded *self = component;
+    enter(self, TL_FMU_GET_BOOLEAN_STATUS);
+    return leave_guard(self, self->own->get_boolean_status(self->instance, kind, value));
 }
 
 /* ---- the guard ---- */
@@ -1021,6 +1079,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .serialized_fmu_state_size = own->serialized_fmu_state_size != NULL ? serialized_fmu_state_size : NULL,
         .serialize_fmu_state = own->serialize_fmu_state != NULL ? serialize_fmu_state : NULL,
         .deserialize_fmu_state = own->deserialize_fmu_state != NULL ? deserialize_fmu_state : NULL,
+        .get_boolean_status = own->get_boolean_status != NULL ? get_boolean_status : NULL,
         .do_step = do_step,
         .step_reals = step_reals,
     };

@@ -73,17 +73,19 @@ typedef struct tl_fmu_guard {
     bool by_replay;       /* replay is the method in use */
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most; /* steps from the start that replay can roll back at most */
-    bool gives_again;   /* private: own states are used, and the last inputs are set again after each restore */
-    bool was_left_told; /* private: the side effects that prevent a copy were logged */
-    void *full_copy;    /* private: copy of the memory from the start of the proof; NULL: no copy */
-    bool was_proved;    /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
-    uint32_t name;      /* name of the file in fmu_call.h, for calls without an instance */
+    bool gives_again; /* private: own states are used, and the last inputs are set again after each restore */
+    bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
+    void *full_copy;             /* private: copy of the memory from the start of the proof; NULL: no copy */
+    bool was_proved; /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
+    uint32_t name;   /* name of the file in fmu_call.h, for calls without an instance */
     unsigned was_reported; /* changes of the process that were already logged for the file */
     tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
     bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;
     fmi2FMUstate
         beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
+    bool is_free;     /* the FMU is never rolled back */
+    bool has_crashed; /* private: in one of the FMU's own state functions, which are not called any more */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 
@@ -101,6 +103,7 @@ typedef struct tl_fmu_guarded {
     bool by_replay;                          /* this instance is rolled back by replay */
     tl_fmu_inputs *given;                    /* notes the last inputs; NULL: not noted */
     tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
+    double shift;                            /* s: its time is less by this, because it accepts no other start than 0 */
     uint32_t name;
     uint32_t control;
     const tl_fmi2 *own; /* all functions of the FMU */
@@ -125,7 +128,11 @@ typedef struct tl_fmu_guarded {
  *            - after loading, instantiating, initialising, resetting and freeing, and once per
  *              tick: restores all other process state that an FMU may have changed (host_state.h),
  *              and logs this once;
+ *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and
+ *              logs this;
  *            - reports an error if the FMU returns fmi2OK without a state;
+ *            - catches crashes in its own state functions until the rollback is proved: they count
+ *              as fmi2Error, so that the next rollback method is used;
  *            - if the FMU is rolled back by memory (rollback/fmu_memory.h): serves its allocations
  *              from its own heap, and saves and restores copies instead of calling the FMU's state
  *              functions;

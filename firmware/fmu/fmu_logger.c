@@ -10,6 +10,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "firmware/base/text.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/rollback/fmu_heap.h"
 
@@ -197,6 +198,14 @@ static tl_fmu_logger *find_logger(const void *environment) {
     return found;
 }
 
+/* A message of another thread at the same time is not noted. */
+static void note_last(tl_fmu_logger *logger, const char *text) {
+    if (!__atomic_test_and_set(&logger->is_noting, __ATOMIC_ACQUIRE)) {
+        (void)tl_clean_text(text, strlen(text), logger->last, sizeof logger->last);
+        __atomic_clear(&logger->is_noting, __ATOMIC_RELEASE);
+    }
+}
+
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
     tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* allocations of this function do not belong to the FMU */
@@ -227,6 +236,9 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_log_level level = status == fmi2OK || status == fmi2Pending    ? TL_LOG_DEBUG
                          : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
                                                                       : TL_LOG_WARNING;
+    if (logger != NULL && level <= TL_LOG_WARNING) {
+        note_last(logger, text);
+    }
     const char *caller = tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call) ? call.fmu : "(unknown)";
     tl_log_limited(logger != NULL ? &logger->limiter : &unknown_limiter, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,

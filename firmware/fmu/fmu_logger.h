@@ -43,13 +43,15 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
  * Thread:  open and close: the thread that calls the FMUs. The callback: any thread.
  */
 
-enum { TL_FMU_MESSAGES_PER_SECOND = 20, TL_FMU_LOGGER_NAME = 80 };
+enum { TL_FMU_MESSAGES_PER_SECOND = 20, TL_FMU_LOGGER_NAME = 80, TL_FMU_LOGGER_LAST = 200 };
 
-/* Fields are private. */
+/* Fields are private, except `last`. */
 typedef struct tl_fmu_logger {
     char name[TL_FMU_LOGGER_NAME];
     bool plain; /* messages are texts, not formats */
     tl_log_limiter limiter;
+    bool is_noting;                /* a thread writes `last` */
+    char last[TL_FMU_LOGGER_LAST]; /* newest message with fmi2Warning or worse, cut to fit; "": none */
 } tl_fmu_logger;
 
 /* `name`: of the model. `generator`: its generationTool; messages of PythonFMU are plain texts, not

@@ -85,6 +85,7 @@ static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error)
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
     bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves() && fmu->module[0] == '\0';
     fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
+    fmu->guard.is_free = wanted == TL_ROLLBACK_NONE;
     fmu->guard.most = TL_REPLAY_STEPS;
     fmu->guard.may_replay = is_auto || wanted == TL_ROLLBACK_REPLAY;
     fmu->guard.by_replay = fmu->guard.may_replay && !fmu->has_state && !by_memory;

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <expat.h>
 #include <fcntl.h>
+#include <iconv.h>
 #include <limits.h>
 #include <math.h>
 #include <stdarg.h>
@@ -12,8 +13,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <wchar.h>
 
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
@@ -33,6 +36,8 @@ typedef struct tl_draft_declaration {
     double minimum;
     double maximum;
     double nominal;
+    uint64_t items;                /* of an Enumeration: bit k: least_item + k */
+    int64_t least_item, most_item; /* most_item < least_item: there are none */
 } tl_draft_declaration;
 
 /* First fields of units, types and variables. */
@@ -60,6 +65,8 @@ typedef struct tl_draft_variable {
     const char *declared_type; /* NULL: none */
     bool has_variability;
     bool has_initial;
+    bool is_repeated; /* declared before with the same facts: it is dropped */
+    size_t index;     /* in the document */
 } tl_draft_variable;
 
 /* A list of items of one size. */
@@ -165,6 +172,7 @@ typedef enum element {
     UNIT,
     TYPES,
     SIMPLE_TYPE,
+    ITEMS, /* Enumeration of a type */
     VARIABLES,
     VARIABLE,
     LEAF,   /* known, but its children are skipped */
@@ -447,6 +455,20 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     read_boolean(parser, tag, "canSerializeFMUstate", &capabilities->can_serialize_state);
 }
 
+/* Leaves *time unchanged if the attribute is missing or not finite: most models do not need it. */
+static void read_time(const xml_tag *tag, const char *name, double *time) {
+    const char *text = attribute(tag, name);
+    double found = 0.0;
+    if (text != NULL && tl_xml_double(text, &found) && isfinite(found)) {
+        *time = found + 0.0; /* not −0 */
+    }
+}
+
+static void begin_default_experiment(description_parser *parser, const xml_tag *tag) {
+    read_time(tag, "startTime", &parser->model->start_time);
+    read_time(tag, "stopTime", &parser->model->stop_time);
+}
+
 /* ---- Units ----------------------------------------------------------------------------------- */
 
 static void begin_unit(description_parser *parser, const xml_tag *tag) {
@@ -494,6 +516,7 @@ static void read_declaration(description_parser *parser, const xml_tag *tag, tl_
     declaration->minimum = (double)NAN;
     declaration->maximum = (double)NAN;
     declaration->nominal = (double)NAN;
+    declaration->most_item = -1;
     if (declaration->type == TL_REAL) {
         declaration->unit = text_or(parser, tag, "unit", NULL);
         read_finite(parser, tag, "nominal", &declaration->nominal);
@@ -511,6 +534,22 @@ static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
 static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
     tl_draft_type *entry = last_item(&parser->types);
     read_declaration(parser, tag, &entry->declaration);
+}
+
+/* Values may come in any order. Items that do not fit into 64 bits are no list any more. */
+static void begin_item(description_parser *parser, const xml_tag *tag) {
+    tl_draft_type *entry = last_item(&parser->types);
+    tl_draft_declaration *type = &entry->declaration;
+    int32_t value = 0;
+    (void)mandatory(parser, tag, "value");
+    read_int(parser, tag, "value", &value);
+    bool is_first = type->most_item < type->least_item;
+    int64_t least = is_first || value < type->least_item ? value : type->least_item;
+    int64_t most = is_first || value > type->most_item ? value : type->most_item;
+    bool fits = most - least < 64 && (is_first || type->items != 0);
+    type->items = !fits ? 0 : is_first ? 1 : type->items << (type->least_item - least) | UINT64_C(1) << (value - least);
+    type->least_item = least;
+    type->most_item = most;
 }
 
 static void end_simple_type(description_parser *parser) {
@@ -540,10 +579,15 @@ static const char *initial_word(int value) {
 
 static void begin_variable(description_parser *parser, const xml_tag *tag) {
     const char *name = mandatory(parser, tag, "name");
+    if (parser->variables.count == TL_MODEL_DESCRIPTION_VARIABLES) {
+        fail_at(parser, current_line(parser), "more than %d variables; export fewer", TL_MODEL_DESCRIPTION_VARIABLES);
+        return;
+    }
     tl_draft_variable *entry = append(parser, &parser->variables, name, current_line(parser));
     if (entry == NULL) {
         return;
     }
+    entry->index = parser->variables.count - 1;
     tl_variable *variable = &entry->variable;
     int causality = TL_LOCAL;
     int variability = TL_CONTINUOUS;
@@ -643,6 +687,7 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {DOCUMENT, "fmiModelDescription", DESCRIPTION, begin_description},
         {DESCRIPTION, "ModelExchange", CAPABILITIES, begin_model_exchange},
         {DESCRIPTION, "CoSimulation", CAPABILITIES, begin_co_simulation},
+        {DESCRIPTION, "DefaultExperiment", LEAF, begin_default_experiment},
         {DESCRIPTION, "UnitDefinitions", UNITS, NULL},
         {UNITS, "Unit", UNIT, begin_unit},
         {UNIT, "BaseUnit", LEAF, begin_base_unit},
@@ -652,7 +697,8 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {SIMPLE_TYPE, "Integer", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "Boolean", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "String", LEAF, begin_type_of_type},
-        {SIMPLE_TYPE, "Enumeration", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Enumeration", ITEMS, begin_type_of_type},
+        {ITEMS, "Item", LEAF, begin_item},
         {DESCRIPTION, "ModelVariables", VARIABLES, begin_variables},
     };
     for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
@@ -721,9 +767,23 @@ static double first_number(double own, double inherited, double standard) {
     return isnan(value) ? standard : value;
 }
 
+static void inherit_items(tl_variable *variable, const tl_draft_declaration *type) {
+    double least = (double)type->least_item;
+    double most = (double)type->most_item;
+    if (variable->type != TL_ENUMERATION || type->most_item < type->least_item || variable->minimum > most ||
+        variable->maximum < least) {
+        return;
+    }
+    double skipped = variable->minimum > least ? ceil(variable->minimum) - least : 0.0;
+    variable->minimum = least + skipped;
+    variable->maximum = variable->maximum < most ? variable->maximum : most;
+    variable->items = skipped < 64.0 ? type->items >> (unsigned)skipped : 0;
+}
+
 /* Attributes that the variable does not have are inherited from its declared type. */
 static void inherit(description_parser *parser, tl_draft_variable *entry) {
-    static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
+    static const tl_draft_declaration none = {
+        .minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN, .most_item = -1};
     tl_draft_declaration *own = &entry->declaration;
     tl_variable *variable = &entry->variable;
     const tl_draft_declaration *inherited = &none;
@@ -740,6 +800,7 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
     own->unit = own->unit == NULL ? inherited->unit : own->unit;
     variable->minimum = first_number(own->minimum, inherited->minimum, -(double)INFINITY);
     variable->maximum = first_number(own->maximum, inherited->maximum, (double)INFINITY);
+    inherit_items(variable, inherited);
     variable->nominal = fabs(first_number(own->nominal, inherited->nominal, 1));
     if (variable->nominal == 0) {
         variable->nominal = 1;
@@ -754,6 +815,60 @@ static void inherit(description_parser *parser, tl_draft_variable *entry) {
             implied->unit.factor = 1;
         }
     }
+}
+
+/* ---- variables of one name ---- */
+
+static int compare_index(const void *left, const void *right) {
+    const tl_draft_variable *a = left;
+    const tl_draft_variable *b = right;
+    return (a->index > b->index) - (a->index < b->index);
+}
+
+static int compare_variables(const void *left, const void *right) {
+    const tl_draft_variable *a = left;
+    const tl_draft_variable *b = right;
+    int order = strcmp(a->item.name, b->item.name);
+    return order != 0 ? order : compare_index(left, right);
+}
+
+static bool are_same(const tl_variable *a, const tl_variable *b) {
+    return a->reference == b->reference && a->type == b->type && a->causality == b->causality;
+}
+
+/* `count` variables of one name, in the order of the document. */
+static void mark_group(tl_draft_variable *group, size_t count) {
+    bool is_ambiguous = false;
+    for (size_t i = 1; i < count; i++) {
+        is_ambiguous = is_ambiguous || !are_same(&group[i].variable, &group[0].variable);
+    }
+    for (size_t i = 0; i < count; i++) {
+        group[i].variable.is_ambiguous = is_ambiguous;
+        group[i].is_repeated = !is_ambiguous && i > 0;
+    }
+}
+
+/* Names must be unique, but some exporters write a variable twice, often one that no connection
+ * needs. Drops equal ones and marks different ones. */
+static void find_repeated(tl_draft_list *list) {
+    tl_draft_variable *variables = list->items;
+    size_t kept = 0;
+    if (list->count == 0) {
+        return;
+    }
+    qsort(variables, list->count, sizeof *variables, compare_variables);
+    for (size_t first = 0, end = 0; first < list->count; first = end) {
+        while (end < list->count && strcmp(variables[end].item.name, variables[first].item.name) == 0) {
+            end++;
+        }
+        mark_group(&variables[first], end - first);
+    }
+    qsort(variables, list->count, sizeof *variables, compare_index);
+    for (size_t i = 0; i < list->count; i++) {
+        variables[kept] = variables[i];
+        kept += variables[i].is_repeated ? 0 : 1;
+    }
+    list->count = kept;
 }
 
 static void copy_to_model(description_parser *parser) {
@@ -793,8 +908,8 @@ static void finish_description(description_parser *parser) {
         sort_names(parser, &parser->units, "unit");
     }
     if (parser->status == TL_OK) {
+        find_repeated(&parser->variables);
         copy_to_model(parser);
-        sort_names(parser, &parser->variables, "variable");
     }
 }
 
@@ -810,25 +925,166 @@ static void check_document(description_parser *parser) {
     }
 }
 
-static void parse(description_parser *parser, const char *xml, size_t size) {
+/* ---- Encodings that expat does not know ---- */
+
+/* Of one parser. `length`: bytes of a character that begins with this byte. */
+typedef struct decoder {
+    iconv_t iconv;
+    unsigned char length[256];
+} decoder;
+
+enum { INVALID = -1, INCOMPLETE = -2, MOST_BYTES = 3 };
+
+/* Returns the code point of one character, INVALID or INCOMPLETE. */
+static long decode(iconv_t converter, const char *bytes, size_t size) {
+    wchar_t points[4] = {0};
+    char copy[MOST_BYTES];
+    char *in = memcpy(copy, bytes, size);
+    char *out = (char *)points;
+    size_t out_left = sizeof points;
+    (void)iconv(converter, NULL, NULL, NULL, NULL);
+    if (iconv(converter, &in, &size, &out, &out_left) == (size_t)-1) {
+        return errno == EINVAL ? INCOMPLETE : INVALID;
+    }
+    (void)iconv(converter, NULL, NULL, &out, &out_left); /* a character that waits for an accent */
+    return out_left == sizeof points - sizeof points[0] ? (long)points[0] : INVALID;
+}
+
+static int XMLCALL decode_character(void *data, const char *bytes) {
+    decoder *own = data;
+    long point = decode(own->iconv, bytes, own->length[(unsigned char)bytes[0]]);
+    return point >= 0 && point <= 0xFFFF ? (int)point : INVALID;
+}
+
+static void XMLCALL close_decoder(void *data) {
+    decoder *own = data;
+    (void)iconv_close(own->iconv);
+    free(own);
+}
+
+/* What expat wants to know of a first byte: the character, INVALID, or the negative length. */
+static int describe_byte(iconv_t converter, unsigned char first) {
+    char bytes[2] = {(char)first, 0};
+    long point = decode(converter, bytes, 1);
+    if (point != INCOMPLETE) {
+        return point <= 0xFFFF ? (int)point : INVALID;
+    }
+    for (int second = 0x30; second < 0xFF; second++) {
+        bytes[1] = (char)second;
+        if (decode(converter, bytes, 2) >= 0) {
+            return -2;
+        }
+    }
+    return -MOST_BYTES;
+}
+
+static iconv_t no_converter(void) {
+    return (iconv_t)-1; // NOLINT(performance-no-int-to-ptr): what iconv_open() returns
+}
+
+/* Only families without states, whose bytes below 0x80 are ASCII, except a currency sign. */
+static iconv_t open_encoding(const char *name) {
+    static const char *const families[] = {"windows-", "cp12", "cp9",  "iso-8859-", "iso8859-", "latin",    "koi8-",
+                                           "gb",       "big5", "euc-", "shift",     "sjis",     "macintosh"};
+    static const char windows[] = "windows-";
+    char page[32];
+    iconv_t converter = no_converter();
+    for (size_t i = 0; i < sizeof families / sizeof families[0]; i++) {
+        if (strncasecmp(name, families[i], strlen(families[i])) == 0) {
+            converter = iconv_open("WCHAR_T", name);
+            break;
+        }
+    }
+    if (converter == no_converter() && strncasecmp(name, windows, strlen(windows)) == 0) {
+        (void)snprintf(page, sizeof page, "CP%.20s", name + strlen(windows));
+        converter = iconv_open("WCHAR_T", page);
+    }
+    return converter;
+}
+
+static int XMLCALL on_encoding(void *context, const XML_Char *name, XML_Encoding *encoding) {
+    (void)context;
+    decoder *own = calloc(1, sizeof *own);
+    iconv_t converter = own != NULL ? open_encoding(name) : no_converter();
+    if (converter == no_converter()) {
+        free(own);
+        return XML_STATUS_ERROR;
+    }
+    own->iconv = converter;
+    for (int i = 0; i < 256; i++) {
+        int described = i < 0x80 ? i : describe_byte(converter, (unsigned char)i);
+        encoding->map[i] = described;
+        own->length[i] = (unsigned char)(described < INVALID ? -described : 1);
+    }
+    encoding->data = own;
+    encoding->convert = decode_character;
+    encoding->release = close_decoder;
+    return XML_STATUS_OK;
+}
+
+/* ---- Parsing ---- */
+
+/* A text in memory, or a file that is read in parts. */
+typedef struct description_source {
+    const char *xml; /* NULL: a file */
+    size_t size;
+    int file;
+} description_source;
+
+/* expat scans an unfinished token again with each part, so small parts would make a long comment
+ * slow. */
+enum { PART = 16 * 1024 * 1024 };
+
+static enum XML_Status feed_file(description_parser *parser, int file) {
+    enum XML_Status result = XML_STATUS_OK;
+    ssize_t got = PART;
+    while (got == PART && result == XML_STATUS_OK) {
+        void *part = XML_GetBuffer(parser->expat, PART);
+        if (part == NULL) {
+            fail_memory(parser);
+            return XML_STATUS_ERROR;
+        }
+        got = tl_file_bytes_read(file, part, PART);
+        if (got < 0) {
+            parser->status = tl_fail(parser->error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be read: %s",
+                                     parser->label, strerror(errno));
+            return XML_STATUS_ERROR;
+        }
+        result = XML_ParseBuffer(parser->expat, (int)got, got < PART ? XML_TRUE : XML_FALSE);
+    }
+    return result;
+}
+
+static void fail_xml(description_parser *parser) {
+    enum XML_Error code = XML_GetErrorCode(parser->expat);
+    if (code == XML_ERROR_NO_MEMORY) {
+        fail_memory(parser);
+        return;
+    }
+    const char *advice = "";
+    if (code == XML_ERROR_UNKNOWN_ENCODING) {
+        advice = "; save the file as UTF-8 in the FMU, and declare that in its first line";
+    } else if (code == XML_ERROR_INVALID_TOKEN) {
+        advice =
+            "; if there are letters in another encoding than the declared one (UTF-8 if none is), save it as UTF-8";
+    }
+    fail_at(parser, current_line(parser), "not well-formed XML, column %lu: %s%s",
+            (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code), advice);
+}
+
+static void parse(description_parser *parser, const description_source *from) {
     XML_SetUserData(parser->expat, parser);
     XML_SetElementHandler(parser->expat, on_begin, on_end);
     XML_SetStartDoctypeDeclHandler(parser->expat, on_doctype);
-    enum XML_Status result = XML_Parse(parser->expat, xml, (int)size, XML_TRUE);
-    if (parser->status != TL_OK) {
-        return;
+    XML_SetUnknownEncodingHandler(parser->expat, on_encoding, NULL);
+    enum XML_Status result = from->xml != NULL ? XML_Parse(parser->expat, from->xml, (int)from->size, XML_TRUE)
+                                               : feed_file(parser, from->file);
+    if (parser->status == TL_OK && result != XML_STATUS_OK) {
+        fail_xml(parser);
     }
-    if (result != XML_STATUS_OK) {
-        enum XML_Error code = XML_GetErrorCode(parser->expat);
-        if (code == XML_ERROR_NO_MEMORY) {
-            fail_memory(parser);
-        } else {
-            fail_at(parser, current_line(parser), "not well-formed XML, column %lu: %s",
-                    (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code));
-        }
-        return;
+    if (parser->status == TL_OK) {
+        check_document(parser);
     }
-    check_document(parser);
 }
 
 static tl_status fail_size(const char *label, tl_error *error) {
@@ -836,10 +1092,15 @@ static tl_status fail_size(const char *label, tl_error *error) {
                    TL_MODEL_DESCRIPTION_BYTES / (1024 * 1024));
 }
 
-tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
-                                     tl_error *error) {
-    *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
-    if (size > TL_MODEL_DESCRIPTION_BYTES) {
+static tl_status parse_source(const description_source *from, const char *label, tl_arena *arena, tl_model *model,
+                              tl_error *error) {
+    *model = (tl_model){.name = "",
+                        .identifier = "",
+                        .guid = "",
+                        .generation_tool = "",
+                        .start_time = (double)NAN,
+                        .stop_time = (double)NAN};
+    if (from->size > TL_MODEL_DESCRIPTION_BYTES) {
         return fail_size(label, error);
     }
     description_parser *parser = calloc(1, sizeof *parser);
@@ -858,7 +1119,7 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     parser->units.size = sizeof(tl_draft_unit);
     parser->types.size = sizeof(tl_draft_type);
     parser->variables.size = sizeof(tl_draft_variable);
-    parse(parser, xml, size);
+    parse(parser, from);
     tl_status status = parser->status;
     XML_ParserFree(expat);
     free(parser->units.items);
@@ -868,35 +1129,29 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     return status;
 }
 
-/* ---- Files ----------------------------------------------------------------------------------- */
+tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
+                                     tl_error *error) {
+    const description_source from = {.xml = xml, .size = size};
+    return parse_source(&from, label, arena, model, error);
+}
 
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error) {
     struct stat facts;
-    tl_status status = TL_TRY_AGAIN;
+    tl_status status = TL_OK;
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
-        return errno == ENOENT
-                   ? tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is not an FMU",
-                             label)
-                   : tl_fail(error, status, "%s: modelDescription.xml cannot be opened: %s", label, strerror(errno));
+        return errno == ENOENT ? tl_fail(error, TL_BAD_DATA,
+                                         "%s: there is no modelDescription.xml in it: this is not an FMU", label)
+                               : tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label,
+                                         strerror(errno));
     }
-    bool is_file = fstat(file, &facts) == 0 && S_ISREG(facts.st_mode);
-    bool fits = is_file && facts.st_size <= TL_MODEL_DESCRIPTION_BYTES;
-    char *xml = fits ? malloc((size_t)facts.st_size + 1) : NULL;
-    ssize_t size = xml != NULL ? tl_file_bytes_read(file, xml, (size_t)facts.st_size) : 0;
-    if (!is_file) {
+    if (fstat(file, &facts) != 0 || !S_ISREG(facts.st_mode)) {
         status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is not a file: this is not an FMU", label);
-    } else if (!fits) {
-        status = fail_size(label, error);
-    } else if (xml == NULL) {
-        (void)tl_fail(error, status, "%s: not enough memory; free memory and try again", label);
-    } else if (size < 0) {
-        (void)tl_fail(error, status, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
     } else {
-        status = tl_model_description_parse(xml, (size_t)size, label, arena, model, error);
+        const description_source from = {.size = (size_t)facts.st_size, .file = file};
+        status = parse_source(&from, label, arena, model, error);
     }
-    free(xml);
     (void)close(file);
     return status;
 }

@@ -37,19 +37,28 @@ bool tl_xml_boolean(const char *text, bool *value);
  *          inherited from their declared type, units, and capabilities. The parser enforces the
  *          parts of the schema that the twin relies on. It skips what it does not know:
  *          annotations, later additions, ModelStructure.
- * Limits:  TL_MODEL_DESCRIPTION_BYTES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so no
- *          entities.
+ * Limits:  TL_MODEL_DESCRIPTION_BYTES, of which a file is read in parts;
+ *          TL_MODEL_DESCRIPTION_VARIABLES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so
+ *          no entities.
+ * Encodings: UTF-8, UTF-16, ISO-8859-1, and those that iconv knows and that contain ASCII, such as
+ *          windows-1252, windows-1251, GBK and Shift_JIS.
  * Tolerated: a variable without variability (default: fixed for parameters, else continuous for
  *            Real, else discrete); an `initial` of an input or independent variable (ignored); an
  *            undefined unit (it then has
- *            no base unit); nominal 0 (read as 1) or negative.
+ *            no base unit); nominal 0 (read as 1) or negative; a variable declared again with the
+ *            same type, causality and value reference (dropped); several different variables of one
+ *            name, which are then ambiguous.
  * Errors:  TL_BAD_DATA with the line; TL_TRY_AGAIN if memory is out. `label` names the FMU in the
  *          text.
  * Owner:   the arena holds all data that the model points to, also after a failure.
  * Thread:  any.
  */
 
-enum { TL_MODEL_DESCRIPTION_BYTES = 64 * 1024 * 1024, TL_MODEL_DESCRIPTION_DEPTH = 64 };
+enum {
+    TL_MODEL_DESCRIPTION_BYTES = 512 * 1024 * 1024,
+    TL_MODEL_DESCRIPTION_VARIABLES = 2000000,
+    TL_MODEL_DESCRIPTION_DEPTH = 64
+};
 
 /* Parses a description in memory. */
 tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,

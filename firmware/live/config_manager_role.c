@@ -22,8 +22,8 @@ typedef struct manager_process {
 static void open_host(manager_process *self) {
     tl_live_setup *setup = &self->setup;
     tl_live_host *host = &self->host;
-    *host = (tl_live_host){.pulse = setup->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes,
-                           .recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes,
+    *host = (tl_live_host){.live_status = setup->blocks[TL_LIVE_CONFIG_MANAGER_STATUS].bytes,
+                           .recorder = setup->blocks[TL_LIVE_RECORDER_STATUS].bytes,
                            .handover_block = setup->blocks[TL_HANDOVER].bytes,
                            .candidate = setup->blocks[TL_LIVE_CANDIDATE].bytes,
                            .path = setup->config.path,
@@ -32,7 +32,7 @@ static void open_host(manager_process *self) {
                            .step = setup->config.step,
                            .journal = &setup->journal};
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        host->twins[i] = setup->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        host->twins[i] = setup->blocks[TL_LIVE_TWIN_STATUS + i].bytes;
         host->tunings[i] = setup->blocks[TL_LIVE_TUNING + i].bytes;
         memcpy(host->hash[i], setup->job.hash[i], sizeof host->hash[i]);
     }
@@ -58,11 +58,12 @@ int tl_config_manager_role_run(void) {
         return tl_exit_code(status);
     }
     open_host(&self);
-    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(&self.host.pulse->beats, "config manager", PATIENCE);
+    tl_thread_heartbeat *heartbeat =
+        tl_thread_heartbeat_start(&self.host.live_status->beats, "config manager", PATIENCE);
     status = open_manager(&self, &error);
     bool was_ready = status == TL_OK;
     if (was_ready) {
-        tl_heartbeats_set_ready(&self.host.pulse->beats);
+        tl_heartbeats_set_ready(&self.host.live_status->beats);
         for (bool goes_on = true; goes_on && tl_interrupt_requested() == NULL;) {
             goes_on = tl_config_manager_work(self.manager);
             tl_live_host_poll(&self.host);
@@ -74,5 +75,5 @@ int tl_config_manager_role_run(void) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
     tl_journal_drain(&self.setup.journal);
-    return tl_live_role_end(&self.host.pulse->beats, was_ready, tl_exit_code(status));
+    return tl_live_role_end(&self.host.live_status->beats, was_ready, tl_exit_code(status));
 }

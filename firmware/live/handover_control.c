@@ -49,11 +49,11 @@ static void refuse_shadow(tl_handover_control *self, uint32_t number, const char
 /* Returns why a shadow cannot start yet, or NULL if it can. */
 static const char *find_obstacle(const tl_handover_control *self, tl_time now) {
     const tl_twin_slot *run = live_slot(self);
-    tl_time start = __atomic_load_n(&run->pulse->start, __ATOMIC_ACQUIRE);
+    tl_time start = __atomic_load_n(&run->live_status->start, __ATOMIC_ACQUIRE);
     if (shadow_slot(self)->pid != 0) {
         return "the previous shadow has not ended";
     }
-    if (run->pid == 0 || !tl_heartbeats_is_ready(&run->pulse->beats) || start <= 0 || start > now) {
+    if (run->pid == 0 || !tl_heartbeats_is_ready(&run->live_status->beats) || start <= 0 || start > now) {
         return "the live twin has not started";
     }
     return is_recorder_behind(self) ? "the recorder has not finished the previous run" : NULL;
@@ -76,8 +76,8 @@ static void load_candidate(tl_handover_control *self, uint32_t number, const tl_
         return;
     }
     slot->unconfined = slot->unconfined && self->unconfined;
-    slot->start = run->pulse->start;
-    slot->started = run->pulse->started;
+    slot->start = run->live_status->start;
+    slot->started = run->live_status->started;
     self->wants_shadow = true;
     show_shadow(self, TL_LIVE_SHADOW_RUNS, "");
     finish_order(self, number);
@@ -108,7 +108,7 @@ static int64_t tick_of_handover(const tl_handover_control *self, tl_time start, 
         return -1;
     }
     int64_t tick = (now + tl_handover_ahead(step) - start) / step + 1;
-    (void)tl_latest_read(&live_slot(self)->pulse->figures, &status_now, sizeof status_now);
+    (void)tl_latest_read(&live_slot(self)->live_status->figures, &status_now, sizeof status_now);
     if (status_now.tick < tick) {
         return tick;
     }
@@ -140,10 +140,10 @@ static const char *find_refusal(const tl_handover_control *self) {
     if (shadow->pid == 0 || !self->wants_shadow) {
         return "there is no shadow";
     }
-    if (!tl_heartbeats_is_ready(&shadow->pulse->beats)) {
+    if (!tl_heartbeats_is_ready(&shadow->live_status->beats)) {
         return "the shadow has not started";
     }
-    return run->pid != 0 && run->pulse->start != 0 && run->pulse->start != shadow->start
+    return run->pid != 0 && run->live_status->start != 0 && run->live_status->start != shadow->start
                ? "the run was restarted: the shadow counts the ticks of the previous one"
                : NULL;
 }
@@ -177,10 +177,10 @@ static void swap_slots(tl_handover_control *self, tl_orders *orders) {
 
 static void poll_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
     const tl_twin_slot *before = live_slot(self);
-    bool has_handed_over =
-        __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->handover_block->handovers;
+    bool handover_result =
+        __atomic_load_n(&before->live_status->handed_over, __ATOMIC_ACQUIRE) == self->handover_block->handovers;
     bool is_dead = before->pid == 0 && !ends; /* at the end of all, this is no failure */
-    if (has_handed_over || is_dead) {
+    if (handover_result || is_dead) {
         swap_slots(self, orders);
         return;
     }

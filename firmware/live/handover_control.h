@@ -33,11 +33,11 @@
 typedef struct tl_handover_control {
     tl_handover *handover_block;
     tl_twin_slot *places; /* TL_TWIN_SLOTS; the run's own configuration is loaded into the first */
-    const tl_live_config_manager_pulse *orders;
+    const tl_live_config_manager_status *orders;
     const tl_block *candidate;
-    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
-    tl_time step;                           /* of the run, ns; it does not change */
-    bool unconfined;                        /* FMUs have all rights of the user, if so configured */
+    const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
+    tl_time step;                            /* of the run, ns; it does not change */
+    bool unconfined;                         /* FMUs have all rights of the user, if so configured */
     void *context;
     void (*tell)(void *context, const char *text); /* reports a handover: log and event */
     bool holds;                                    /* set by the caller too: safe hold */

@@ -75,23 +75,23 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
     const unsigned slot = job->slot_index;
-    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME);
+    const uint32_t recorded = ONE(TL_LIVE_RECORDER_STATUS) | BOTH(TL_LIVE_RESUME);
     const tl_live_access accesses[] = {
-        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
+        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_STATUS),
                            .writes = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
         [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_EVENTS) |
                                           ONE(TL_LIVE_SUPERVISOR_EVENTS) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
-                                          ONE(TL_HANDOVER) | BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + slot) |
+                                          ONE(TL_HANDOVER) | BOTH(TL_LIVE_TWIN_STATUS) | ONE(TL_LIVE_TUNING + slot) |
                                           ONE(TL_LIVE_QUEUE + slot),
-                                 .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_RESUME)},
+                                 .writes = ONE(TL_LIVE_RECORDER_STATUS) | BOTH(TL_LIVE_RESUME)},
         [TL_LIVE_IS_CONFIG_MANAGER] = {.reads =
-                                           BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
-                                       .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) |
+                                           BOTH(TL_LIVE_TWIN_STATUS) | ONE(TL_LIVE_RECORDER_STATUS) | ONE(TL_HANDOVER),
+                                       .writes = ONE(TL_LIVE_CONFIG_MANAGER_STATUS) |
                                                  ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | BOTH(TL_LIVE_TUNING) |
                                                  ONE(TL_LIVE_CANDIDATE)},
-        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
+        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_STATUS) |
                                       ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_RESUME + slot),
-                             .writes = ONE(TL_LIVE_TWIN_PULSE + slot) | ONE(TL_LIVE_QUEUE + slot)},
+                             .writes = ONE(TL_LIVE_TWIN_STATUS + slot) | ONE(TL_LIVE_QUEUE + slot)},
     };
     tl_live_access access = accesses[kind];
     if (job->database[0] == '\0') {
@@ -108,15 +108,15 @@ void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) 
     memset(sizes, 0, TL_LIVE_BLOCKS * sizeof sizes[0]);
     sizes[TL_LIVE_SAMPLES] = tl_sample_buffers_bytes(&sample_memory);
     sizes[TL_LIVE_IO_BEATS] = sizeof(tl_heartbeats);
-    sizes[TL_LIVE_RECORDER_PULSE] = sizeof(tl_live_recorder_pulse);
+    sizes[TL_LIVE_RECORDER_STATUS] = sizeof(tl_live_recorder_status);
     sizes[TL_LIVE_IO_EVENTS] = tl_record_queue_bytes(&events);
     sizes[TL_LIVE_SUPERVISOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
     sizes[TL_LIVE_CONFIG_MANAGER_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
-    sizes[TL_LIVE_CONFIG_MANAGER_PULSE] = sizeof(tl_live_config_manager_pulse);
+    sizes[TL_LIVE_CONFIG_MANAGER_STATUS] = sizeof(tl_live_config_manager_status);
     sizes[TL_HANDOVER] = sizeof(tl_handover);
     sizes[TL_LIVE_CANDIDATE] = sizeof(tl_live_candidate);
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        sizes[TL_LIVE_TWIN_PULSE + i] = sizeof(tl_live_twin_pulse);
+        sizes[TL_LIVE_TWIN_STATUS + i] = sizeof(tl_live_twin_status);
         sizes[TL_LIVE_TUNING + i] = sizeof(tl_live_tuning);
         sizes[TL_LIVE_RESUME + i] = TL_LIVE_RESUME_BYTES;
         sizes[TL_LIVE_QUEUE + i] = tl_record_queue_bytes(&twin);
@@ -164,7 +164,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     *blocks = (tl_live_blocks){
         .sample_memory = sizes[TL_LIVE_SAMPLES],
         .queue = queue_bytes_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
-                 sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
+                 sizes[TL_LIVE_TWIN_STATUS] + sizes[TL_LIVE_RECORDER_STATUS],
     };
     if (room <= TL_LIVE_CHECKPOINT_BYTES) {
         blocks->checkpoints = queue_bytes_with(config, room) - queue_bytes_with(config, 0);
@@ -172,14 +172,14 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     if (config->record_resume != 0) {
         blocks->resume = tl_resume_image_bytes(&ticks, TL_RESUME_TICKS, checkpoint, 0);
     }
-    blocks->shadow = queue_bytes_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->resume;
+    blocks->shadow = queue_bytes_with(config, 0) + sizes[TL_LIVE_TWIN_STATUS] + blocks->checkpoints + blocks->resume;
 }
 
 /* ---- samples for a shadow ---- */
 
 static void answer_request(tl_live_samples *self, tl_live_request request, const char *path) {
     tl_live_resume_answer *reply = self->answer;
-    int64_t from = __atomic_load_n(&self->pulse->past_from, __ATOMIC_RELAXED);
+    int64_t from = __atomic_load_n(&self->live_status->resumed_from, __ATOMIC_RELAXED);
     size_t size = 0;
     tl_error error;
     memset(reply->words, 0, sizeof reply->words);
@@ -195,8 +195,8 @@ static void answer_request(tl_live_samples *self, tl_live_request request, const
 }
 
 void tl_live_samples_read(tl_live_samples *self, const char *path) {
-    tl_live_request request = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
-    bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
+    tl_live_request request = __atomic_load_n(&self->live_status->resume, __ATOMIC_ACQUIRE);
+    bool begun = __atomic_load_n(&self->live_status->begun, __ATOMIC_RELAXED) != 0;
     if (request != 0 && request != self->answered && !begun) {
         answer_request(self, request, path);
     } else if (begun && self->is_filled) {

@@ -42,22 +42,22 @@
  * Descriptor 0 is /dev/null; 1 and 2 are the log. For processes with FMUs, twin_role.h gives the
  * numbers of job and start socket. */
 enum {
-    TL_LIVE_CLIENT = 3,           /* no block: control socket, of the config manager */
-    TL_LIVE_JOB = 4,              /* tl_live_job */
-    TL_LIVE_SAMPLES = 5,          /* sample memory, written by io (sample_buffer.h) */
-    TL_LIVE_IO_BEATS = 6,         /* tl_heartbeats */
-    TL_LIVE_RECORDER_PULSE = 8,   /* tl_live_recorder_pulse */
-    TL_LIVE_CONFIG_MANAGER_PULSE, /* tl_live_config_manager_pulse */
-    TL_LIVE_IO_EVENTS,            /* record queues */
+    TL_LIVE_CLIENT = 3,            /* no block: control socket, of the config manager */
+    TL_LIVE_JOB = 4,               /* tl_live_job */
+    TL_LIVE_SAMPLES = 5,           /* sample memory, written by io (sample_buffer.h) */
+    TL_LIVE_IO_BEATS = 6,          /* tl_heartbeats */
+    TL_LIVE_RECORDER_STATUS = 8,   /* tl_live_recorder_status */
+    TL_LIVE_CONFIG_MANAGER_STATUS, /* tl_live_config_manager_status */
+    TL_LIVE_IO_EVENTS,             /* record queues */
     TL_LIVE_SUPERVISOR_EVENTS,
     TL_LIVE_CONFIG_MANAGER_EVENTS,
     TL_HANDOVER,       /* tl_handover, written by the supervisor */
     TL_LIVE_CANDIDATE, /* tl_live_candidate */
     /* Of twin slot 0; the next number is of slot 1. */
-    TL_LIVE_TWIN_PULSE,                                  /* tl_live_twin_pulse */
-    TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_TWIN_SLOTS, /* tl_live_tuning */
-    TL_LIVE_RESUME = TL_LIVE_TUNING + TL_TWIN_SLOTS,     /* resume block of a new twin (resume.h) */
-    TL_LIVE_QUEUE = TL_LIVE_RESUME + TL_TWIN_SLOTS,      /* record queue of the twin */
+    TL_LIVE_TWIN_STATUS,                                  /* tl_live_twin_status */
+    TL_LIVE_TUNING = TL_LIVE_TWIN_STATUS + TL_TWIN_SLOTS, /* tl_live_tuning */
+    TL_LIVE_RESUME = TL_LIVE_TUNING + TL_TWIN_SLOTS,      /* resume block of a new twin (resume.h) */
+    TL_LIVE_QUEUE = TL_LIVE_RESUME + TL_TWIN_SLOTS,       /* record queue of the twin */
     TL_LIVE_BLOCKS = TL_LIVE_QUEUE + TL_TWIN_SLOTS
 };
 
@@ -94,7 +94,7 @@ static inline tl_live_request tl_live_request_of(uint32_t twin, uint32_t number)
 enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 
 /* Status block of a twin. Heartbeats are the first field of every status block. */
-typedef struct tl_live_twin_pulse {
+typedef struct tl_live_twin_status {
     tl_heartbeats beats;
     uint32_t number;             /* of the twin process in this slot, from 1 */
     uint32_t first;              /* number of the first process of its configuration */
@@ -107,13 +107,13 @@ typedef struct tl_live_twin_pulse {
     uint32_t loads;              /* 1: checkpoint loaded, too few steps since; kept */
     uint64_t unreadable;         /* by the supervisor: `fmus` whose saved state ended a process */
     tl_live_request resume;      /* request: 1 for the newest resume data, …; shadow: samples */
-    int64_t past_from;           /* shadow: first tick of the samples; written before `resume` */
+    int64_t resumed_from;        /* shadow: first tick of the samples; written before `resume` */
     tl_time start;               /* t_start of its run (CLOCK_MONOTONIC); 0: not known yet */
     int64_t started;             /* the same in UTC, ms; both are set before it is ready */
     uint32_t handed_over;        /* newest handover that this twin has completed */
     tl_live_tuning_answer tuned; /* answer to the newest tuning; kept for the config manager */
     tl_live_end end;
-} tl_live_twin_pulse;
+} tl_live_twin_status;
 
 /* A message about resume data. */
 typedef struct tl_live_resume_word {
@@ -132,21 +132,21 @@ typedef struct tl_live_resume_answer {
 } tl_live_resume_answer;
 
 /* Status block of the recorder. */
-typedef struct tl_live_recorder_pulse {
+typedef struct tl_live_recorder_status {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
     uint32_t drained;                /* newest handover whose old twin is fully recorded */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
-} tl_live_recorder_pulse;
+} tl_live_recorder_status;
 
 /* Status block of the config manager. */
-typedef struct tl_live_config_manager_pulse {
+typedef struct tl_live_config_manager_status {
     tl_heartbeats beats;
     uint32_t restart; /* 1: end this run and start another one */
     tl_live_order order;
     uint32_t handovers; /* private to the config manager: newest handover when it ordered one */
-} tl_live_config_manager_pulse;
+} tl_live_config_manager_status;
 
 /* Settings of a record queue for events only. */
 static inline tl_record_queue_settings tl_live_event_queue(void) {
@@ -283,10 +283,10 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
  */
 
 typedef struct tl_live_samples {
-    const tl_live_twin_pulse *pulse; /* of the shadow, which writes it */
-    tl_live_resume_answer *answer;   /* written by the recorder */
-    tl_block *resume;                /* of the shadow's slot, written by the recorder */
-    const char *boot;                /* tl_identity_boot() */
+    const tl_live_twin_status *live_status; /* of the shadow, which writes it */
+    tl_live_resume_answer *answer;          /* written by the recorder */
+    tl_block *resume;                       /* of the shadow's slot, written by the recorder */
+    const char *boot;                       /* tl_identity_boot() */
     /* private; the caller zeroes them */
     tl_live_request answered;
     bool is_filled;

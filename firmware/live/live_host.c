@@ -17,7 +17,7 @@ static uint32_t live_slot(const tl_live_host *self) {
     return slot < TL_TWIN_SLOTS ? slot : 0;
 }
 
-static const tl_live_twin_pulse *twin_of_run(const tl_live_host *self) {
+static const tl_live_twin_status *twin_of_run(const tl_live_host *self) {
     return self->twins[live_slot(self)];
 }
 
@@ -32,7 +32,7 @@ static void check_lock(tl_lock_tally *lock) {
 }
 
 /* Copies the published status of a twin, validates it, and adds facts from its status block. */
-static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
+static void read_status(const tl_live_twin_status *twin, tl_run_status *status) {
     int code = 0;
     *status = (tl_run_status){.phase = TL_RUN_BEGINS};
     (void)tl_latest_read(&twin->figures, status, sizeof *status);
@@ -55,7 +55,7 @@ static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
 
 static void read_view(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
-    const tl_live_twin_pulse *twin = twin_of_run(self);
+    const tl_live_twin_status *twin = twin_of_run(self);
     char reason[TL_HANDOVER_WHY] = "";
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
@@ -187,13 +187,13 @@ static tl_activation_answer poll_tuning(void *context, char why[TL_ACTIVATION_WH
 /* ---- shadow and handover ---- */
 
 static bool is_order_done(const tl_live_host *self) {
-    return __atomic_load_n(&self->handover_block->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
+    return __atomic_load_n(&self->handover_block->order, __ATOMIC_ACQUIRE) == self->live_status->order.number;
 }
 
 static void write_order(tl_live_host *self, tl_live_verb verb) {
     self->wants_none = false;
-    self->pulse->order.verb = (uint32_t)verb;
-    __atomic_store_n(&self->pulse->order.number, self->pulse->order.number + 1, __ATOMIC_RELEASE);
+    self->live_status->order.verb = (uint32_t)verb;
+    __atomic_store_n(&self->live_status->order.number, self->live_status->order.number + 1, __ATOMIC_RELEASE);
 }
 
 static bool order_shadow(void *context, const tl_activation_candidate *candidate) {
@@ -208,7 +208,7 @@ static bool order_shadow(void *context, const tl_activation_candidate *candidate
     (void)snprintf(self->hash[slot], sizeof self->hash[slot], "%s", candidate->hash);
     tl_live_tuning_skip(self->tunings[slot], newest_tuning(self)); /* skip the old ones */
     tl_latest_publish(&self->tunings[slot]->tolerances, candidate->tolerances, sizeof *candidate->tolerances);
-    self->pulse->order.needs = candidate->needs;
+    self->live_status->order.needs = candidate->needs;
     write_order(self, TL_LIVE_SHADOW);
     return true;
 }
@@ -226,7 +226,7 @@ static bool order_handover(void *context) {
     if (!is_order_done(self)) {
         return false;
     }
-    self->pulse->handovers = self->handover_block->handovers;
+    self->live_status->handovers = self->handover_block->handovers;
     write_order(self, TL_LIVE_HAND_OVER);
     return true;
 }
@@ -238,7 +238,7 @@ static tl_activation_answer poll_handover(void *context, char why[TL_ACTIVATION_
     if (!is_order_done(self)) {
         return TL_ACTIVATION_WAITS;
     }
-    if (__atomic_load_n(&block->handovers, __ATOMIC_ACQUIRE) == self->pulse->handovers) {
+    if (__atomic_load_n(&block->handovers, __ATOMIC_ACQUIRE) == self->live_status->handovers) {
         (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_HANDOVER_WHY - 1, block->why);
         return TL_ACTIVATION_REFUSED;
     }
@@ -252,7 +252,7 @@ static void read_shadow(void *context, tl_activation_shadow *shadow) {
     memset(shadow, 0, sizeof *shadow);
     read_status(twin_of_run(self), &shadow->beside);
     find_active_hash(self, 1 - live_slot(self), shadow->hash);
-    if (!is_order_done(self) && self->pulse->order.verb == TL_LIVE_SHADOW) {
+    if (!is_order_done(self) && self->live_status->order.verb == TL_LIVE_SHADOW) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
     } else if (state == TL_LIVE_SHADOW_ENDED) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
@@ -269,7 +269,7 @@ static void read_shadow(void *context, tl_activation_shadow *shadow) {
 
 static void request_restart(void *context) {
     tl_live_host *self = context;
-    __atomic_store_n(&self->pulse->restart, 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->restart, 1, __ATOMIC_RELEASE);
 }
 
 static void report_event(void *context, tl_severity severity, const char *text) {
@@ -287,7 +287,7 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
     return (tl_activation_host){
         .context = host,
         .look = read_view,
-        .active_text = copy_active_hash,
+        .active_hash = copy_active_hash,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
         .judge_by = set_tolerances,
@@ -297,7 +297,7 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
         .look_at_shadow = read_shadow,
         .end_shadow = end_shadow,
         .handover = order_handover,
-        .has_handed_over = poll_handover,
+        .handover_result = poll_handover,
         .restart = request_restart,
         .tell = report_event,
     };

@@ -22,10 +22,10 @@
 
 /* The caller sets all fields but the private ones. */
 typedef struct tl_live_host {
-    tl_live_config_manager_pulse *pulse; /* written by this process */
-    const tl_live_twin_pulse *twins[TL_TWIN_SLOTS];
+    tl_live_config_manager_status *live_status; /* written by this process */
+    const tl_live_twin_status *twins[TL_TWIN_SLOTS];
     tl_live_tuning *tunings[TL_TWIN_SLOTS];
-    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
+    const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     const tl_handover *handover_block;
     tl_live_candidate *candidate;
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */

@@ -18,7 +18,7 @@ void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue) {
 /* Without a recorder the queue is not read; events are logged anyway. */
 static void open_events(tl_live_kind kind, tl_live_setup *setup) {
     const tl_record_queue_settings events = tl_live_event_queue();
-    const tl_live_recorder_pulse *recorder = setup->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+    const tl_live_recorder_status *recorder = setup->blocks[TL_LIVE_RECORDER_STATUS].bytes;
     const bool is_io = kind == TL_LIVE_IS_IO;
     const size_t number = is_io ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_CONFIG_MANAGER;
     tl_record_queue_open(&events, setup->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_CONFIG_MANAGER_EVENTS].bytes,

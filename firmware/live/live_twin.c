@@ -27,6 +27,7 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/shadow_warm_up.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
@@ -67,10 +68,10 @@ typedef struct live_twin {
     const tl_confine_facts *facts;
     tl_live_job job;
     bool was_plant_open;
-    tl_block blocks[TL_LIVE_BLOCKS];        /* that it has of the run */
-    tl_block *resume;                       /* resume block; copied before it is parsed */
-    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
-    tl_live_twin_pulse *pulse;
+    tl_block blocks[TL_LIVE_BLOCKS];         /* that it has of the run */
+    tl_block *resume;                        /* resume block; copied before it is parsed */
+    const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
+    tl_live_twin_status *live_status;
     tl_time ended; /* last tick of an earlier run that is not resumed; 0: unknown */
     tl_plant_input input;
     tl_record_queue queue;
@@ -101,7 +102,7 @@ typedef struct live_twin {
  * text only the recorder reads. */
 static void open_queue(live_twin *self) {
     const tl_record_queue_settings settings = tl_live_twin_queue(self->config);
-    const tl_live_recorder_pulse *recorder = self->recorder;
+    const tl_live_recorder_status *recorder = self->recorder;
     tl_run_tuning configured = {.number = 0};
     tl_record_queue_open(&settings, self->blocks[TL_LIVE_QUEUE + self->job.slot_index].bytes,
                          recorder != NULL ? &recorder->state.taken[TL_LIVE_QUEUE_TWIN + self->job.slot_index] : NULL,
@@ -129,9 +130,9 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
         status = tl_live_input_open(config, &self->blocks[TL_LIVE_SAMPLES], &self->input, error);
     }
     if (status == TL_OK) {
-        self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.slot_index].bytes;
+        self->live_status = self->blocks[TL_LIVE_TWIN_STATUS + self->job.slot_index].bytes;
         self->resume = &self->blocks[TL_LIVE_RESUME + self->job.slot_index];
-        self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+        self->recorder = self->blocks[TL_LIVE_RECORDER_STATUS].bytes;
         open_queue(self);
     }
     return status;
@@ -142,7 +143,7 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
 /* Identifies the FMU files before any of them is loaded. Their content is hashed only once, because
  * that takes time. */
 static void identify_files(live_twin *self) {
-    tl_live_twin_pulse *pulse = self->pulse;
+    tl_live_twin_status *live_status = self->live_status;
     int descriptors[TL_IDENTITY_FILES] = {0};
     const size_t components = self->config->component_count;
     const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* maximum */
@@ -150,16 +151,17 @@ static void identify_files(live_twin *self) {
         descriptors[i] = self->assembly->files[i].descriptor;
     }
     uint64_t number = tl_identity_number_of_open_files(descriptors, count); /* checkpoints need it */
-    bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
-    self->files_changed = pulse->fmus != 0 && pulse->fmus != number;
+    bool is_known =
+        live_status->fmus == number && live_status->digest[0] != '\0' && tl_identity_is_sound(live_status->digest);
+    self->files_changed = live_status->fmus != 0 && live_status->fmus != number;
     if (!is_known && self->job.database[0] != '\0') {
-        tl_identity_open_files(descriptors, count, pulse->digest);
+        tl_identity_open_files(descriptors, count, live_status->digest);
     }
-    pulse->fmus = number;
-    self->has_crashed = pulse->loads != 0 && !self->files_changed;
-    self->unreadable = pulse->unreadable == number;
-    pulse->loads = 0;
-    tl_record_queue_name_fmus(&self->queue, pulse->digest);
+    live_status->fmus = number;
+    self->has_crashed = live_status->loads != 0 && !self->files_changed;
+    self->unreadable = live_status->unreadable == number;
+    live_status->loads = 0;
+    tl_record_queue_name_fmus(&self->queue, live_status->digest);
 }
 
 /* ---- events ---- */
@@ -225,7 +227,7 @@ static void request_realtime(live_twin *self, bool is_realtime) {
     if (self->config->realtime_priority <= 0) {
         return;
     }
-    __atomic_store_n(&self->pulse->realtime, is_realtime ? (int32_t)thread : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->realtime, is_realtime ? (int32_t)thread : 0, __ATOMIC_RELEASE);
     while (sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted && tl_clock_now(NULL) < until) {
         tl_clock_sleep_until(tl_clock_now(NULL) + POLL_SOON);
     }
@@ -245,7 +247,7 @@ static void publish_status(live_twin *self, tl_run_status *published, const tl_m
         output->sum_of_squares = match[i].sum_of_squares;
         output->tolerance = self->config->match[i].weight > 0.0 ? self->config->match[i].tolerance : 0.0;
     }
-    tl_latest_publish(&self->pulse->figures, published, sizeof *published);
+    tl_latest_publish(&self->live_status->figures, published, sizeof *published);
 }
 
 /* Warm-up of a shadow. */
@@ -277,7 +279,7 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
         .lock_before = status->lock_before,
     };
     tl_status_line_write(self->config, status, line);
-    tl_heartbeats_set_status(&self->pulse->beats, line);
+    tl_heartbeats_set_status(&self->live_status->beats, line);
     publish_status(self, &published, status->match);
 }
 
@@ -285,12 +287,12 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
 
 /* Publishes t_start of the run for a shadow that may start later. */
 static void publish_start(live_twin *self, tl_time start, int64_t started) {
-    __atomic_store_n(&self->pulse->started, started, __ATOMIC_RELAXED);
-    __atomic_store_n(&self->pulse->start, start, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->started, started, __ATOMIC_RELAXED);
+    __atomic_store_n(&self->live_status->start, start, __ATOMIC_RELEASE);
 }
 
 static void set_ready(live_twin *self) {
-    tl_heartbeats_set_ready(&self->pulse->beats);
+    tl_heartbeats_set_ready(&self->live_status->beats);
     self->was_ready = true;
 }
 
@@ -299,7 +301,7 @@ static void set_ready(live_twin *self) {
 static bool request_resume(live_twin *self, uint32_t number, tl_live_resume_answer *answer) {
     tl_live_request request = tl_live_request_of(self->job.number, number);
     tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_RESUME;
-    __atomic_store_n(&self->pulse->resume, request, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->resume, request, __ATOMIC_RELEASE);
     const tl_live_resume_answer *reply = &self->recorder->answer[self->job.slot_index];
     while (__atomic_load_n(&reply->live_request, __ATOMIC_ACQUIRE) != request) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
@@ -347,7 +349,7 @@ static int64_t newest_run(const live_twin *self) {
 
 /* This note outlives the process: the FMUs load bytes that another process has saved. */
 static void note_load(const live_twin *self, bool loads) {
-    __atomic_store_n(&self->pulse->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
 }
 
 /* *refused: this data cannot be used; older data may work. */
@@ -450,7 +452,7 @@ static tl_status follow_recorder(live_twin *self, tl_error *error) {
 /* Resumes an earlier run; `resumed` reports how. If the previous process died in the same run,
  * checkpoint and entries are in the record queue. Else the recorder is asked; if its data cannot be
  * used, for older data. */
-static tl_status follow_past(live_twin *self, tl_error *error) {
+static tl_status follow_resumed(live_twin *self, tl_error *error) {
     bool any = false;
     if (self->config->record_resume == 0) {
         return TL_OK;
@@ -471,7 +473,7 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     if (self->recorder == NULL) {
         return 0;
     }
-    __atomic_store_n(&self->pulse->past_from, from, __ATOMIC_RELAXED);
+    __atomic_store_n(&self->live_status->resumed_from, from, __ATOMIC_RELAXED);
     if (!request_resume(self, ++self->request_count, &answer) || answer.size > TL_LIVE_RESUME_BYTES) {
         return 0;
     }
@@ -521,7 +523,7 @@ static tl_status resume_run(live_twin *self, tl_error *error) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "starts a new run: the FMU files have changed");
         return TL_OK;
     }
-    return follow_past(self, error);
+    return follow_resumed(self, error);
 }
 
 /* ---- the cycle's start ---- */
@@ -533,16 +535,16 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .input = &self->input,
         .queue = &self->queue,
         .journal = &self->journal,
-        .beats = &self->pulse->beats,
+        .beats = &self->live_status->beats,
         .tuning = self->blocks[TL_LIVE_TUNING + self->job.slot_index].bytes,
-        .answer = &self->pulse->tuned,
+        .answer = &self->live_status->tuned,
         .resumed = self->resumed,
         .missing = self->missing,
         .unreadable = self->unreadable,
         .slot_index = {.handover_block = self->blocks[TL_HANDOVER].bytes,
                        .slot_index = self->job.slot_index,
                        .handovers = self->job.handovers,
-                       .handed_over = &self->pulse->handed_over,
+                       .handed_over = &self->live_status->handed_over,
                        .is_shadow = self->is_shadow,
                        .tick = self->next,
                        .start = self->job.start,
@@ -552,6 +554,8 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
 
 static tl_status start_cycle(live_twin *self, tl_error *error) {
     tl_account_take(self->assembly->twin, &self->account);
+    tl_config_use_bounds(&self->assembly->config, &self->account);
+    tl_live_plant_set_limits(&self->input, self->config);
     tl_status status = self->is_shadow ? begin_shadow(self, error) : resume_run(self, error);
     if (status != TL_OK) {
         return status;
@@ -608,7 +612,8 @@ static void update_role(live_twin *self, bool is_shadow) {
     self->is_shadow = is_shadow;
     (void)snprintf(title, sizeof title, "%s [%s]", is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN, self->config->name);
     tl_role_entitle(title);
-    __atomic_store_n(&self->pulse->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0,
+                     __ATOMIC_RELEASE);
 }
 
 /* A shadow that is too slow has no meaningful result, and takes time from the live twin. */
@@ -644,7 +649,7 @@ static tl_status monitor_cycle(live_twin *self, tl_error *error) {
         }
         checked = check_pace(self, &status, since, error);
         if (status.steps != 0) {
-            __atomic_store_n(&self->pulse->loads, 0, __ATOMIC_RELAXED);
+            __atomic_store_n(&self->live_status->loads, 0, __ATOMIC_RELAXED);
             show_status(self, &status);
             update_role(self, status.is_shadow);
         }
@@ -677,7 +682,7 @@ static void report_warning(void *context, const char *text) {
 }
 
 static tl_status close_cycle(live_twin *self, tl_error *error) {
-    tl_live_end *end = &self->pulse->end;
+    tl_live_end *end = &self->live_status->end;
     tl_status status = tl_cycle_stop(self->cycle, &end->summary, &self->has_run, error);
     if (end->summary.resumption.run < 0) {
         end->summary.resumption.run = self->parent;
@@ -707,7 +712,7 @@ static tl_status run_live(live_twin *self) {
     tl_status status = self->job.how.hold ? TL_OK : start_cycle(self, &error);
     bool begun = status == TL_OK;
     tl_thread_heartbeat_set_timeout(self->heartbeat, PATIENCE);
-    __atomic_store_n(&self->pulse->begun, 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->live_status->begun, 1, __ATOMIC_RELEASE);
     if (begun) {
         set_ready(self);
         if (self->job.how.hold) {
@@ -730,7 +735,7 @@ static tl_status run_live(live_twin *self) {
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         if (self->is_shadow) {
-            tl_heartbeats_set_status(&self->pulse->beats, error.text); /* for the config manager */
+            tl_heartbeats_set_status(&self->live_status->beats, error.text); /* for the config manager */
         }
     }
     return status;
@@ -764,6 +769,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     static live_twin self; /* one per process */
     tl_error error;
     self.assembly = assembly;
+    assembly->recorded.length = assembly->config.duration;
     self.config = &assembly->config;
     self.facts = facts;
     tl_status status = open_memory(&self, job, &assembly->config, &error);
@@ -771,8 +777,8 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_fmu_calls_use(&self.pulse->beats.calls);
-    self.heartbeat = tl_thread_heartbeat_start(&self.pulse->beats, "main", PATIENCE_AT_START);
+    tl_fmu_calls_use(&self.live_status->beats.calls);
+    self.heartbeat = tl_thread_heartbeat_start(&self.live_status->beats, "main", PATIENCE_AT_START);
     tl_live_role_open_journal(&self.journal, &self.queue);
     self.is_shadow = self.job.is_shadow;
     tl_journal_set_apart(&self.journal, self.is_shadow);
@@ -784,8 +790,9 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     if (status == TL_OK) {
         status = run_live(&self);
     }
-    int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
+    int code = tl_live_role_end(&self.live_status->beats, self.was_ready, tl_exit_code(status));
     if (self.fmus != NULL) {
+        tl_process_complete(code);
         tl_fmu_thread_call(self.fmus, do_free, assembly);
         tl_fmu_thread_end(self.fmus);
     }

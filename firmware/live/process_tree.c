@@ -65,12 +65,12 @@ static inline tl_twin_slot *member_slot(tl_process_tree *self, tl_member which) 
     return &self->slots[which == TL_MEMBER_TWIN ? self->twin_slot : 1 - self->twin_slot];
 }
 
-static inline tl_live_recorder_pulse *recorder_status(const tl_process_tree *self) {
-    return self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+static inline tl_live_recorder_status *recorder_status(const tl_process_tree *self) {
+    return self->blocks[TL_LIVE_RECORDER_STATUS].bytes;
 }
 
-static inline tl_live_config_manager_pulse *manager_status(const tl_process_tree *self) {
-    return self->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes;
+static inline tl_live_config_manager_status *manager_status(const tl_process_tree *self) {
+    return self->blocks[TL_LIVE_CONFIG_MANAGER_STATUS].bytes;
 }
 
 static inline bool is_recorded(const tl_process_tree *self) {
@@ -160,16 +160,16 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot
 }
 
 /* Clears the status block, except the fields that the next process needs. */
-static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint64_t unreadable) {
-    pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
-    pulse->realtime = 0;
-    pulse->begun = 0;
-    pulse->resume = 0;
-    pulse->start = 0;
-    pulse->end.is_there = 0;
-    pulse->number++;
-    pulse->first += start->waits ? 1 : 0;
-    pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
+static void prepare_status(tl_live_twin_status *live_status, const tl_start *start, uint64_t unreadable) {
+    live_status->unreadable = live_status->unreadable != 0 ? live_status->unreadable : unreadable;
+    live_status->realtime = 0;
+    live_status->begun = 0;
+    live_status->resume = 0;
+    live_status->start = 0;
+    live_status->end.is_there = 0;
+    live_status->number++;
+    live_status->first += start->waits ? 1 : 0;
+    live_status->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
 }
 
 /* Fills the job of a twin process. */
@@ -177,12 +177,12 @@ static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *
                                const tl_start *start) {
     tl_live_job job = self->job;
     job.slot_index = (uint32_t)(slot - self->slots);
-    job.number = slot->pulse->number;
+    job.number = slot->live_status->number;
     job.unconfined = slot->unconfined;
     job.is_shadow = is_shadow;
     job.start = is_shadow ? slot->start : 0;
     if (start->waits) { /* the sample memory still has all samples since then */
-        job.start = slot->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+        job.start = slot->live_status->number == 1 ? self->states.begun : tl_clock_now(NULL);
     }
     job.started = is_shadow ? slot->started : 0;
     job.handovers = handover_words(self)->handovers;
@@ -213,7 +213,7 @@ static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *slot, const
         .fmus = slot->fmus,
         .which = job->slot_index,
         .title = title,
-        .calls = &slot->pulse->beats.calls,
+        .calls = &slot->live_status->beats.calls,
         .memory_limit = self->settings->memory_limit,
         .tasks = self->settings->tasks,
         .on_event = job->slot_index == 0 ? put_refusal : put_refusal_of_other,
@@ -230,7 +230,7 @@ static pid_t start_twin(tl_process_tree *self, tl_twin_slot *slot, bool is_shado
                         tl_error *error) {
     char title[TL_ROLE_TITLE];
     const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
-    prepare_pulse(slot->pulse, start, start->waits ? 0 : known); /* keeps a value that is set */
+    prepare_status(slot->live_status, start, start->waits ? 0 : known); /* keeps a value that is set */
     const tl_live_job job = job_of_twin(self, slot, is_shadow, start);
     const char *kind = start->waits  ? "twin, waits"
                        : start->hold ? "twin, safe hold"
@@ -288,11 +288,11 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         {TL_LIVE_CONFIG_MANAGER_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
         {TL_HANDOVER, "twinlock handover", false, TL_BLOCK_WE_WRITE},
         {TL_LIVE_CANDIDATE, "twinlock candidate", false, TL_BLOCK_SPARSE},
-        {TL_LIVE_CONFIG_MANAGER_PULSE, "twinlock config manager", false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_CONFIG_MANAGER_STATUS, "twinlock config manager", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_RECORDER_STATUS, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
-        {TL_LIVE_TWIN_PULSE, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TWIN_STATUS, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TWIN_STATUS + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
         {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
         {TL_LIVE_RESUME, "twinlock resume", true, TL_BLOCK_SPARSE},
@@ -312,7 +312,7 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         }
     }
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) { /* allocated with a configuration */
-        self->slots[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        self->slots[i].live_status = self->blocks[TL_LIVE_TWIN_STATUS + i].bytes;
         self->slots[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
     }
     if (status == TL_OK) {
@@ -339,9 +339,9 @@ static uint64_t end_twin(tl_process_tree *self, tl_twin_slot *slot, bool by_othe
     slot->twin = NULL;
     slot->pid = 0;
     /* A checkpoint that it had loaded may be the cause. */
-    bool is_to_blame = slot->pulse->loads != 0 && (!by_others || was_killed) && slot->pulse->fmus != 0;
-    slot->pulse->unreadable = is_to_blame ? slot->pulse->fmus : slot->pulse->unreadable;
-    return is_to_blame ? slot->pulse->fmus : 0;
+    bool is_to_blame = slot->live_status->loads != 0 && (!by_others || was_killed) && slot->live_status->fmus != 0;
+    slot->live_status->unreadable = is_to_blame ? slot->live_status->fmus : slot->live_status->unreadable;
+    return is_to_blame ? slot->live_status->fmus : 0;
 }
 
 /* A shadow that failed has published the reason. It is bounded here, and the reader cleans it. */
@@ -367,7 +367,7 @@ static uint64_t note_end(void *context, tl_member which, bool by_others, char re
         tl_latest_publish(&handover_words(self)->failure, why, sizeof why);
     }
     if (which == TL_MEMBER_SHADOW) {
-        note_end_of_shadow(self, &member_slot(self, which)->pulse->beats, reason);
+        note_end_of_shadow(self, &member_slot(self, which)->live_status->beats, reason);
     }
     return unreadable;
 }
@@ -393,7 +393,7 @@ static void set_priority(pid_t process, int32_t thread, int priority) {
  * one. */
 static void update_priority(tl_process_tree *self) {
     const tl_twin_slot *slot = live_slot(self);
-    int32_t wanted = __atomic_load_n(&slot->pulse->realtime, __ATOMIC_ACQUIRE);
+    int32_t wanted = __atomic_load_n(&slot->live_status->realtime, __ATOMIC_ACQUIRE);
     if (slot->pid != 0 && wanted != self->realtime_thread) {
         set_priority(slot->pid, self->realtime_thread, 0);
         set_priority(slot->pid, wanted, self->config.realtime_priority);
@@ -413,7 +413,7 @@ static void poll_orders(void *context, bool ends, tl_orders *orders) {
     if (orders->swap) {                                      /* at the end, the supervisor ignores it */
         set_priority(before->pid, self->realtime_thread, 0); /* a shadow has no real-time priority */
         self->realtime_thread = 0;
-        tl_log_relay_watch(&self->log, &live_slot(self)->pulse->beats);
+        tl_log_relay_watch(&self->log, &live_slot(self)->live_status->beats);
         self->twin_slot = ends ? self->twin_slot : handover_words(self)->slot_index;
     }
     if (ends) {
@@ -484,7 +484,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                               .unconfined = settings->unconfined,
                                               .context = self,
                                               .tell = report_handover};
-        status = tl_log_relay_start(&self->log, &live_slot(self)->pulse->beats, settings->status, error);
+        status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status, error);
     }
     return status;
 }
@@ -503,7 +503,7 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
 
 /* Prints the summary that the twin has left, and checks the required lock. */
 static tl_status print_summary(tl_process_tree *self, tl_error *error) {
-    tl_live_end *end = &live_slot(self)->pulse->end;
+    tl_live_end *end = &live_slot(self)->live_status->end;
     tl_summary summary = end->summary;
     tl_account account = end->account;
     if (end->is_there == 0) {
@@ -540,8 +540,8 @@ static int run_members(tl_process_tree *self) {
         .watchdog_s = self->settings->watchdog_s,
         .beats = {[TL_MEMBER_RECORDER] = is_recorded(self) ? &recorder_status(self)->beats : NULL,
                   [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
-                  [TL_MEMBER_TWIN] = &self->slots[0].pulse->beats,
-                  [TL_MEMBER_SHADOW] = &self->slots[1].pulse->beats,
+                  [TL_MEMBER_TWIN] = &self->slots[0].live_status->beats,
+                  [TL_MEMBER_SHADOW] = &self->slots[1].live_status->beats,
                   [TL_MEMBER_CONFIG_MANAGER] = &manager_status(self)->beats},
         .context = self,
         .begin = begin_member,

@@ -35,9 +35,9 @@ static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
 typedef struct recorder {
     tl_live_setup setup;
     tl_plant_input input; /* over the sample memory */
-    tl_live_recorder_pulse *own;
-    const tl_live_twin_pulse *twin;
-    const tl_live_twin_pulse *other; /* in the other slot */
+    tl_live_recorder_status *own;
+    const tl_live_twin_status *twin;
+    const tl_live_twin_status *other; /* in the other slot */
     tl_block *resume;
     const tl_handover *handover_block;
     tl_thread_heartbeat *heartbeat;
@@ -66,9 +66,9 @@ static void *bytes_of(const recorder *self, size_t block) {
 /* The sample buffers provide the samples that the twin does not pass on. */
 static tl_status open_memory(recorder *self, tl_error *error) {
     const uint32_t slot = self->setup.job.slot_index;
-    self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
-    self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + slot);
-    self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - slot);
+    self->own = bytes_of(self, TL_LIVE_RECORDER_STATUS);
+    self->twin = bytes_of(self, TL_LIVE_TWIN_STATUS + slot);
+    self->other = bytes_of(self, TL_LIVE_TWIN_STATUS + 1 - slot);
     self->resume = &self->setup.blocks[TL_LIVE_RESUME + slot];
     self->handover_block = bytes_of(self, TL_HANDOVER);
     return tl_live_input_open(&self->setup.config, &self->setup.blocks[TL_LIVE_SAMPLES], &self->input, error);
@@ -118,7 +118,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
     self->record.settings.known_count = 1;
-    self->record.settings.insistence = self->setup.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
+    self->record.settings.open_policy = self->setup.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
         .queues = queues,
@@ -132,7 +132,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .plant = {.take = take_sample_at, .context = self, .kept = tl_sample_buffers_kept(&self->setup.config)},
         .is_last = true,
     };
-    self->samples = (tl_live_samples){.pulse = self->other,
+    self->samples = (tl_live_samples){.live_status = self->other,
                                       .answer = &self->own->answer[1 - self->setup.job.slot_index],
                                       .resume = &self->setup.blocks[TL_LIVE_RESUME + 1 - self->setup.job.slot_index],
                                       .boot = self->record.boot};
@@ -225,7 +225,7 @@ static bool needs_another(const recorder *self) {
 
 /* Another twin is live and writes to the other record queue; the queue of this recorder gets no
  * more data of its run. */
-static bool has_handed_over(const recorder *self) {
+static bool handover_result(const recorder *self) {
     uint32_t handovers = __atomic_load_n(&self->handover_block->handovers, __ATOMIC_ACQUIRE);
     uint32_t slot = __atomic_load_n(&self->handover_block->slot_index, __ATOMIC_ACQUIRE);
     return handovers != self->setup.job.handovers &&
@@ -238,7 +238,7 @@ static void report_drained(recorder *self) {
 }
 
 static void write_now(recorder *self) {
-    bool over = has_handed_over(self); /* first: all data before that is read now */
+    bool over = handover_result(self); /* first: all data before that is read now */
     if (over) {
         tl_recorder_writer_finish_ring(self->writer);
     }
@@ -253,7 +253,7 @@ static void write_now(recorder *self) {
 }
 
 static tl_status close_writer(recorder *self, tl_error *error) {
-    bool over = has_handed_over(self);
+    bool over = handover_result(self);
     tl_status status = tl_recorder_writer_close(self->writer, PATIENCE_AT_END, error);
     if (over && status == TL_OK) {
         report_drained(self);
@@ -276,7 +276,7 @@ static void record_run(recorder *self) {
         }
         tl_time now = tl_clock_now(NULL);
         tl_time next = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? POLL_SOON : POLL);
-        due = has_handed_over(self) && due > now + POLL ? now + POLL : due; /* the next recorder waits */
+        due = handover_result(self) && due > now + POLL ? now + POLL : due; /* the next recorder waits */
         tl_clock_sleep_until(next < due ? next : due);
     }
 }

@@ -5,6 +5,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/retune/comparison.h"
 #include "firmware/twin/resume.h"
@@ -64,6 +65,7 @@ static void sample_of(const course_walk *self, const tl_sample *of_run, tl_sampl
         sample->stamps[i] = of_run->stamps[at];
         sample->quality[i] = of_run->quality[at];
     }
+    tl_live_plant_apply_bounds(&self->course->assembly->config, sample);
 }
 
 /* ---- in the thread of the FMUs ---- */
@@ -203,6 +205,7 @@ tl_status tl_shadow_warm_up_run(const tl_shadow_warm_up *course, int64_t *next, 
            (!self.has_begun || present_tick(&self) - self.next > REMAINDER / course->assembly->config.step) &&
            tl_interrupt_requested() == NULL && fetch_samples(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
+            tl_twin_set_start(course->assembly->twin, self.samples.start_s);
             begin_at(&self, self.samples.first);
         }
         self.status_now.last = self.status_now.tick + present_tick(&self) - self.next;

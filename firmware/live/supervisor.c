@@ -826,7 +826,7 @@ static tl_status open_watchdog(supervisor *self, tl_error *error) {
 /* A quarter of the shorter watchdog timeout, at most STROKE. */
 static tl_time find_keepalive_interval(const supervisor *self) {
     tl_time interval = KEEPALIVE;
-    tl_time service = tl_service_extend_timeout() / 4;
+    tl_time service = tl_service_watchdog_period() / 4;
     tl_time watchdog = self->watchdog.file >= 0 ? self->watchdog.timeout_s * TL_SECOND / 4 : 0;
     interval = service > 0 && service < interval ? service : interval;
     return watchdog > 0 && watchdog < interval ? watchdog : interval;

@@ -36,7 +36,7 @@ tl_status tl_twin_slot_move_in(tl_twin_slot *slot, const tl_config *config, bool
     memcpy(slot->hash, config->hash, sizeof slot->hash);
     slot->fmus = tl_twin_fmus_of(config);
     slot->unconfined = unconfined;
-    slot->pulse->first = slot->pulse->number + 1;
+    slot->live_status->first = slot->live_status->number + 1;
     return make_queue(slot, &settings, error);
 }
 
@@ -103,10 +103,10 @@ tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *can
     }
     slot->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
     slot->unconfined = needs->unconfined != 0;
-    uint32_t number = slot->pulse->number; /* kept: it identifies answers */
-    memset(slot->pulse, 0, sizeof *slot->pulse);
-    slot->pulse->number = number;
-    slot->pulse->first = number + 1;
+    uint32_t number = slot->live_status->number; /* kept: it identifies answers */
+    memset(slot->live_status, 0, sizeof *slot->live_status);
+    slot->live_status->number = number;
+    slot->live_status->first = number + 1;
     return TL_OK;
 }
 

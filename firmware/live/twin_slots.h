@@ -24,10 +24,10 @@
  * Thread:  the supervisor's.
  */
 
-/* The caller sets `pulse` and `queue`, and zeroes the rest. It also maintains `start`, `started`,
- * `twin` and `pid`. */
+/* The caller sets `live_status` and `queue`, and zeroes the rest. It also maintains `start`,
+ * `started`, `twin` and `pid`. */
 typedef struct tl_twin_slot {
-    tl_live_twin_pulse *pulse;
+    tl_live_twin_status *live_status;
     tl_block *queue; /* empty before a configuration is loaded */
     tl_record_queue_settings queue_settings;
     const char *text; /* of the configuration; NULL: none */

@@ -69,11 +69,35 @@ static void reset_pause(tl_recovery *recovery, const tl_lock_tally *tally) {
     }
 }
 
+/* An output that is only compared leads nowhere. */
+static uint64_t find_harmful(const tl_config *config, uint64_t bad_outputs) {
+    for (size_t i = 0; i < config->match_count; i++) {
+        bad_outputs &= config->match[i].weight > 0.0 ? UINT64_MAX : ~((uint64_t)1 << i);
+    }
+    return bad_outputs;
+}
+
+/* Steps of an earlier run were reset by that run. */
+static bool is_lastingly_bad(tl_recovery *recovery, const tl_record *record) {
+    bool is_bad =
+        record->outcome != TL_RESUMED && find_harmful(recovery->lock_monitor.config, record->bad_outputs) != 0;
+    recovery->bad = is_bad ? recovery->bad + 1 : 0;
+    recovery->finite = is_bad ? 0 : recovery->finite + 1;
+    recovery->resets = recovery->finite >= TL_FINITE_STEPS ? 0 : recovery->resets;
+    if (recovery->bad < (uint32_t)TL_NOT_FINITE_STEPS << recovery->resets) {
+        return false;
+    }
+    recovery->bad = 0;
+    recovery->resets += recovery->resets < TL_NOT_FINITE_RESETS ? 1 : 0;
+    return true;
+}
+
 bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_lock_change **change) {
     const tl_lock_tally *tally = &recovery->lock_monitor.tally;
     *change = tl_lock_monitor_step(&recovery->lock_monitor, record);
+    bool is_bad = is_lastingly_bad(recovery, record);
     if (tally->windows == recovery->windows) {
-        return false;
+        return is_bad;
     }
     recovery->windows = tally->windows;
     recovery->passed++;
@@ -85,7 +109,7 @@ bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_l
         recovery->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
         recovery->passed = 0;
     }
-    return is_due;
+    return is_due || is_bad;
 }
 
 /* ---- lock monitor ---- */
@@ -196,10 +220,14 @@ void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample) {
     }
 }
 
+static bool is_good(const tl_record *record, size_t match) {
+    return record->measured_quality[match] == TL_GOOD && isfinite(record->y[match]);
+}
+
 static bool is_compared(const tl_lock_monitor *monitor, const tl_record *record) {
     bool compared = false;
     for (size_t i = 0; i < monitor->config->match_count; i++) {
-        compared = compared || (current_measure(monitor, i).weight > 0.0 && record->measured_quality[i] == TL_GOOD);
+        compared = compared || (current_measure(monitor, i).weight > 0.0 && is_good(record, i));
     }
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
@@ -218,7 +246,7 @@ static double step_distance(const tl_lock_monitor *monitor, const tl_record *rec
     double weights = 0.0;
     for (size_t i = 0; i < monitor->config->match_count; i++) {
         const struct tl_lock_measure by = current_measure(monitor, i);
-        if (by.weight > 0.0 && record->measured_quality[i] == TL_GOOD) {
+        if (by.weight > 0.0 && is_good(record, i)) {
             double error = (record->y[i] - record->measured[i]) / by.tolerance;
             sum += by.weight * error * error;
             weights += by.weight;
@@ -268,12 +296,8 @@ static bool has_objective(const tl_record *record) {
            (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR);
 }
 
-static bool has_run_away(const tl_lock_monitor *monitor, const tl_record *record, double away) {
-    bool ran_away = !(away < RUNAWAY) || (has_objective(record) && !isfinite(record->objective));
-    for (size_t i = 0; i < monitor->config->match_count; i++) {
-        ran_away = ran_away || !isfinite(record->y[i]);
-    }
-    return ran_away;
+static bool has_run_away(const tl_record *record, double away) {
+    return !(away < RUNAWAY) || (has_objective(record) && !isfinite(record->objective));
 }
 
 /* At a bound, and further from nominal than a negligible distance. */
@@ -313,7 +337,7 @@ static bool has_jumped(const tl_lock_monitor *monitor, size_t i, const tl_record
     const struct tl_lock_measure by = current_measure(monitor, i);
     double simulated = fabs(record->y[i] - monitor->y[i]);
     bool far = !(simulated < FAR_AWAY * by.tolerance) && !(simulated < MUCH_MORE * monitor->stride[i]);
-    return far && by.weight > 0.0 && record->measured_quality[i] == TL_GOOD;
+    return far && by.weight > 0.0 && is_good(record, i) && isfinite(monitor->y[i]);
 }
 
 static void add_outputs(tl_lock_monitor *monitor, const tl_record *record, tl_lock_part *part) {
@@ -461,10 +485,11 @@ static bool assess_lost(tl_lock_monitor *monitor, const window *all, char *cause
         far >= ASTRAY && share_of(all->jumps, compared) >= ASTRAY && is_still_astray(&monitor->part[monitor->at]);
     bool cycles = find_cycle(monitor, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     if (all->ran_away != 0) {
-        write_cause(cause,
-                    "an output or J has run away: off by %.0e tolerances or more, or not finite, in %u of the last %u "
-                    "%s",
-                    RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, unit_name(monitor));
+        write_cause(
+            cause,
+            "an output or J has run away: off by %.0e tolerances or more, or J not finite, in %u of the last %u "
+            "%s",
+            RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, unit_name(monitor));
     } else if (is_beyond(far, &FAR_OUTSIDE, inside)) {
         write_cause(
             cause, "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
@@ -651,7 +676,7 @@ const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_re
     } else {
         part->free++;
     }
-    if (has_run_away(monitor, record, away)) {
+    if (has_run_away(record, away)) {
         part->ran_away++;
         monitor->tally.ran_away++;
     }

@@ -57,8 +57,8 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *             has ten parts of 0.1 s, or of two steps if these are longer. The state is updated at
  *             the end of each part. With an event horizon, the unit is a stroke whose search has
  *             ended, and three strokes give the first state.
- * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement or not
- *             finite, or the J of a search is not finite.
+ * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement, or
+ *             the J of a search is not finite. An output that is not finite is not compared.
  * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
  *             First, the twin is ten tolerances off. Second, an output has moved that far in one
  *             step while the plant did not. An adequately sampled plant does not do that, and its
@@ -172,12 +172,19 @@ void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally);
  *          start values (tl_twin_reset()). This requires that the monitor reports it as astray. The
  *          pause until the next reset doubles after each one, until the twin has been in lock for
  *          TL_LOCK_LEARNS parts in a row.
+ * NaN:     the FMUs are also reset after TL_NOT_FINITE_STEPS steps in a row in which an output that
+ *          is connected or matched was not finite. This number doubles after each such reset, until
+ *          TL_FINITE_STEPS steps in a row had only finite ones.
  * Same:    it depends only on records and samples, so that a replay resets at the same steps.
  * Thread:  plain data; the thread of the twin.
  */
 
 /* Shortest and longest pause, in parts of the window. */
 enum { TL_LOCK_PAUSE_FIRST = 20, TL_LOCK_PAUSE_LAST = 6000 };
+
+/* Steps in a row with an output that is not finite, after which the FMUs are reset; steps without,
+ * after which it is forgotten; and how often their number doubles at most. */
+enum { TL_NOT_FINITE_STEPS = 10, TL_FINITE_STEPS = 100, TL_NOT_FINITE_RESETS = 16 };
 
 /* Fields are private. */
 typedef struct tl_recovery {
@@ -186,10 +193,13 @@ typedef struct tl_recovery {
     uint32_t pause;   /* parts until the next reset is allowed; 0: no reset yet, or it is forgotten */
     uint32_t passed;  /* parts since the last reset */
     uint32_t well;    /* parts in lock in a row */
+    uint32_t bad;     /* steps in a row with an output that is not finite */
+    uint32_t finite;  /* steps in a row without */
+    uint32_t resets;  /* because of them: the number has doubled so often */
 } tl_recovery;
 
-/* As tl_lock_monitor_init(). With an event horizon a twin is never reset, because its steps are not
- * compared. */
+/* As tl_lock_monitor_init(). With an event horizon a twin is not reset because it is astray: its
+ * steps are not compared. */
 void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_account *account);
 
 /* Adds a step; its sample goes to the monitor. Returns true if the FMUs must be reset before the

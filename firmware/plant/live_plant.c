@@ -16,16 +16,37 @@ struct tl_live_plant {
     tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* handles of the readers */
 };
 
+static tl_plant_limits limits_of(const tl_config_signal *signal) {
+    return (tl_plant_limits){
+        .minimum = signal->minimum,
+        .maximum = signal->maximum,
+        .below = signal->below,
+        .above = signal->above,
+        .items = signal->items,
+        .stale = tl_time_of_seconds(signal->stale_s),
+        .type = signal->plan.type,
+    };
+}
+
+void tl_live_plant_apply_bounds(const tl_config *config, tl_sample *sample) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_plant_limits limits = limits_of(&config->signals[i]);
+        bool moved = false;
+        if (!config->signals[i].is_declared || sample->quality[i] != TL_GOOD) {
+            continue;
+        }
+        if (!tl_plant_limits_apply(&limits, &sample->values[i], &moved)) {
+            sample->quality[i] = TL_OUT_OF_RANGE;
+        }
+        sample->moved |= moved ? UINT64_C(1) << i : 0;
+    }
+}
+
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
     input->count = config->signal_count;
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        input->limits[i] = (tl_plant_limits){
-            .minimum = signal->minimum,
-            .maximum = signal->maximum,
-            .stale = tl_time_of_seconds(signal->stale_s),
-            .type = signal->plan.type,
-        };
+        input->limits[i] = limits_of(signal);
         input->looks[i] = (tl_plant_lookup){
             .back = signal->look_back,
             .next = signal->next,

@@ -50,4 +50,8 @@ void tl_live_plant_close(tl_live_plant *plant);
  * limits of the signals, their look-ups and conditions. */
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config);
 
+/* Rates the good values of a recorded sample by the limits that FMUs declare
+ * (tl_config_use_bounds()). */
+void tl_live_plant_apply_bounds(const tl_config *config, tl_sample *sample);
+
 #endif

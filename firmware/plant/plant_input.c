@@ -141,6 +141,23 @@ static bool fits_type(double value, tl_type type) {
     return true;
 }
 
+static bool is_permitted(const tl_plant_limits *limits, double value) {
+    double place = value - limits->minimum;
+    bool is_item = limits->items == 0 || (place >= 0.0 && place < 64.0 && (limits->items >> (unsigned)place & 1U) != 0);
+    return !(value < limits->minimum - limits->below) && !(value > limits->maximum + limits->above) &&
+           fits_type(value, limits->type) && is_item;
+}
+
+bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *moved) {
+    bool is_below = *value < limits->minimum;
+    if (!is_permitted(limits, *value)) {
+        return false;
+    }
+    *moved = is_below || *value > limits->maximum;
+    *value = !*moved ? *value : is_below ? limits->minimum : limits->maximum;
+    return true;
+}
+
 /* Returns true if a stamp is plausible. Unsigned, because the difference of any two stamps may not
  * fit into tl_time. */
 static bool is_near(tl_time stamp, tl_time instant) {
@@ -159,8 +176,7 @@ static tl_quality rate_reading(const tl_plant_limits *limits, tl_time instant, t
         reading->value = isfinite(reading->value) ? reading->value : 0;
         return worse(quality, TL_NOT_A_NUMBER);
     }
-    if (reading->value < limits->minimum || reading->value > limits->maximum ||
-        !fits_type(reading->value, limits->type)) {
+    if (!is_permitted(limits, reading->value)) {
         quality = worse(quality, TL_OUT_OF_RANGE);
     }
     if (limits->stale > 0 && instant > reading->stamp && instant - reading->stamp > limits->stale) {
@@ -350,6 +366,7 @@ void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time inst
     tl_time alike = tick > 0 ? TL_PLANT_ALIKE : 0;
     sample->tick = tick;
     sample->instant = instant;
+    sample->moved = 0;
     for (size_t i = 0; i < input->count; i++) {
         if (input->streams[i] != NULL) {
             condition_signal(input, i, instant + alike);
@@ -359,6 +376,10 @@ void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time inst
         tl_reading reading;
         if (!take_signal(input, i, instant, alike, &reading)) {
             reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
+        }
+        bool moved = false;
+        if (reading.quality == TL_GOOD && tl_plant_limits_apply(&input->limits[i], &reading.value, &moved) && moved) {
+            sample->moved |= UINT64_C(1) << i;
         }
         sample->values[i] = reading.value;
         sample->stamps[i] = reading.stamp;

@@ -42,6 +42,9 @@ typedef struct tl_plant_lookup {
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
     double maximum; /* +infinity: none */
+    double below;   /* a value at most so far below the minimum is moved to it */
+    double above;   /* the same for the maximum */
+    uint64_t items; /* bit k: minimum + k is permitted, other values are out of range; 0: all */
     tl_time stale;  /* ns; older readings are stale; 0: never */
     tl_type type;   /* a value that is not a valid Integer or Boolean is out of range */
 } tl_plant_limits;
@@ -72,6 +75,10 @@ void tl_plant_input_close(tl_plant_input *input);
 
 /* Returns true if the newest reading of every signal is good, with any value. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
+
+/* Rates a value by limits. Returns false if it is out of range. A value slightly beyond a limit is
+ * moved to it. */
+bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *moved);
 
 /* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
  * value is the one that was read, or 0 without a reading or number. An interpolated value has the

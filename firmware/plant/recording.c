@@ -40,6 +40,7 @@ struct tl_recording {
     bool by_recording;          /* stamps, and t_start, are those of the recording that the run replayed */
     tl_recording_beginning beginning;
     tl_recording_tunings tunings;
+    tl_recording_time time;         /* without its length */
     bool looks_up_again;            /* signals are looked up as the configuration requires: */
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest posted reading */
 };
@@ -320,6 +321,7 @@ static tl_status open_run(tl_recording *recording, tl_error *error) {
     recording->looks_up_again = !recording->same_configuration && differs_in_lookups(recording, run);
     recording->by_recording = strcmp(run->verb, "replay") == 0;
     recording->ticks = range[1] + 1;
+    recording->time = (tl_recording_time){.has_start = strcmp(run->verb, "hold") != 0, .experiment = run->experiment};
     status = find_tunings(recording, run, error);
     return status == TL_OK ? find_beginning(recording, run, range[0], error) : status;
 }
@@ -383,6 +385,7 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
         find_start(recording, &read.sample);
     }
     read.sample.instant = tl_time_of_step(recording->start, recording->config->step, read.sample.tick);
+    tl_live_plant_apply_bounds(recording->config, &read.sample);
     tick->sample = read.sample;
     if (recording->looks_up_again || recording->on_reading != NULL) {
         post_new_readings(recording, &read.sample);
@@ -558,6 +561,16 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
 
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording) {
     return recording->tunings;
+}
+
+void tl_recording_use_limits(tl_recording *recording) {
+    tl_live_plant_set_limits(&recording->input, recording->config);
+}
+
+tl_recording_time tl_recording_get_time(const tl_recording *recording) {
+    tl_recording_time time = recording->time;
+    time.length = tl_time_of_step(0, recording->config->step, recording->ticks - 1);
+    return time;
 }
 
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording) {

@@ -61,6 +61,13 @@ typedef struct tl_recording_beginning {
     const tl_history_checkpoint *checkpoint; /* and from which checkpoint; NULL: from start values */
 } tl_recording_beginning;
 
+/* Time of the FMUs, as a recording knows it. Zeroed: unknown. */
+typedef struct tl_recording_time {
+    bool has_start;           /* a database: the run's own */
+    tl_experiment experiment; /* stop_s is not above start_s if it is not recorded */
+    tl_time length;           /* ns, from tick 0 to the end; 0: there is none */
+} tl_recording_time;
+
 /* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
  * wrote.
  *
@@ -90,6 +97,12 @@ const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *rec
 
 /* Returns the tunings; most recordings have none. */
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
+
+/* Takes the limits of the configuration again, before the first tick: those that FMUs declare
+ * (tl_config_use_bounds()) apply to recorded values too. */
+void tl_recording_use_limits(tl_recording *recording);
+
+tl_recording_time tl_recording_get_time(const tl_recording *recording);
 
 /* Reads the next tick, starting with 0 or the first one. Sets *end if the recording ends before the
  * tick's instant. */

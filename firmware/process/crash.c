@@ -38,6 +38,7 @@ enum { SIGNALS = sizeof signals / sizeof signals[0] };
 
 static pid_t process;
 static char prefix[TL_LOG_PREFIX];
+static char warning_prefix[TL_LOG_PREFIX];
 static pid_t reporting_thread; /* thread that reports; 0: none */
 
 /* Alternate stacks of the main thread and of the FMU thread. */
@@ -47,6 +48,9 @@ static __thread tl_crash_thread thread_kind;
 static __thread uintptr_t stack_end; /* lowest address of the thread's stack */
 static __thread uintptr_t stack_guard;
 static __thread uintptr_t in_foreign; /* frame that calls an FMU's handler; 0: none */
+static __thread sigjmp_buf catch_point;
+static __thread volatile bool is_caught; /* a crash continues at catch_point */
+static __thread const char *volatile caught_signal = "";
 
 static crash_signal *find_signal(int number) {
     for (size_t i = 0; i < SIGNALS; i++) {
@@ -105,8 +109,9 @@ static void describe_crash(crash_line *line, const char *signal, bool overflow) 
 
 static void report_crash(const crash_signal *signal, const siginfo_t *info) {
     crash_line line = {.length = 0};
-    add_text(&line, prefix);
+    add_text(&line, tl_process_is_complete() ? warning_prefix : prefix);
     describe_crash(&line, signal->name, is_overflow(signal->number, info));
+    add_text(&line, tl_process_is_complete() ? " (the results are complete)" : "");
     add_text(&line, "\n");
     ssize_t written = write(STDERR_FILENO, line.text, line.length);
     (void)written; /* if stderr fails, there is no other output */
@@ -160,6 +165,32 @@ static bool may_report(void) {
     return false;
 }
 
+/* Continues at the catch point of this thread, if it has one. */
+static void continue_caught(const crash_signal *signal) {
+    sigset_t set;
+    if (is_caught && process == getpid()) {
+        is_caught = false;
+        caught_signal = signal->name;
+        (void)sigemptyset(&set);
+        (void)sigaddset(&set, signal->number);
+        (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
+        siglongjmp(catch_point, 1);
+    }
+}
+
+sigjmp_buf *tl_crash_catch_begin(void) {
+    is_caught = true;
+    return &catch_point;
+}
+
+void tl_crash_catch_end(void) {
+    is_caught = false;
+}
+
+const char *tl_crash_caught(void) {
+    return caught_signal;
+}
+
 static void on_crash(int number, siginfo_t *info, void *context) {
     int saved = errno;
     const crash_signal *signal = find_signal(number);
@@ -168,8 +199,10 @@ static void on_crash(int number, siginfo_t *info, void *context) {
         errno = saved;
         return;
     }
+    continue_caught(signal);
     if (process == getpid() && may_report()) {
         report_crash(signal, info);
+        tl_process_end_if_complete();
         if (is_handler(&signal->before)) {
             call_handler(&signal->before, number, info, context);
         }
@@ -242,6 +275,7 @@ void tl_crash_install(void) {
     (void)sigemptyset(&own.sa_mask);
     process = getpid();
     tl_log_prefix(TL_LOG_ERROR, prefix, sizeof prefix);
+    tl_log_prefix(TL_LOG_WARNING, warning_prefix, sizeof warning_prefix);
     use_alternate_stack(alternate[0]);
     tl_crash_enter(TL_CRASH_OURS);
     for (size_t i = 0; i < SIGNALS; i++) {

@@ -13,10 +13,14 @@
  *          restored ours. If it returns or jumps away, the signal counts as handled, because
  *          virtual machines handle null pointers this way. If it forwards the signal to the
  *          previous handler, as Python's faulthandler does, ours reports it.
+ * Late:    after tl_process_complete() the line is a warning, and the process exits as planned.
+ * Caught:  see TL_CRASH_CATCH().
  * Thread:  install from one thread; each thread calls tl_crash_enter() for itself.
  */
 #ifndef TL_FIRMWARE_PROCESS_CRASH_H
 #define TL_FIRMWARE_PROCESS_CRASH_H
+
+#include <setjmp.h>
 
 typedef enum tl_crash_thread {
     TL_CRASH_FOREIGN, /* every thread that has not called tl_crash_enter() */
@@ -31,5 +35,21 @@ void tl_crash_install(void);
 
 /* Marks the calling thread as ours. At most one thread at a time may call FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
+
+/* ---- Catches a crash in a call that another method can replace.
+ *
+ * TL_CRASH_CATCH() is false at first. If the calling thread, which calls FMUs, crashes before
+ * tl_crash_catch_end(), it is true and execution continues there. So the function that uses it must
+ * not return before tl_crash_catch_end(), and must not change its variables in between. The FMU's
+ * memory is then as the crash left it, and its locks are not released. */
+#define TL_CRASH_CATCH() (sigsetjmp(*tl_crash_catch_begin(), 0) != 0)
+
+/* Private: use TL_CRASH_CATCH(). */
+sigjmp_buf *tl_crash_catch_begin(void);
+
+void tl_crash_catch_end(void);
+
+/* Returns the name of the signal that was caught last: "Segmentation fault". */
+const char *tl_crash_caught(void);
 
 #endif

@@ -33,6 +33,7 @@ static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_SERIALIZED_SIZE] = "fmi2SerializedFMUstateSize",
     [TL_FMU_SERIALIZE] = "fmi2SerializeFMUstate",
     [TL_FMU_DESERIALIZE] = "fmi2DeSerializeFMUstate",
+    [TL_FMU_GET_BOOLEAN_STATUS] = "fmi2GetBooleanStatus",
     [TL_FMU_DO_STEP] = "fmi2DoStep",
 };
 

@@ -47,6 +47,7 @@ typedef enum tl_fmu_function {
     TL_FMU_SERIALIZED_SIZE,
     TL_FMU_SERIALIZE,
     TL_FMU_DESERIALIZE,
+    TL_FMU_GET_BOOLEAN_STATUS,
     TL_FMU_DO_STEP,
     TL_FMU_FUNCTIONS /* number of values */
 } tl_fmu_function;

@@ -28,6 +28,7 @@ enum { FMU_FAILED = 70, FLUSH_S = 1 };
 /* State of the process, which ends only once. */
 static pid_t process; /* the process that this module ends; processes that an FMU forks are not affected */
 static volatile sig_atomic_t ending;
+static volatile sig_atomic_t complete; /* only FMUs are freed from now on */
 static volatile sig_atomic_t end_code;
 static tl_process_keeper *end_keeper;
 static void *keeper_context;
@@ -92,6 +93,10 @@ static void on_exit_called(int code, void *unused) {
             "its maker",
             code);
     }
+    if (complete != 0) {
+        tl_log(TL_LOG_WARNING, "%s (the results are complete)", reason);
+        flush_and_end();
+    }
     tl_process_give_up(reason);
 }
 
@@ -99,6 +104,15 @@ void tl_process_begin(void) {
     static bool registered;
     process = getpid();
     registered = registered || on_exit(on_exit_called, NULL) == 0;
+}
+
+void tl_process_complete(int code) {
+    end_code = code;
+    complete = 1;
+}
+
+bool tl_process_is_complete(void) {
+    return complete != 0;
 }
 
 void tl_process_end(int code) {
@@ -137,6 +151,12 @@ void tl_process_run_exit_handlers(void) {
 
 void tl_process_end_if_ending(void) {
     if (ending != 0 && process == getpid()) {
+        _exit(end_code);
+    }
+}
+
+void tl_process_end_if_complete(void) {
+    if (complete != 0 && process == getpid()) {
         _exit(end_code);
     }
 }

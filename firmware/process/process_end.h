@@ -13,6 +13,8 @@
 #ifndef TL_FIRMWARE_PROCESS_PROCESS_END_H
 #define TL_FIRMWARE_PROCESS_PROCESS_END_H
 
+#include <stdbool.h>
+
 enum { TL_PROCESS_END_S = 2 };
 
 /* Call it at the start of the process, before anything is loaded, and again after a fork. */
@@ -21,6 +23,13 @@ void tl_process_begin(void);
 /* Ends the process with this exit code. A sanitizer checks for leaks first, unless an interpreter
  * is open. */
 void tl_process_end(int code) __attribute__((noreturn));
+
+/* All results are complete; only FMUs are freed from now on. If one crashes or calls exit() there,
+ * that is a warning, and the process ends with this exit code. */
+void tl_process_complete(int code);
+
+/* For the crash handler: true after tl_process_complete(). */
+bool tl_process_is_complete(void);
 
 /* Ends the process with exit code 70, because an FMU has not returned or has called exit(). Logs
  * `why` and saves unfinished work (tl_process_set_saver()). The parent removes the folders of the
@@ -36,7 +45,8 @@ void tl_process_set_saver(tl_process_keeper *keeper, void *context);
 void tl_process_run_exit_handlers(void);
 
 /* For the crash handler: if the process is already ending, exits at once with the planned exit
- * code. */
+ * code. The second function does so if the results are complete. */
 void tl_process_end_if_ending(void);
+void tl_process_end_if_complete(void);
 
 #endif

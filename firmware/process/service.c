@@ -43,7 +43,7 @@ bool tl_service_notify(const char *state) {
 }
 
 /* Replaces sd_watchdog_enabled(). */
-tl_time tl_service_extend_timeout(void) {
+tl_time tl_service_watchdog_period(void) {
     const char *process = getenv("WATCHDOG_PID"); /* the process that is meant; children inherit the variable */
     const char *microseconds = getenv("WATCHDOG_USEC");
     bool is_meant = process == NULL || strtol(process, NULL, 10) == getpid();

@@ -1,5 +1,5 @@
-/* Service manager: notifies systemd, or another one with its protocol (sd_notify(3)). Without one,
- * all functions do nothing.
+/* Service manager: notifies systemd, or another service manager with the same protocol
+ * (sd_notify(3)). Without a service manager, all functions do nothing.
  *
  * Purpose: reports that the start is complete, that the program is alive, its status, and that it
  *          ends.
@@ -13,11 +13,12 @@
 #include "master/base/simtime.h"
 
 /* Sends lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not block.
- * Returns false if the socket is full because the service manager has not read earlier lines. It
- * may get no processor time while a real-time process runs, so never wait for it. */
+ * Returns false if the socket is full because the service manager has not read earlier lines. A
+ * real-time process may keep the service manager from running, so never wait for it. */
 bool tl_service_notify(const char *state);
 
-/* Returns WatchdogSec, the longest time between two "WATCHDOG=1", ns; 0: no watchdog. */
-tl_time tl_service_extend_timeout(void);
+/* Returns the unit's WatchdogSec, ns: the longest time between two "WATCHDOG=1"; 0: no watchdog.
+ * Sends nothing, and extends no timeout (EXTEND_TIMEOUT_USEC). */
+tl_time tl_service_watchdog_period(void);
 
 #endif

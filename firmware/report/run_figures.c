@@ -11,6 +11,7 @@ void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *ste
     figures->evaluations += (uint64_t)step->evaluations;
     figures->optimised_steps += step->evaluations > 1 ? 1 : 0;
     figures->rested += (step->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
+    figures->refused += (step->flags & TL_FLAG_REFUSED) != 0 ? 1 : 0;
     figures->time_limited += step->stop == TL_STOP_TIME ? 1 : 0;
     figures->late += step->used > period ? 1 : 0;
     figures->longest = step->used > figures->longest ? step->used : figures->longest;

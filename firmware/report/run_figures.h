@@ -39,6 +39,7 @@ typedef struct tl_run_figures {
     uint64_t evaluations;
     uint64_t optimised_steps; /* steps with more than one evaluation */
     uint64_t rested;          /* steps with u at nominal because the free-running twin was nearer */
+    uint64_t refused;         /* steps with candidates that could not be evaluated */
     uint64_t outcomes[TL_OUTCOMES];
     uint64_t time_limited; /* searches that ended because the time budget was used up */
     uint64_t late;         /* steps that took longer than their period */

@@ -22,6 +22,9 @@ static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_add_text(json, "ended_reason", run->ended_reason);
     tl_json_add_text(json, "committed", run->committed);
     tl_json_add_number(json, "step_s", tl_seconds(run->step));
+    tl_json_add_number(json, "start_s", run->experiment.start_s);
+    tl_json_add_number(json, "stop_s",
+                       run->experiment.stop_s > run->experiment.start_s ? run->experiment.stop_s : (double)NAN);
     tl_json_add_count(json, "prediction", run->prediction);
     tl_json_add_count(json, "lead", run->lead);
     tl_json_add_text(json, "measurements", tl_pairing_names[run->measurements]);
@@ -56,6 +59,7 @@ static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
     tl_json_add_count(json, "evaluations", figures->evaluations);
     tl_json_add_count(json, "optimised_steps", figures->optimised_steps);
     tl_json_add_count(json, "rested_steps", figures->rested);
+    tl_json_add_count(json, "refused_steps", figures->refused);
     tl_json_add_count(json, "time_limited", figures->time_limited);
     tl_figures_json_add_outcomes(json, figures);
 }

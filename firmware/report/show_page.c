@@ -173,6 +173,10 @@ static void print_steps(const show_page *page) {
         (void)fprintf(page->file, "                 the search was stopped by the time budget in %llu of them\n",
                       (unsigned long long)figures->time_limited);
     }
+    if (figures->refused > 0) {
+        (void)fprintf(page->file, "                 trials were refused in %llu of them: see the events\n",
+                      (unsigned long long)figures->refused);
+    }
     if (figures->rested > 0) {
         (void)fprintf(page->file, "                 at nominal in %llu of them: the free-running twin was nearer\n",
                       (unsigned long long)figures->rested);

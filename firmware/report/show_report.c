@@ -126,7 +126,7 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
 }
 
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error) {
-    if (tl_new_file_is(path, request->path)) {
+    if (tl_new_file_would_replace(path, request->path)) {
         return tl_fail(error, TL_BAD_USAGE, "--report %.200s would overwrite the database: give it another name", path);
     }
     recorded_run *run = calloc(1, sizeof *run);

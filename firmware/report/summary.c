@@ -35,11 +35,13 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->nominal[i]);
     }
     tl_run_figures_add_step(&summary->figures, &step, config->step);
+    summary->refused += record->refused.count;
 }
 
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
     summary->samples++;
     for (size_t i = 0; i < config->signal_count; i++) {
+        summary->moved[i] += sample->moved >> i & 1U;
         bool is_one = !config->signals[i].is_reading; /* its look-up is matched and counted instead */
         if (is_one && sample->quality[i] != TL_GOOD) {
             summary->not_good[i]++;
@@ -223,6 +225,7 @@ static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_
         tl_json_open_object(json, config->signals[i].plan.name);
         tl_json_add_count(json, "samples", summary->samples);
         tl_json_add_count(json, "not_good", summary->not_good[i]);
+        tl_json_add_count(json, "moved", summary->moved[i]);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -247,6 +250,8 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
+    tl_json_add_count(&json, "refused_trials", summary->refused);
+    tl_json_add_count(&json, "refused_steps", page.figures.refused);
     add_matches(&json, &page);
     add_plant(&json, summary, config);
     add_adjusted(&json, &page);
@@ -335,7 +340,7 @@ static void print_match(const printing *page, size_t match) {
                    space_before(unit), unit, is_compared_only ? "; compared only" : "");
     }
     if (metrics->left_out != 0) {
-        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements were not good and are left out",
+        print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements or outputs were not good and are left out",
                    metrics->left_out, metrics->left_out + metrics->pairs);
     }
 }
@@ -344,6 +349,12 @@ static void print_match(const printing *page, size_t match) {
 static void print_inputs(const printing *page) {
     for (size_t i = 0; i < page->config->signal_count; i++) {
         uint64_t bad = page->summary->not_good[i];
+        if (page->summary->moved[i] != 0) {
+            (void)fprintf(page->file,
+                          "  plant.%s: %" PRIu64 " of %" PRIu64 " samples were slightly beyond a limit that an FMU "
+                          "declares, and were moved to it\n",
+                          page->config->signals[i].plan.name, page->summary->moved[i], page->summary->samples);
+        }
         if (bad != 0 && !is_matched(page->config, i)) {
             const char *name = page->config->signals[i].plan.name;
             tl_quality quality = (tl_quality)page->summary->rejected[i].quality;
@@ -409,6 +420,11 @@ static void print_effort(const printing *page) {
     }
     if (total.repeated + total.uncached != 0) {
         print_line(page, "", "%" PRIu64 " repeated, %" PRIu64 " not cached", total.repeated, total.uncached);
+    }
+    if (page->summary->refused != 0) {
+        print_line(page, "refused",
+                   "%" PRIu64 " trials in %" PRIu64 " steps: an FMU failed, or an output was not finite",
+                   page->summary->refused, figures->refused);
     }
 }
 

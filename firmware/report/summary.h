@@ -22,22 +22,24 @@
  */
 
 typedef struct tl_summary {
-    tl_run_figures figures;            /* except what the twin itself counts: added when it is printed */
+    tl_run_figures figures;            /* without the counts of the twin's account; print adds them */
     uint64_t samples;                  /* samples of the plant */
     uint64_t not_good[TL_MAX_SIGNALS]; /* samples that were not good, by signal */
+    uint64_t moved[TL_MAX_SIGNALS];    /* samples whose value was moved to a limit of an FMU, by signal */
     struct {
         double value;
         tl_time age; /* of the reading, ns */
         uint32_t quality;
     } rejected[TL_MAX_SIGNALS]; /* the last sample that was not good, by signal */
+    uint64_t refused;           /* candidates that could not be evaluated */
     uint64_t ticks;             /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
     uint64_t deadline_misses;   /* steps that ended after their period */
-    uint64_t gaps;              /* live: how often ticks were missed and caught up; several at once count as one */
+    uint64_t gaps;              /* live: number of gaps; successive missed ticks are one gap */
     tl_lock_tally lock;         /* of the last twin of a run */
     uint64_t tunings;           /* tunings received during the run */
     uint64_t tunings_left_out;  /* of these, not applied by a replay, because its configuration is different */
     double wall_s;
-    tl_resumption resumption; /* if it resumes an earlier run; the outcomes include the last steps of that run */
+    tl_resumption resumption; /* of the earlier run, if any; the outcomes then include its last steps */
 } tl_summary;
 
 /* Adds the record of a committed step. */
@@ -47,8 +49,8 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
 /* Checks that the twin was in lock in at least `percent` of the steps, as tl_lock_tally_is_enough()
- * does. With 0 %, nothing is checked if nothing is adjusted or if the run resumes another one.
- * Errors: TL_NOT_LOCKED. */
+ * does. With `percent` 0, returns TL_OK without a check if nothing is adjusted, or if the run
+ * resumes another run. Errors: TL_NOT_LOCKED. */
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
 /* Prints one JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; then nothing is
@@ -61,7 +63,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
                             FILE *file);
 
-/* ---- Validation of the run end that a twin reports.
+/* ---- Validation of a run end: the summary and the account that a twin reports when its run ends.
  *
  * Trust:   an FMU process may have written anything into its status block. Values that index an
  *          array or are printed as text are checked before use.

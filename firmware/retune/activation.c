@@ -58,7 +58,7 @@ static tl_activation_view view_now(const tl_activation *self) {
 }
 
 static void find_running_hash(const tl_activation *self, char hash[TL_SHA256_TEXT]) {
-    self->settings.host->active_text(self->settings.host->context, hash);
+    self->settings.host->active_hash(self->settings.host->context, hash);
 }
 
 /* True if the run does not use the version that is active on disk, because a change was
@@ -446,7 +446,7 @@ static void take_trial_line(void *context, const char *line) {
     tl_activation *self = context;
     const char *text = line;
     int level = tl_log_level_of(line, &text);
-    self->was_reported = self->waited;
+    self->reported_at = self->waited;
     if (report_problem(self, text)) {
         self->problems++;
     } else if (level == TL_LOG_ERROR && self->heard[0] == '\0') {
@@ -804,7 +804,7 @@ static outcome undo_activation(tl_activation *self, const char *why) {
 static outcome poll_answer(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     char why[TL_ACTIVATION_WHY] = "";
-    switch (self->way == TL_ACTIVATION_BY_HANDOVER ? host->has_handed_over(host->context, why)
+    switch (self->way == TL_ACTIVATION_BY_HANDOVER ? host->handover_result(host->context, why)
                                                    : host->tuning_result(host->context, why)) {
     case TL_ACTIVATION_STARTED:
         return DONE;
@@ -1056,9 +1056,9 @@ static void run_steps(tl_activation *self, outcome result) {
         const step_row *row = &rows[self->row];
         self->step = row->step;
         self->waited = 0;
-        self->was_reported = 0;
+        self->reported_at = 0;
         result = row->begin == NULL ? RUNNING : row->begin(self);
-        self->looked = tl_clock_now(NULL);
+        self->polled_at = tl_clock_now(NULL);
     }
     if (result == ENDED) {
         clear_change(self);
@@ -1086,8 +1086,8 @@ void tl_activation_poll(tl_activation *activation) {
     tl_time now = tl_clock_now(NULL);
     tl_time before = activation->waited;
     outcome result = RUNNING;
-    activation->passed = now - activation->looked;
-    activation->looked = now;
+    activation->passed = now - activation->polled_at;
+    activation->polled_at = now;
     activation->waited += activation->passed;
     pass_tolerances(activation);
     if (row->poll == NULL) {
@@ -1108,8 +1108,8 @@ void tl_activation_poll(tl_activation *activation) {
                                                              : undo_activation(activation, row->late));
     } else if (row->slow != NULL && activation->waited > SILENCE && before <= SILENCE) {
         report_step(activation, row->step, "%s", row->slow);
-    } else if (row->progress != NULL && activation->waited - activation->was_reported >= PROGRESS) {
-        activation->was_reported = activation->waited;
+    } else if (row->progress != NULL && activation->waited - activation->reported_at >= PROGRESS) {
+        activation->reported_at = activation->waited;
         row->progress(activation);
     }
 }
@@ -1117,7 +1117,7 @@ void tl_activation_poll(tl_activation *activation) {
 /* ---- activation ---- */
 
 void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings) {
-    *activation = (tl_activation){.settings = *settings, .looked = tl_clock_now(NULL)};
+    *activation = (tl_activation){.settings = *settings, .polled_at = tl_clock_now(NULL)};
     if (is_on_probation(activation)) {
         tl_probation_resume(&activation->probation, &settings->versions->probation.account);
     }
@@ -1195,7 +1195,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
     return true;
 }
 
-void tl_activation_refuse(tl_activation *activation, const char *who) {
+void tl_activation_roll_back(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
     (void)end_by_user(activation, TL_PROBATION_RETURN, "rollback requested", who);
     run_steps(activation, poll_probation(activation));

@@ -5,10 +5,11 @@
  *          it, its time limit, and the progress message. One driver executes the rows in their
  *          order, skips rows that a change does not need, enforces the limits and ends a change
  *          that fails.
- * Disk:    a new version becomes active on disk before the run gets it. At its start, the config
- *          manager compares both. It completes an unfinished change, or rolls it back if the disk
- *          still names the version before. The progress of a probation is saved every 10 s.
- * Waiting: for the disk and for a fork. Never for a worker, a twin or a client.
+ * Disk:    a new version becomes active on disk before the run gets it. When the config manager
+ *          starts, it compares the active version on disk with that of the run. If they differ, a
+ *          change was interrupted, and the run gets the version on disk. The progress of a
+ *          probation is saved every 10 s.
+ * Waiting: calls block only for the disk and for fork(), never for a worker, a twin or a client.
  * Thread:  the main thread of the config manager.
  */
 #ifndef TL_FIRMWARE_RETUNE_ACTIVATION_H
@@ -36,17 +37,17 @@ enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
 
 /* State of the run. */
 typedef struct tl_activation_view {
-    tl_run_status figures;         /* of the run; all counts restart at 0 with another run, also after a handover */
+    tl_run_status figures;         /* of the run; counts restart at 0 with each run, also after a handover */
     double step_s;                 /* T_S, s */
-    bool holds;                    /* safe hold: there is no twin, */
-    bool waits;                    /* because it may not start yet; this time does not count for a probation */
+    bool holds;                    /* safe hold: there is no twin */
+    bool waits;                    /* safe hold because the twin may not start yet; no time of a probation */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
 typedef enum tl_activation_answer {
-    TL_ACTIVATION_WAITS,   /* for the twin, or until the recorder has recorded the previous tuning */
-    TL_ACTIVATION_STARTED, /* the twin uses it since a tick; all later twins will use it too */
-    TL_ACTIVATION_REFUSED  /* the twin rejected it */
+    TL_ACTIVATION_WAITS,   /* no result yet: the twin has not answered, or the handover is not finished */
+    TL_ACTIVATION_STARTED, /* the twin uses the tuning (all later twins too), or the new twin has taken over */
+    TL_ACTIVATION_REFUSED  /* the twin rejected the tuning, or the handover was not possible */
 } tl_activation_answer;
 
 /* A candidate whose twin is to run as a shadow. */
@@ -54,8 +55,8 @@ typedef struct tl_activation_candidate {
     const char *text;
     size_t size;
     const char *hash;
-    tl_live_needs needs;                  /* resources that it needs: measured by a trial, then bounded */
-    const tl_lock_tolerances *tolerances; /* the lock monitor of its twin evaluates these as well; zeroed: none */
+    tl_live_needs needs;                  /* resources that its twin may use: as measured by the trial, within limits */
+    const tl_lock_tolerances *tolerances; /* further tolerances by which the shadow evaluates its lock; zeroed: none */
 } tl_activation_candidate;
 
 typedef enum tl_activation_phase {
@@ -71,17 +72,19 @@ typedef struct tl_activation_shadow {
     tl_activation_phase phase;
     char hash[TL_SHA256_TEXT]; /* of the shadow's configuration; "": unknown */
     char why[TL_ACTIVATION_WHY];
-    tl_run_status work;
-    tl_run_status beside; /* the run's twin, at the same moment */
+    tl_run_status work;   /* of the shadow */
+    tl_run_status beside; /* of the run's twin, at the same moment */
 } tl_activation_shadow;
 
 typedef struct tl_activation_host {
     void *context;
+
+    /* Reads the present state of the run. */
     void (*look)(void *context, tl_activation_view *view);
 
     /* Writes the hash of the configuration that the run uses now, or will use from its next tick
      * on. */
-    void (*active_text)(void *context, char hash[TL_SHA256_TEXT]);
+    void (*active_hash)(void *context, char hash[TL_SHA256_TEXT]);
 
     /* Copies the text of the configuration with this hash from the run's memory, with a final NUL.
      * `text` has TL_CONTROL_MOST + 1 bytes. Returns false if the memory does not contain it. */
@@ -92,8 +95,8 @@ typedef struct tl_activation_host {
      * Reads all files. */
     bool (*has_other_fmus)(void *context, const char *text, size_t size);
 
-    /* From one of its next ticks on, the run's twin evaluates its lock with these tolerances as
-     * well (lock_before). Zeroed: only with its own. */
+    /* Passes a second set of tolerances to the run's twin. From one of its next ticks on, it also
+     * evaluates its lock by these (run status: lock_before). Zeroed: no second evaluation. */
     void (*judge_by)(void *context, const tl_lock_tolerances *tolerances);
 
     /* Sends a version's tuning, and its text with a final NUL, to the run's twin. Returns false if
@@ -106,6 +109,8 @@ typedef struct tl_activation_host {
     /* Orders a shadow with this candidate; it replaces any other shadow. Returns false while an
      * earlier order is pending; then the caller retries. */
     bool (*begin_shadow)(void *context, const tl_activation_candidate *candidate);
+
+    /* Reads the present state of the shadow. */
     void (*look_at_shadow)(void *context, tl_activation_shadow *shadow);
 
     /* Orders the end of the shadow. It may end later. */
@@ -115,9 +120,9 @@ typedef struct tl_activation_host {
      * becomes its shadow. Returns false while an earlier order is pending. */
     bool (*handover)(void *context);
 
-    /* Returns the result of the handover: taken, or refused because there was no shadow. `why`: the
-     * reason. After it, in_force() and tunings refer to the new twin. */
-    tl_activation_answer (*has_handed_over)(void *context, char why[TL_ACTIVATION_WHY]);
+    /* Returns the result of the handover. It is refused if there is no shadow that can take over;
+     * `why` is the reason. After a handover, active_text() and tune() refer to the new twin. */
+    tl_activation_answer (*handover_result)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* Ends the run. A new run starts with the version that is active on disk. */
     void (*restart)(void *context);
@@ -128,7 +133,7 @@ typedef struct tl_activation_host {
 
 /* ---- Activation. */
 
-/* How a change is applied to the run. */
+/* Method by which a change is applied to the run. */
 typedef enum tl_activation_method {
     TL_ACTIVATION_IN_PLACE,    /* the running twin changes its tuning */
     TL_ACTIVATION_BY_HANDOVER, /* another twin takes over between two ticks */
@@ -172,7 +177,7 @@ typedef struct tl_rehearsal {
 typedef enum tl_activation_cause {
     TL_ACTIVATION_CANDIDATE, /* a client sent a candidate */
     TL_ACTIVATION_RETURN,    /* rollback from the version on probation to the one before */
-    TL_ACTIVATION_SETTLES    /* nothing changes on disk: the run gets the version that is active there */
+    TL_ACTIVATION_SETTLES    /* completes an interrupted change: the run gets the version that is active on disk */
 } tl_activation_cause;
 
 /* The steps, in their order. Clients see several of them as one step (tl_control_step). Private. */
@@ -182,13 +187,13 @@ typedef enum tl_activation_row {
     TL_ACTIVATION_ROW_VALIDATE,
     TL_ACTIVATION_ROW_TRY,
     TL_ACTIVATION_ROW_PREDICT,
-    TL_ACTIVATION_ROW_ORDER, /* the shadow: ordered, */
+    TL_ACTIVATION_ROW_ORDER, /* orders the shadow */
     TL_ACTIVATION_ROW_LOAD,
     TL_ACTIVATION_ROW_LIVE,
     TL_ACTIVATION_ROW_COMPARE,
     TL_ACTIVATION_ROW_ACTIVATE, /* the active version on disk is changed */
     TL_ACTIVATION_ROW_HAND_OVER,
-    TL_ACTIVATION_ROW_ANSWER, /* waits until the twin has applied it */
+    TL_ACTIVATION_ROW_ANSWER, /* waits until the twin has applied the change */
     TL_ACTIVATION_ROW_PROBATION,
     TL_ACTIVATION_ROWS
 } tl_activation_row;
@@ -200,7 +205,7 @@ typedef struct tl_activation {
     tl_control_step step; /* of `row`, as clients see it */
     tl_activation_method way;
     tl_activation_cause cause;
-    bool is_wanted;      /* a rollback that a client requested */
+    bool is_wanted;      /* a client requested this rollback */
     bool has_other_fmus; /* the text is the active one, but an FMU's file differs from the loaded one */
     bool is_measured;    /* the trial has answered */
     tl_control_request request;
@@ -210,19 +215,18 @@ typedef struct tl_activation {
     tl_worker worker;
     tl_verdict verdict;
     tl_trial_answer answer;
-    char heard
-        [TL_CONTROL_TEXT]; /* the first error that the trial logged, if it is no problem of the configuration's text; "": none */
-    uint32_t problems; /* number of problems of the configuration's text that the trial logged */
+    char heard[TL_CONTROL_TEXT]; /* the trial's first error, except problems of the configuration's text; "": none */
+    uint32_t problems;           /* number of problems of the configuration's text that the trial logged */
     tl_rehearsal rehearsal;
     char leaving[TL_SHA256_TEXT]; /* hash of the run's configuration before a handover */
-    tl_time passed;               /* ns since the previous poll, */
-    tl_time waited;               /* ns since the step began, */
-    tl_time was_reported;         /* and ns since its last message */
+    tl_time passed;               /* ns from the previous poll to this one */
+    tl_time waited;               /* ns since the step began */
+    tl_time reported_at;          /* value of `waited` at the step's last message */
     tl_probation probation;
     tl_time unsaved;   /* ns since the probation was saved */
-    tl_time pause;     /* ns until the end of the probation is retried */
-    bool is_unwritten; /* the disk rejected the end of the probation, and that was logged */
-    tl_time looked;
+    tl_time pause;     /* ns until the probation is ended again after a failed try */
+    bool is_unwritten; /* the probation could not be saved, and that was logged */
+    tl_time polled_at; /* CLOCK_MONOTONIC: time of the previous poll */
 } tl_activation;
 
 /* Starts with the state on disk: resumes a probation and completes an unfinished change. */
@@ -244,8 +248,8 @@ void tl_activation_start(tl_activation *activation, const tl_control_request *re
 /* Cancels a candidate that is not active yet. Returns false if there is none. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 
-/* True if the lock is lost by the tolerances of the version that the probation would return to.
- * Then confirming requires the right to commission. */
+/* True if the twin is not in lock by the tolerances of the previous version, to which the probation
+ * can roll back. Only a client with the right to commission may then confirm the new version. */
 bool tl_activation_was_lost_before(const tl_activation *activation);
 
 /* Keeps the version on probation. Returns false if there is none. *is_done: the decision is saved
@@ -254,12 +258,13 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 
 /* Rolls back the version on probation; only during the step TL_CONTROL_PROBATION. Sends the result
  * to the client. */
-void tl_activation_refuse(tl_activation *activation, const char *who);
+void tl_activation_roll_back(tl_activation *activation, const char *who);
 
 /* Polls the current step and begins the next one. May be called at any rate. */
 void tl_activation_poll(tl_activation *activation);
 
-/* Ends the current worker. The next config manager continues from the state on disk. */
+/* Saves a probation and ends the current worker. The next config manager continues from the state
+ * on disk. */
 void tl_activation_end(tl_activation *activation);
 
 #endif

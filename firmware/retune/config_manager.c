@@ -215,7 +215,7 @@ static void roll_back(tl_config_manager *self, client_slot *client) {
             finish_request(self, self->listener, TL_CONTROL_UNDONE, "another client requested a rollback");
         }
         self->listener = client;
-        tl_activation_refuse(&self->activation, request->who);
+        tl_activation_roll_back(&self->activation, request->who);
     } else if (version == NULL) {
         finish_request(self, client, TL_CONTROL_ABSENT,
                        request->version != 0 ? "there is no such version: --versions lists the saved ones"

@@ -440,7 +440,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
         return tl_fail(error, TL_BAD_DATA, "%.100s…: the path of the folder of versions is too long", state);
     }
     if (mkdir(versions->folder, 0750) == 0) {
-        tl_keep_name(versions->folder);
+        tl_folder_sync(versions->folder);
     } else if (errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: the folder of versions cannot be created: %s", versions->folder,
                        strerror(errno));

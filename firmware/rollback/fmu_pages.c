@@ -494,7 +494,7 @@ struct tl_fmu_pages {
     size_t count;
     tl_fmu_region range[TL_FMU_REGIONS + 1];
     size_t before[TL_FMU_REGIONS + 1]; /* pages in all ranges before this one */
-    bool are_told;
+    bool are_reported;
     tl_page_groups groups;
     tl_fmu_version now; /* memory at the last save or restore */
     uint32_t versions;  /* number of versions */
@@ -576,7 +576,7 @@ static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *pa
 static void restore_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
     const unsigned char *kept =
         tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP);
-    if (self->are_told || memcmp(page, kept, TL_FMU_PAGE) != 0) {
+    if (self->are_reported || memcmp(page, kept, TL_FMU_PAGE) != 0) {
         memcpy(page, kept, TL_FMU_PAGE);
         self->differing++;
     }
@@ -602,7 +602,7 @@ static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version
     for (size_t i = 0; i < self->count; i++) {
         found_pages found = {.pages = self, .range = i, .version = version};
         size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
-        if (!self->are_told ||
+        if (!self->are_reported ||
             !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, meet_pages, &found)) {
             meet_pages(&found, 0, count);
         }
@@ -693,7 +693,7 @@ void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
     self->is_full = false;
     find(self, version->pages, version);
     self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
-    if (self->are_told) {
+    if (self->are_reported) {
         restore_different(self, version);
     }
     follow_version(self, version);
@@ -755,12 +755,12 @@ tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_region *ranges, size_t count, tl_er
         return NULL;
     }
     tl_page_groups_open(&self->groups);
-    self->are_told = tl_fmu_written_serves();
+    self->are_reported = tl_fmu_written_serves();
     self->count = count;
     for (size_t i = 0; i < count; i++) {
         self->range[i] = ranges[i];
         self->before[i] = i == 0 ? 0 : self->before[i - 1] + pages_of(ranges[i - 1].size);
-        self->are_told = self->are_told && watch_range(ranges[i].begin, ranges[i].size);
+        self->are_reported = self->are_reported && watch_range(ranges[i].begin, ranges[i].size);
     }
     return self;
 }

@@ -330,14 +330,14 @@ static void handle_reply(tl_dialogue *dialogue, const tl_control_reply *reply, c
 
 /* There is always space for a line; also for a configuration, because the answer then contains
  * nothing else. */
-bool tl_dialogue_listens(const tl_dialogue *dialogue) {
+bool tl_dialogue_can_receive(const tl_dialogue *dialogue) {
     return dialogue->is_asked && dialogue->size <= TL_DIALOGUE_MOST - TL_CONTROL_MOST;
 }
 
 void tl_dialogue_follow(tl_dialogue *dialogue, char *room) {
     tl_control_reply reply;
     tl_error error;
-    while (tl_dialogue_listens(dialogue)) {
+    while (tl_dialogue_can_receive(dialogue)) {
         tl_status status = tl_control_next(dialogue->socket, 0, &reply, room, &error);
         if (status == TL_TRY_AGAIN) {
             return;

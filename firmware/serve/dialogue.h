@@ -3,10 +3,11 @@
  * Purpose: a client may be slow, but the plant must not wait. Replies are received when they
  *          arrive, and buffered as text until the client has read them. If the buffer is full, no
  *          more are received.
- * Course:  begin, then follow whenever the plant's socket is readable, until `has_ended`. Once
- *          `status` is set, the answer can begin. The first step after validation decides the
- *          status of a change, so that a refusal has a status of its own. For all other requests,
- *          the end decides it.
+ * Use:     call tl_dialogue_begin(), then tl_dialogue_follow() whenever the plant's socket is
+ *          readable, until `has_ended`. The HTTP answer can start when `status` is set.
+ * Status:  a change whose candidate passes the validation gets TL_HTTP_OK; the "end" line then has
+ *          its result. A change that is refused earlier, and any other request, gets the status of
+ *          its result.
  * Bound:   a body of TL_CONTROL_MOST bytes and a buffered answer of TL_DIALOGUE_MOST.
  * Memory:  tl_dialogue_close() frees all.
  * Thread:  one.
@@ -19,8 +20,8 @@
 
 #include "firmware/serve/http_request.h"
 
-/* Bytes of an answer, and of one line of it. A byte of a text may need six, as \u0007, or four, as
- * \x07, and then the backslash is escaped. */
+/* Bytes of an answer, and of one line of it. In JSON, one byte of a text may need six (\u0007)
+ * or five bytes (\\x07: a cleaned byte, with its backslash escaped). */
 enum { TL_DIALOGUE_MOST = 512 * 1024, TL_ANSWER_LINE = 16 * 1024 };
 
 /* Zeroed: not started. */
@@ -55,11 +56,11 @@ void tl_dialogue_list_plants(tl_dialogue *dialogue, const char *folder);
  */
 void tl_dialogue_follow(tl_dialogue *dialogue, char *room);
 
-/* Returns true if replies are expected and there is space for them. */
-bool tl_dialogue_listens(const tl_dialogue *dialogue);
+/* Returns true if the plant may send more replies and the buffer has space for them. */
+bool tl_dialogue_can_receive(const tl_dialogue *dialogue);
 
-/* Ends the dialogue with one "end" line with this result. Replaces an answer whose status was not
- * decided yet. */
+/* Ends the dialogue with an "end" line that has this result. If `status` is not set yet, that line
+ * replaces the buffered answer. */
 void tl_dialogue_refuse(tl_dialogue *dialogue, tl_http_status status, tl_control_result result, const char *sentence);
 
 /* Moves as much of the answer as is available and fits to `to`. Returns its length. */

@@ -124,7 +124,7 @@ static tl_status listen_on(const char *text, int *listener, uint16_t *port, tl_e
 /* ---- serving ---- */
 
 static void serve(tl_server *server) {
-    tl_time timeout = tl_service_extend_timeout();
+    tl_time timeout = tl_service_watchdog_period();
     tl_time keepalive = tl_clock_now(NULL);
     (void)tl_service_notify("READY=1");
     while (tl_interrupt_requested() == NULL) {

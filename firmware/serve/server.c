@@ -568,7 +568,7 @@ static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCR
         if (!server->connections.rows[i].is_there) {
             continue;
         }
-        if (tl_dialogue_listens(&client->dialogue)) {
+        if (tl_dialogue_can_receive(&client->dialogue)) {
             list[count++] = (struct pollfd){.fd = client->dialogue.socket, .events = POLLIN};
         }
         if (client->is_suspended) { /* libmicrohttpd does not poll it in this state */

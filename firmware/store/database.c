@@ -50,7 +50,9 @@ static const char *const schema[] = {
     "  events_written INTEGER NOT NULL DEFAULT 0,"
     "  entries_lost INTEGER NOT NULL DEFAULT 0,"
     "  removed_before INTEGER,"
-    "  lead INTEGER NOT NULL DEFAULT 0)",
+    "  lead INTEGER NOT NULL DEFAULT 0,"
+    "  start_s," /* NULL: the run is of an earlier program, and began at 0 */
+    "  stop_s)",
 
     "CREATE TABLE signals ("
     "  run INTEGER NOT NULL REFERENCES runs (run),"
@@ -535,12 +537,31 @@ static tl_status migrate_format(sqlite3 *database, tl_error *error) {
     return status;
 }
 
+/* Columns that later programs have added to the same formats, in the same two ways. */
+static tl_status add_columns(sqlite3 *database, bool write, tl_error *error) {
+    static const char search[] = "SELECT 1 FROM sqlite_schema WHERE name = 'runs' AND type = 'table' AND"
+                                 " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('runs') WHERE name = 'stop_s')";
+    static const char add[] = "BEGIN IMMEDIATE; ALTER TABLE runs ADD COLUMN start_s;"
+                              "ALTER TABLE runs ADD COLUMN stop_s; COMMIT";
+    static const char view[] = "CREATE TEMP VIEW runs AS SELECT *, NULL AS start_s, NULL AS stop_s FROM main.runs";
+    char found[8];
+    tl_status status = query_text(database, search, found, sizeof found, error);
+    if (status == TL_OK && found[0] != '\0') {
+        status = tl_database_execute(database, write ? add : view, error);
+        if (status != TL_OK) {
+            (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
+        }
+    }
+    return status;
+}
+
 /* Makes the names of the current format valid on this connection. */
 static tl_status convert_format(sqlite3 *database, int64_t version, bool write, tl_error *error) {
-    if (version == TL_DATABASE_VERSION) {
-        return TL_OK;
+    tl_status status = TL_OK;
+    if (version != TL_DATABASE_VERSION) {
+        status = write ? migrate_format(database, error) : tl_database_execute(database, read_format_5, error);
     }
-    return write ? migrate_format(database, error) : tl_database_execute(database, read_format_5, error);
+    return status == TL_OK ? add_columns(database, write, error) : status;
 }
 
 static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
@@ -845,7 +866,7 @@ tl_status tl_database_create(const char *path, tl_error *error) {
         (void)unlink(name);
         return status;
     }
-    tl_keep_name(path);
+    tl_folder_sync(path);
     return TL_OK;
 }
 

@@ -485,9 +485,9 @@ enum { DENIALS = 60 }; /* tries before a denial is final */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
 static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
 
-static bool is_refused(tl_database_policy insistence, tl_database_fault fault) {
+static bool is_refused(tl_database_policy open_policy, tl_database_fault fault) {
     bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_IN_USE;
-    return insistence == TL_DATABASE_ALL_OR_NOTHING || (insistence == TL_DATABASE_IF_OURS && !is_ours);
+    return open_policy == TL_DATABASE_ALL_OR_NOTHING || (open_policy == TL_DATABASE_IF_OURS && !is_ours);
 }
 
 static bool is_retried(tl_database_fault fault) {
@@ -561,18 +561,18 @@ tl_status tl_database_replacement_open(const tl_database_wanted *wanted, tl_data
     bool is_readonly = false;
     *report = (tl_database_report){.beside = ""};
     *waits = false;
-    tl_database_renamed *renamed = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &report->renamed;
+    tl_database_renamed *renamed = wanted->open_policy == TL_DATABASE_ALL_OR_NOTHING ? NULL : &report->renamed;
     const char *path = resolve_path(wanted->path, resolved);
     tl_status status = open_file(wanted->path, path, wanted, file, renamed, &is_readonly, &first);
     tl_database_fault fault = tl_database_get_fault();
-    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_retried(fault)) {
+    if (status != TL_OK && !is_refused(wanted->open_policy, fault) && !is_retried(fault)) {
         if (!is_readonly && open_beside(path, first.text, wanted->user, file, report, NULL) == TL_OK) {
             return TL_OK;
         }
-        *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
+        *waits = wanted->open_policy == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
         tl_database_set_fault(fault);
     } else if (status != TL_OK) {
-        *waits = !is_refused(wanted->insistence, fault);
+        *waits = !is_refused(wanted->open_policy, fault);
     }
     if (status != TL_OK && error != NULL) {
         *error = first;

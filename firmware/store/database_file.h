@@ -182,7 +182,7 @@ typedef struct tl_database_report {
 typedef struct tl_database_wanted {
     const char *path;
     tl_time patience; /* ns, for locks */
-    tl_database_policy insistence;
+    tl_database_policy open_policy;
     const tl_database_user *user;
 } tl_database_wanted;
 

@@ -274,7 +274,8 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
 #define RUN_COLUMNS                                                                                                    \
     "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed,"                         \
     " step_ns, prediction, measurements, lead, samples_written, steps_written, events_written, entries_lost,"          \
-    " removed_before, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from"                                   \
+    " removed_before, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from,"                                  \
+    " start_s, stop_s"                                                                                                 \
     " FROM runs LEFT JOIN beginnings USING (run) "
 
 /* A run has either both an end and a reason or neither. */
@@ -309,6 +310,12 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     run->resumption.tick = take_integer_or(row, 0, tl_history_last_possible(run), 0);
     const char *from = take_text_or_null(history, row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
+    run->experiment.start_s = take_number(row);
+    run->experiment.stop_s = take_number(row);
+    if (isnan(run->experiment.start_s)) {
+        run->experiment = (tl_experiment){0.0, 0.0};
+    }
+    run->resumption.start_s = run->experiment.start_s;
     row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
                  strcmp(measurements, tl_pairing_names[run->measurements]) == 0 &&
                  (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);

@@ -46,6 +46,7 @@ typedef struct tl_history_run {
     uint32_t prediction;            /* T_P */
     uint32_t lead;                  /* step i was computed at tick i + lead */
     tl_pairing measurements;
+    tl_experiment experiment;              /* of the FMUs; zeros if it is not recorded: then they began at 0 */
     uint64_t samples, steps, events, lost; /* written; `lost`: not written */
     tl_resumption resumption;              /* without `start` and `started` */
     bool has_start;                        /* t_start is known, on the clock of `boot` */

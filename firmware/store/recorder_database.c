@@ -160,7 +160,8 @@ static const char *const sql_of[STATEMENTS] = {
     [QUALITY_NAME] = "INSERT OR REPLACE INTO qualities VALUES (?2, ?3)",
     [SEVERITY_NAME] = "INSERT OR REPLACE INTO severities VALUES (?2, ?3)",
     [NEW_RUN] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns, prediction,"
-                " measurements, lead) VALUES (?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+                " measurements, lead, start_s, stop_s)"
+                " VALUES (?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
     [NEW_BEGINNING] = "INSERT INTO beginnings (run, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from)"
                       " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
     [SIGNAL] = "INSERT INTO signals (run, kind, signal, name, unit, type, compared_with)"
@@ -574,7 +575,9 @@ static int write_run(tl_recorder_database *database, const tl_record_queue_start
                             cell_whole(settings->step),
                             cell_whole(start->account.prediction > INT32_MAX ? INT32_MAX : start->account.prediction),
                             cell_text(tl_pairing_names[settings->measurements]),
-                            cell_whole(start->account.lead > INT32_MAX ? INT32_MAX : start->account.lead)};
+                            cell_whole(start->account.lead > INT32_MAX ? INT32_MAX : start->account.lead),
+                            start->holds ? no_cell : cell_number(start->account.experiment.start_s),
+                            start->holds ? no_cell : cell_number(start->account.experiment.stop_s)};
         code = write_row(database, NEW_RUN, row);
         database->run = sqlite3_last_insert_rowid(database->connection);
     }

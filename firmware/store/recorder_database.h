@@ -20,7 +20,7 @@
 
 typedef struct tl_recorder_settings {
     const char *path;
-    tl_database_policy insistence;  /* at the opening; later each fault is handled */
+    tl_database_policy open_policy; /* at the opening; later each fault is handled */
     int64_t max_bytes;              /* 0: no bound; else at least 1,000,000 */
     tl_time commit;                 /* ns between commits, > 0, default 0.5 s */
     const char *verb;               /* "run", "hold", "replay" */

@@ -61,6 +61,8 @@ const tl_packed_part tl_packed_signals[] = {
 /* Without padding, so that each byte is defined. */
 const tl_packed_part tl_packed_record[] = {
     {offsetof(tl_record, step), offsetof(tl_record, held) + sizeof(uint32_t), TL_PACKED_ONE}, /* up to `held` */
+    {offsetof(tl_record, bad_outputs), sizeof(uint64_t), TL_PACKED_ONE},
+    {offsetof(tl_record, refused), sizeof(tl_record_refused), TL_PACKED_ONE},
     {offsetof(tl_record, used), sizeof(tl_time), TL_PACKED_ONE},
     {offsetof(tl_record, delay_state), sizeof(tl_delay_state), TL_PACKED_ONE},
     {offsetof(tl_record, delay), sizeof(tl_time), TL_PACKED_ONE},

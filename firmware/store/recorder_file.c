@@ -165,11 +165,11 @@ static tl_status open_previous(tl_recorder_file *file) {
     return status;
 }
 
-tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy insistence, tl_database_report *report,
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy open_policy, tl_database_report *report,
                                 bool *waits) {
     const tl_database_wanted wanted = {.path = file->record->path,
-                                       .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
-                                       .insistence = insistence,
+                                       .patience = open_policy == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
+                                       .open_policy = open_policy,
                                        .user = &file->user};
     *report = (tl_database_report){.beside = ""};
     *waits = false;

@@ -62,7 +62,7 @@ void tl_recorder_file_keep_reason(tl_recorder_file *file, int code);
 /* Opens the file of the previous writer, or the requested file, or a replacement. *news holds the
  * reasons, for tl_recorder_file_report_fate(). On failure sets `failure`; *waits: a retry may
  * succeed. */
-tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy insistence, tl_database_report *report,
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy open_policy, tl_database_report *report,
                                 bool *waits);
 
 /* Reports why the file differs from the previous one; NULL: no file is open. */

@@ -900,7 +900,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
 /* ---- Opening and closing ---- */
 
 /* Begins the run that needs no START entry, in a file that is new to this writer. */
-static tl_status begin_first(tl_recorder_writer *writer, tl_database_policy insistence) {
+static tl_status begin_first(tl_recorder_writer *writer, tl_database_policy open_policy) {
     bool more = false;
     begin_batch(writer);
     writer->next.start = *writer->settings.first;
@@ -912,18 +912,18 @@ static tl_status begin_first(tl_recorder_writer *writer, tl_database_policy insi
         return TL_OK;
     }
     int code = write_batch(writer, taken_of_ring(writer), &more);
-    return code != SQLITE_OK && insistence == TL_DATABASE_ALL_OR_NOTHING ? writer->file.failure.status : TL_OK;
+    return code != SQLITE_OK && open_policy == TL_DATABASE_ALL_OR_NOTHING ? writer->file.failure.status : TL_OK;
 }
 
 static tl_status open_all(tl_recorder_writer *writer) {
     tl_database_report report;
     bool waits = false;
-    tl_database_policy insistence = writer->record.insistence;
+    tl_database_policy open_policy = writer->record.open_policy;
     if (mark_of(writer)->number != 0 || tl_recorder_state_tried(writer->state) != NULL) {
         (void)is_open(writer); /* if no file can be opened now, a later write opens one */
         return TL_OK;
     }
-    tl_status status = tl_recorder_file_open(&writer->file, insistence, &report, &waits);
+    tl_status status = tl_recorder_file_open(&writer->file, open_policy, &report, &waits);
     if (status != TL_OK && !waits) {
         return status;
     }
@@ -932,7 +932,7 @@ static tl_status open_all(tl_recorder_writer *writer) {
     } else {
         report_open_failure(writer);
     }
-    status = writer->settings.first == NULL ? TL_OK : begin_first(writer, insistence);
+    status = writer->settings.first == NULL ? TL_OK : begin_first(writer, open_policy);
     if (writer->file.database != NULL) {
         tl_recorder_file_set_short_wait(&writer->file);
     }

@@ -17,7 +17,7 @@
  *          instant. The successor finds what it needs in tl_recorder_writer_state
  *          (recorder_state.h), in memory that outlives the process. The run continues in the same
  *          row.
- * Faults:  at the opening, a fault of the file is handled or is an error (`insistence`): see
+ * Faults:  at the opening, a fault of the file is handled or is an error (`open_policy`): see
  *          database_file.h. Later, every fault is handled. A full disk and locks of other programs:
  *          retry. A damaged file: renamed. A removed, moved or overwritten file: created again.
  *          Then the run begins again in the new file, with the entries that were not yet written.

@@ -61,6 +61,7 @@ typedef struct tl_resumption {
     int64_t tick;         /* first own tick; those before it are the earlier run's, and are replayed */
     tl_time start;        /* t_start of the earlier run, on the clock of the samples' stamps */
     int64_t started;      /* t_start in UTC, ms */
+    double start_s;       /* the FMUs' time at tick 0, s, as tl_experiment */
 } tl_resumption;
 
 /* A tuning that a twin uses, and the configuration that it is from. */

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <libgen.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -193,6 +194,51 @@ static size_t memory_used(void) {
     return tl_heap_used() + tl_fmu_used();
 }
 
+/* The start time that the descriptions declare, s; 0: none does. Reports two that differ. */
+static double declared_start(tl_assembly *assembly) {
+    const tl_config_component *first = NULL;
+    double start = 0.0;
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        const tl_config_component *component = &assembly->config.components[i];
+        double own = assembly->components[i].model->start_time;
+        if (isfinite(own) && first != NULL && (own < start || own > start)) {
+            tl_report_add(&assembly->problems.report, TL_BAD_DATA, component->where,
+                          "its DefaultExperiment starts at %.15g s, that of %s at %.15g s: set \"start_s\" to the time "
+                          "at which all FMUs start",
+                          own, first->name, start);
+        } else if (isfinite(own)) {
+            first = component;
+            start = own;
+        }
+    }
+    return start;
+}
+
+/* Start: key, else that of the recorded run, else the declared one. Stop: key, else by duration_s,
+ * else as in the recorded run, else by the length of the recording. */
+static void place_time(tl_assembly *assembly) {
+    const tl_config *config = &assembly->config;
+    const tl_recording_time *recorded = &assembly->recorded;
+    tl_experiment *experiment = &assembly->plan.experiment;
+    experiment->start_s = !isnan(config->start_s) ? config->start_s
+                          : recorded->has_start   ? recorded->experiment.start_s
+                                                  : declared_start(assembly);
+    if (!isnan(config->stop_s)) {
+        experiment->stop_s = config->stop_s;
+        if (!(experiment->stop_s > experiment->start_s)) {
+            tl_report_add(&assembly->problems.report, TL_BAD_DATA, "stop_s",
+                          "found %.15g s, expected a time after the start of the FMUs, %.15g s: raise it, or set "
+                          "\"start_s\"",
+                          experiment->stop_s, experiment->start_s);
+        }
+        return;
+    }
+    bool is_other = config->duration != 0 || !recorded->has_start ||
+                    memcmp(&experiment->start_s, &recorded->experiment.start_s, sizeof experiment->start_s) != 0;
+    experiment->stop_s = is_other ? experiment->start_s : recorded->experiment.stop_s;
+    assembly->plan.length = recorded->length;
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -246,6 +292,7 @@ static void fill_plan(tl_assembly *assembly) {
             .look_back = config->output_lookup.look_back,
         };
     }
+    place_time(assembly);
 }
 
 tl_status tl_assembly_build(tl_assembly *assembly) {
@@ -273,7 +320,7 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     if (report->count == 0) {
         tl_config_tuning(config, &assembly->tuning);
         fill_plan(assembly);
-        assembly->twin = tl_twin_build(&assembly->plan, report);
+        assembly->twin = report->count == 0 ? tl_twin_build(&assembly->plan, report) : NULL;
     }
     return report->worst;
 }
@@ -316,6 +363,16 @@ void tl_assembly_find_component(const tl_assembly *assembly, const char *sentenc
             (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", name);
         }
     }
+}
+
+const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component) {
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        if (strcmp(assembly->components[i].name, component) == 0) {
+            const tl_fmu_guard *guard = assembly->components[i].callbacks->componentEnvironment;
+            return guard->logger.last;
+        }
+    }
+    return "";
 }
 
 void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size) {

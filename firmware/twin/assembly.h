@@ -12,6 +12,7 @@
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/fmu/fmu_store.h"
+#include "firmware/plant/recording.h"
 #include "master/base/arena.h"
 #include "master/twin/twin.h"
 
@@ -38,9 +39,10 @@ typedef struct tl_assembly {
     tl_twin *twin;
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
-    tl_tuning tuning;        /* as configured */
-    tl_arena arena;          /* for all arrays above and for `files` */
-    tl_assembly_file *files; /* one per component; NULL: not opened yet */
+    tl_recording_time recorded; /* set before the build: of the replayed recording, or the end of the run */
+    tl_tuning tuning;           /* as configured */
+    tl_arena arena;             /* for all arrays above and for `files` */
+    tl_assembly_file *files;    /* one per component; NULL: not opened yet */
 } tl_assembly;
 
 /* Loads the FMUs and builds the twin. The configuration must be loaded; tl_assembly_open() may have
@@ -57,6 +59,10 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
 /* If the sentence begins with a component's name and a colon (as messages about failed calls do),
  * copies that name. Otherwise `component` becomes "". */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
+
+/* Returns the newest message of a component's FMU with fmi2Warning or worse, cut to fit; "": none.
+ * After the build; valid until the FMU's next call. */
+const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component);
 
 /* Copies a sentence without the component's name at its beginning and without the advice after a
  * semicolon. */

@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -231,6 +232,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the run before */
         .tick = cycle->handover.tick > cycle->next_tick ? cycle->handover.tick : cycle->next_tick,
+        .start_s = start.account.experiment.start_s,
         .start = settings->slot_index.start,
         .started = settings->slot_index.started,
     };
@@ -661,7 +663,9 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
     }
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
         tl_quality quality = (tl_quality)record->measured_quality[i];
-        if (quality == TL_GOOD) {
+        if (!isfinite(record->y[i])) {
+            add_part(line, "  %s not finite", config->match[i].variable);
+        } else if (quality == TL_GOOD) {
             add_part(line, "  %s %.4g (plant %.4g)", config->match[i].variable, record->y[i], record->measured[i]);
         } else {
             add_part(line, "  %s %.4g (plant: %s)", config->match[i].variable, record->y[i], tl_quality_name(quality));

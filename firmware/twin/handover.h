@@ -10,7 +10,7 @@
  * Order:   the config manager writes an order (tl_live_order) and the candidate configuration. The
  *          supervisor starts the shadow and announces handovers in this block. Each twin reads the
  *          block at the start of a tick, and publishes in its status block what it has done
- *          (tl_live_twin_pulse.handed_over). No process sends a message or waits.
+ *          (tl_live_twin_status.handed_over). No process sends a message or waits.
  * Tick:    the handover tick is far enough ahead that both twins see it in time, and that the
  *          shadow finds a tick with time to save itself: its run begins with that checkpoint. A
  *          twin that sees a handover after its tick does its part at its next tick, and records a

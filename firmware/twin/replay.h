@@ -24,7 +24,7 @@
 
 /* ---- The report that `replay --report` writes.
  *
- * Purpose: passes configuration, facts and ledger of the twin, and the summary to html_report.h.
+ * Purpose: passes the configuration, the twin's account and the summary to html_report.h.
  * Thread:  one thread.
  */
 
@@ -65,7 +65,7 @@ typedef struct tl_replay {
     tl_config *config;         /* receives the recording's tunings when they take effect */
     const tl_account *account; /* of the built twin */
     tl_recording *recording;
-    tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
+    tl_twin_feed *feed;    /* of this recording; must have TL_TELLS_COUNTS (twin_step.h) if `recorder` is not NULL */
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *lock_monitor;
@@ -74,8 +74,9 @@ typedef struct tl_replay {
     bool realtime;
 } tl_replay;
 
-/* Checks whether the replay of a resumed run can begin as that run did. Errors: TL_BAD_DATA if the
- * run had other FMUs or another version of this program. */
+/* Checks a recording of a resumed run: whether its replay can start from the same state as the run.
+ * Errors: TL_BAD_DATA if the run had other FMUs, or a checkpoint of another version of this
+ * program. */
 tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
 
 /* Runs to the end of the recording, to the configured duration, or until interrupted

@@ -244,7 +244,7 @@ static const tl_time READING = 300 * TL_SECOND;
 
 /* Layout: magic, size of the image, plain fields, checkpoint, tunings, ticks. The last character of
  *         the magic changes with the layout. */
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '7'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '8'};
 
 /* Aligns the checkpoint as malloc() does, because an FMU may read it in place. */
 enum { PLAIN_AT = sizeof MAGIC + sizeof(uint64_t), HEAD = (PLAIN_AT + TL_RESUME_PLAIN + 15) / 16 * 16 };
@@ -324,7 +324,7 @@ static tl_status check_head(const unsigned char *image, size_t size, const tl_re
         memcmp(image, MAGIC, sizeof MAGIC) == 0 && size_field == size && is_within(found->first, 0, last_possible) &&
         is_within(found->last, found->first - 1, last_possible) && found->last - found->first < TL_RESUME_TICKS &&
         found->checkpoint_size <= size && found->tuning_count <= TL_RESUME_TUNINGS && is_origin(found) &&
-        is_within(found->run, TL_RESUME_UNNUMBERED, TL_RESUME_FAR) &&
+        is_within(found->run, TL_RESUME_UNNUMBERED, TL_RESUME_FAR) && isfinite(found->start_s) &&
         is_within(found->start, -TL_RESUME_FAR, TL_RESUME_FAR) && is_within(found->started, FIRST_YEAR, LAST_YEAR) &&
         tl_resume_size(found) == size;
     return is_sound ? TL_OK : fail_damaged(error, "its head");
@@ -454,6 +454,7 @@ static tl_status rebuild_twin(const follower *self, tl_error *error) {
 static tl_status begin_twin(const follower *self, tl_resume_outcome *outcome, tl_error *error) {
     const tl_resume *resume = self->resume;
     tl_twin *twin = self->settings->assembly->twin;
+    tl_twin_set_start(twin, resume->start_s);
     if (resume->from != TL_RESUMED_CHECKPOINT) {
         tl_twin_begin_at(twin, resume->first);
         return TL_OK;
@@ -588,6 +589,7 @@ static tl_status follow_ticks(follower *self, tl_summary *summary, tl_resume_out
     summary->resumption = (tl_resumption){.from = resume->from,
                                           .run = resume->run,
                                           .tick = resume->last + 1,
+                                          .start_s = resume->start_s,
                                           .start = resume->start,
                                           .started = resume->started};
     begin_run(self, &summary->resumption);

@@ -143,6 +143,7 @@ typedef struct tl_resume {
     int64_t run;         /* run to resume */
     int64_t first, last; /* ticks to follow; none if last is first − 1 */
     tl_time step;        /* T_S, ns */
+    double start_s;      /* the FMUs' time at tick 0, s */
     tl_time start;       /* t_start of the run on CLOCK_MONOTONIC */
     int64_t started;     /* and in UTC, ms */
     size_t checkpoint_size, tuning_count;

@@ -236,6 +236,7 @@ static void make_point(tl_resume_queue *self, stretch *run, tl_resumed_from from
         .first = first,
         .last = last,
         .step = self->config->step,
+        .start_s = run->beginning.start_s,
         .start = run->beginning.start,
         .started = run->beginning.started,
         .checkpoint = from == TL_RESUMED_CHECKPOINT ? self->left.bytes : NULL,

@@ -72,6 +72,7 @@ void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time
         .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
     if (twin != NULL) {
         tl_account_take(twin, &beginning.account);
+        beginning.resumption.start_s = beginning.account.experiment.start_s;
     }
     (void)tl_record_queue_put_start(queue, &beginning);
 }

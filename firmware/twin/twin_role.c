@@ -363,7 +363,6 @@ static tl_status perform_task(role *self, tl_error *error) {
         return tl_read_back_answer(&self->assembly, self->read_back.bytes, error);
     case TL_TASK_PAIR:
         status = tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, error);
-        tl_assembly_free(&self->second);
         return status;
     case TL_TASK_METHODS: /* builds it in the function */
         return tl_component_methods_try(&self->assembly, &self->extra->ways, error);
@@ -382,6 +381,7 @@ static void run_task(void *context) {
     if (checks || tries) { /* verify as often as possible (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
+    self->assembly.recorded = self->job.time;
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
     if (self->assembly.twin != NULL) {
         if (self->job.checkpoint_size != 0) {
@@ -402,7 +402,9 @@ static void run_task(void *context) {
         status = perform_task(self, &error);
     }
     send_status(self, TL_MESSAGE_ENDED, status, &error);
+    tl_process_complete(tl_exit_code(TL_OK));
     tl_assembly_free(&self->assembly);
+    tl_assembly_free(&self->second);
 }
 
 int tl_twin_role_run(const tl_twin_role_tasks *tasks) {

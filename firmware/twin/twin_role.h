@@ -56,19 +56,20 @@ typedef struct tl_twin_job {
     const unsigned char *checkpoint; /* saved twin to start from (tl_twin_load()); NULL: none */
     size_t checkpoint_size;
     const unsigned char
-        *tunings;        /* array of tl_run_tuning, in order of ticks, each applied at its tick; may be unaligned */
-    size_t tunings_size; /* bytes */
-    const char *path;    /* of the configuration, as given: relative names start at its folder */
-    const char *text;    /* the configuration */
-    const char *folder;  /* private, absolute, for files that FMUs write; "": none */
-    uint64_t memory;     /* bytes that the process may use; 0: no limit */
-    uint32_t user;       /* user ID to switch to; 0: no change */
-    bool plain;          /* save no executions */
-    bool variables;      /* the page lists the variables */
-    bool brief;          /* a check without the late verification */
-    bool states_only;    /* only test if another process can use the FMUs' states (tl_twin_check.why) */
-    bool reads_back;     /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
-    bool alone;          /* of two twins, only the first */
+        *tunings;           /* array of tl_run_tuning, in order of ticks, each applied at its tick; may be unaligned */
+    size_t tunings_size;    /* bytes */
+    const char *path;       /* of the configuration, as given: relative names start at its folder */
+    const char *text;       /* the configuration */
+    const char *folder;     /* private, absolute, for files that FMUs write; "": none */
+    uint64_t memory;        /* bytes that the process may use; 0: no limit */
+    uint32_t user;          /* user ID to switch to; 0: no change */
+    tl_recording_time time; /* of the recording */
+    bool plain;             /* save no executions */
+    bool variables;         /* the page lists the variables */
+    bool brief;             /* a check without the late verification */
+    bool states_only;       /* only test if another process can use the FMUs' states (tl_twin_check.why) */
+    bool reads_back; /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
+    bool alone;      /* of two twins, only the first */
     unsigned char rollback[TL_RECORDER_COMPONENTS]; /* tl_rollback of each component; TL_ROLLBACK_NONE: as configured */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is loaded */

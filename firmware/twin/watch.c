@@ -97,6 +97,19 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
                      plan->name, text, tl_config_quality_remedy(quality), instead);
 }
 
+/* Once for each signal; the summary has their number. */
+static void report_moved(tl_watch *watch, const tl_sample *sample, size_t signal) {
+    const tl_config_signal *described = &watch->config->signals[signal];
+    if (((sample->moved & ~watch->moved) >> signal & 1U) != 0) {
+        watch->moved |= UINT64_C(1) << signal;
+        tl_journal_event(
+            watch->journal, sample->tick, TL_EVENT_INFO, "plant",
+            "plant.%s: a value slightly outside %.6g \342\200\246 %.6g (declared by the FMU) is moved to the limit; "
+            "later ones are only counted",
+            described->plan.name, described->minimum, described->maximum);
+    }
+}
+
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     for (size_t i = 0; i < watch->config->match_count; i++) {
         watch_noise(watch, sample, i);
@@ -107,11 +120,82 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
             continue;
         }
         watch->had_value[i] = watch->had_value[i] || sample->quality[i] == TL_GOOD;
+        report_moved(watch, sample, i);
         if (sample->quality[i] == watch->quality[i]) {
             continue;
         }
         watch->quality[i] = sample->quality[i];
         report_quality(watch, sample, i);
+    }
+}
+
+/* Reported once per run: further ones are counted in the summary. */
+static void watch_refused(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const tl_record_refused *refused = &record->refused;
+    const tl_config *config = watch->config;
+    bool by_output = refused->by_output != 0;
+    if (refused->count == 0 || watch->refused || refused->variable >= config->adjust_count ||
+        refused->index >= (by_output ? config->match_count : config->component_count)) {
+        return;
+    }
+    watch->refused = true;
+    const char *adjusted = config->adjust[refused->variable].variable;
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                     "%s: %s with %s = %.6g, in a trial of step %lld: the search leaves such values out; set \"%s\" of "
+                     "%s to save these trials",
+                     by_output ? config->match[refused->index].variable : config->components[refused->index].name,
+                     by_output ? "not finite" : "the FMU failed", adjusted, refused->u, (long long)record->step,
+                     refused->u < record->nominal[refused->variable] ? "min" : "max", adjusted);
+}
+
+/* ---- outputs that are not finite ---- */
+
+static void watch_output(tl_watch *watch, int64_t tick, const tl_record *record, size_t bit) {
+    tl_watch_trouble *bad = &watch->bad[bit];
+    const char *name = tl_config_output_name(watch->config, bit);
+    tl_time step = watch->config->step;
+    if ((record->bad_outputs >> bit & 1U) == 0) {
+        if (bad->was_reported && name != NULL && record->step - bad->last >= TL_WATCH_REST / step) {
+            bad->was_reported = false;
+            tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                             "%s: finite again for a minute; steps in which it was not: %llu", name,
+                             (unsigned long long)bad->count);
+        }
+        return;
+    }
+    bad->count = bad->was_reported ? bad->count + 1 : 1;
+    bad->last = record->step;
+    if (!bad->was_reported && name != NULL) {
+        bad->was_reported = true;
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "%s: not finite (NaN or infinity) between t = %.9g s and %.9g s: it is left out of the matching, and "
+            "inputs that it drives keep their last value; check the model, for example for 0/0",
+            name, tl_seconds(tl_time_of_step(0, step, record->step)),
+            tl_seconds(tl_time_of_step(0, step, record->step + 1)));
+    }
+}
+
+/* With an event horizon, a reset without this cause is reported with the stroke. */
+static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    char why[96] = "";
+    if (watch->bad_steps >= TL_NOT_FINITE_STEPS) {
+        (void)snprintf(why, sizeof why, " because an output was not finite in %u steps in a row",
+                       (unsigned)watch->bad_steps);
+    }
+    if ((record->flags & TL_FLAG_RESET) != 0 && (why[0] != '\0' || watch->config->event.start.signal == NULL)) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
+                         "FMUs were reset to their start values before step %lld%s; u is nominal",
+                         (long long)record->step, why);
+    }
+}
+
+static void watch_outputs(tl_watch *watch, int64_t tick, const tl_record *record) {
+    watch->bad_steps = record->bad_outputs != 0 ? watch->bad_steps + 1 : 0;
+    for (size_t bit = 0; bit < TL_CONFIG_OUTPUTS; bit++) {
+        if (watch->bad[bit].was_reported || tl_config_is_bad_output(watch->config, record->bad_outputs, bit)) {
+            watch_output(watch, tick, record, bit);
+        }
     }
 }
 
@@ -311,15 +395,10 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->delay = delay;
 }
 
-/* Reports a reset of the FMUs, and an inexact rollback. The finding itself is a separate event
+/* Reports an inexact rollback. The finding itself is a separate event
  * without a tick, because a replay may find it at another tick. */
 static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
-    if ((record->flags & TL_FLAG_RESET) != 0) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
-                         "FMUs were reset to their start values before step %lld; u is nominal",
-                         (long long)record->step);
-    }
     if (differed && !watch->differed) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "the rollback of an FMU is not exact");
     }
@@ -331,6 +410,9 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         return; /* reported by the run that was resumed */
     }
     watch_rollback(watch, tick, record);
+    watch_refused(watch, tick, record);
+    watch_reset(watch, tick, record);
+    watch_outputs(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;

@@ -50,21 +50,25 @@ typedef struct tl_watch {
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as reported last */
     bool had_value[TL_MAX_SIGNALS];  /* a good one */
+    uint64_t moved;                  /* bit i: reported that a value of signal i was moved to a limit */
     tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
-    bool out_of_tolerance;                /* event horizon: of the last stroke */
-    tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
-    tl_watch_trouble fallback;            /* the second solver takes over */
-    tl_watch_trouble stagnation;          /* solvers make no progress */
-    uint64_t abandoned;                   /* event horizon: strokes in a row whose search was not completed */
-    double stroke_u;                      /* event horizon: u before the present stroke */
-    uint64_t stroke_evaluations;          /* evaluations of its search so far */
-    tl_delay_state delay_state;           /* as reported last */
-    tl_time delay;                        /* as reported last, ns */
-    bool differed;                        /* reported: the rollback of an FMU is not exact */
-    bool rests;                           /* reported: u stays at nominal */
-    bool no_way_back;                     /* reported: an FMU cannot be rolled back by replay */
-    uint64_t skipped;                     /* not reported yet */
+    bool out_of_tolerance;                   /* event horizon: of the last stroke */
+    tl_watch_trouble held[TL_MAX_ADJUST];    /* variables that are not identifiable */
+    tl_watch_trouble fallback;               /* the second solver takes over */
+    tl_watch_trouble stagnation;             /* solvers make no progress */
+    uint64_t abandoned;                      /* event horizon: strokes in a row whose search was not completed */
+    double stroke_u;                         /* event horizon: u before the present stroke */
+    uint64_t stroke_evaluations;             /* evaluations of its search so far */
+    tl_delay_state delay_state;              /* as reported last */
+    tl_time delay;                           /* as reported last, ns */
+    bool differed;                           /* reported: the rollback of an FMU is not exact */
+    tl_watch_trouble bad[TL_CONFIG_OUTPUTS]; /* outputs that are not finite, by bit of a record's bad_outputs */
+    uint32_t bad_steps;                      /* steps in a row with one of them */
+    bool refused;                            /* reported: a candidate could not be evaluated */
+    bool rests;                              /* reported: u stays at nominal */
+    bool no_way_back;                        /* reported: an FMU cannot be rolled back by replay */
+    uint64_t skipped;                        /* not reported yet */
     tl_time skipped_since;
     tl_noise_watch noise; /* of the matched outputs */
 } tl_watch;

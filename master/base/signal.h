@@ -63,6 +63,7 @@ typedef struct tl_sample {
     double values[TL_MAX_SIGNALS];
     tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER: there was no reading yet */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
+    uint64_t moved; /* bit i: the value of signal i was slightly beyond a limit, and is at it now; not recorded */
 } tl_sample;
 
 /* True if any conditioning is configured. */

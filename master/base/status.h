@@ -21,7 +21,7 @@ typedef enum tl_status {
     TL_BAD_USAGE,   /* the command line is wrong */
     TL_BAD_DATA,    /* a configuration, recording or FMU file is wrong */
     TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
-    TL_FMU_FAILED,  /* an FMU returned an error, or a value that is not finite */
+    TL_FMU_FAILED,  /* an FMU returned an error */
     TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: none of its functions may be called again */
     TL_TRY_AGAIN,   /* a resource is missing now: disk, memory, lock, port */
     TL_INTERRUPTED, /* the user or the system asked to stop */

@@ -50,6 +50,11 @@ tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap
     size_t known = tl_component_state_size(cached->component);
     if (can_serialise && known == 0 && status == TL_OK) {
         status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &serialised, error);
+        if (status == TL_FMU_FAILED &&
+            cached->component->mode == TL_MODE_STEPPING) { /* fmi2Discard: it can still step */
+            serialised = 0;
+            status = TL_OK;
+        }
     }
     *size = known != 0 ? known : heap != NULL && least > serialised ? least : serialised;
     return status;

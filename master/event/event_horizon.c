@@ -727,6 +727,11 @@ static void end_candidate(tl_event_horizon *self, bool failed, tl_record *record
                                                                 &self->u, synchroniser->memory.residuals);
         value = isfinite(value) ? value : HUGE_VAL;
     }
+    if (failed && record->refused.count++ == 0) {
+        record->flags |= TL_FLAG_REFUSED;
+        record->refused.index = (uint32_t)synchroniser->exchange->failed;
+        record->refused.u = stroke->u;
+    }
     tl_event_search_report(&self->search, stroke->u, value, failed ? TL_EVENT_UNKNOWN : tl_stroke_side(stroke));
     const tl_event_trial *last = &self->search.trials[self->search.count - 1];
     if (!failed && !stroke->needs_no_mark && tl_event_search_best(&self->search) == last) {

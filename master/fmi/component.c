@@ -2,6 +2,7 @@
 #include "master/fmi/component.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 size_t tl_ports_size(const tl_ports *ports) {
@@ -23,6 +24,15 @@ void tl_ports_write(const tl_ports *ports, const unsigned char *bytes) {
     memcpy(ports->reals, bytes, reals);
     memcpy(ports->integers, bytes + reals, integers);
     memcpy(ports->booleans, bytes + reals + integers, ports->boolean_count * sizeof *ports->booleans);
+}
+
+/* x − x is 0 for every finite x and NaN for all others: one test for many values. */
+bool tl_reals_are_finite(const fmi2Real *values, size_t count) {
+    double sum = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        sum += values[i] - values[i];
+    }
+    return sum >= 0.0;
 }
 
 /* Converts the status of an FMI call; `call` is its name. */
@@ -142,9 +152,11 @@ tl_status tl_component_renew(tl_component *component, tl_error *error) {
 
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error) {
     const tl_fmi2 *fmi = component->fmi;
-    tl_status status =
-        check_status(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, start, fmi2False, 0.0),
-                     "fmi2SetupExperiment", error);
+    tl_status status = check_status(
+        component,
+        fmi->setup_experiment(component->instance, fmi2False, 0.0, component->start_s + start,
+                              component->stop_s > component->start_s ? fmi2True : fmi2False, component->stop_s),
+        "fmi2SetupExperiment", error);
     if (status != TL_OK) {
         return status;
     }
@@ -190,15 +202,13 @@ tl_status tl_component_set_inputs(tl_component *component, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_component_check_outputs(const tl_component *component, tl_error *error) {
+void tl_component_mark_outputs(const tl_component *component) {
     const tl_ports *out = &component->outputs;
     for (size_t i = 0; i < out->real_count; i++) {
         if (!isfinite(out->reals[i])) {
-            return tl_fail(error, TL_FMU_FAILED, "%s: the Real output with value reference %u is not finite",
-                           component->name, (unsigned)out->real_references[i]);
+            out->reals[i] = (double)NAN;
         }
     }
-    return TL_OK;
 }
 
 /* Booleans as 0 and 1, so that equal values have equal bits. */
@@ -209,30 +219,74 @@ static void normalise_booleans(tl_component *component) {
     }
 }
 
-tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
+/* Reads all outputs. *call: the last call. */
+static fmi2Status read_outputs(const tl_component *component, const char **call) {
     const tl_ports *out = &component->outputs;
     const tl_fmi2 *fmi = component->fmi;
     fmi2Status status = fmi2OK;
     if (out->real_count != 0) {
+        *call = "fmi2GetReal";
         status = fmi->get_real(component->instance, out->real_references, out->real_count, out->reals);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetReal", error);
-        }
     }
-    if (out->integer_count != 0) {
+    if (status <= fmi2Warning && out->integer_count != 0) {
+        *call = "fmi2GetInteger";
         status = fmi->get_integer(component->instance, out->integer_references, out->integer_count, out->integers);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetInteger", error);
-        }
     }
-    if (out->boolean_count != 0) {
+    if (status <= fmi2Warning && out->boolean_count != 0) {
+        *call = "fmi2GetBoolean";
         status = fmi->get_boolean(component->instance, out->boolean_references, out->boolean_count, out->booleans);
-        if (status > fmi2Warning) {
-            return check_status(component, status, "fmi2GetBoolean", error);
-        }
+    }
+    return status;
+}
+
+tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
+    const char *call = "";
+    bool may_refuse = component->mode == TL_MODE_INITIALIZING;
+    fmi2Status status = may_refuse && component->reads_late ? fmi2Error : read_outputs(component, &call);
+    if (may_refuse && (status == fmi2Discard || status == fmi2Error)) {
+        component->reads_late = true;
+        return TL_OK;
+    }
+    if (status > fmi2Warning) {
+        return check_status(component, status, call, error);
     }
     normalise_booleans(component);
-    return tl_component_check_outputs(component, error);
+    tl_component_mark_outputs(component);
+    return TL_OK;
+}
+
+/* Whether an FMU that returned fmi2Discard wants to end (FMI 2.0.4, 4.2.4). */
+static bool has_terminated(const tl_component *component, fmi2Status status) {
+    fmi2Boolean terminated = fmi2False;
+    return status == fmi2Discard && component->fmi->get_boolean_status != NULL &&
+           component->fmi->get_boolean_status(component->instance, fmi2Terminated, &terminated) <= fmi2Warning &&
+           terminated != fmi2False;
+}
+
+/* Whether this step is the one that reaches beyond `stop`. */
+static bool crosses(const tl_fmi2_step *step, double stop) {
+    static const double rounding = 1e-6; /* in steps */
+    return step->now <= stop + rounding * step->size && step->now + step->size > stop + rounding * step->size;
+}
+
+/* As check_status(), for fmi2DoStep. */
+static tl_status check_step(tl_component *component, fmi2Status result, const tl_fmi2_step *step, tl_error *error) {
+    double declared = component->model->stop_time;
+    bool is_declared = declared > component->start_s && crosses(step, declared);
+    bool is_over = component->stop_s > component->start_s && crosses(step, component->stop_s);
+    bool has_ended = is_declared || is_over || has_terminated(component, result);
+    tl_status status = check_status(component, result, "fmi2DoStep", error);
+    if (status != TL_FMU_FAILED || !has_ended) {
+        return status;
+    }
+    return tl_fail(error, status, "%s: the FMU ended itself%s, in fmi2DoStep from %.9g s (%s); %s", component->name,
+                   is_declared ? " at the stopTime of its DefaultExperiment"
+                   : is_over   ? " at the stop time that it was given"
+                               : "",
+                   step->now, result == fmi2Discard ? "fmi2Discard" : "fmi2Error",
+                   is_declared ? "export it with a later stopTime, or end the run before by \"duration_s\""
+                   : is_over   ? "raise \"stop_s\""
+                               : "see its messages in the log");
 }
 
 /* For any kinds of ports. */
@@ -244,7 +298,7 @@ static tl_status step_all_types(tl_component *component, const tl_fmi2_step *ste
     component->executions++;
     fmi2Status result = component->fmi->do_step(component->instance, step->now, step->size, step->final);
     if (result > fmi2Warning) {
-        return check_status(component, result, "fmi2DoStep", error);
+        return check_step(component, result, step, error);
     }
     return tl_component_get_outputs(component, error);
 }
@@ -256,7 +310,9 @@ static inline tl_status step_reals(tl_component *component, const tl_fmi2_step *
     fmi2Status result =
         component->fmi->step_reals(component->instance, &component->inputs, &component->outputs, step, &done);
     component->executions += done > 0 ? 1 : 0;
-    return result <= fmi2Warning ? TL_OK : check_status(component, result, calls[done], error);
+    return result <= fmi2Warning ? TL_OK
+           : done == 1           ? check_step(component, result, step, error)
+                                 : check_status(component, result, calls[done], error);
 }
 
 static tl_status refuse_to_step(const tl_component *component, tl_error *error) {
@@ -266,9 +322,10 @@ static tl_status refuse_to_step(const tl_component *component, tl_error *error) 
 
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error) {
-    tl_fmi2_step what = {.now = now, .size = step};
+    tl_fmi2_step what = {.size = step};
     for (tl_component *component = components; component < components + count; component++) {
         tl_status status = TL_OK;
+        what.now = component->start_s + now;
         what.last = component + 1 == components + count;
         what.final = final || component->fmi->is_unaware || component->says_final ? fmi2True : fmi2False;
         if (component->mode != TL_MODE_STEPPING) {
@@ -289,7 +346,10 @@ tl_status tl_component_step_all(tl_component *components, size_t count, double n
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error) {
     size_t failed = 0;
     tl_status status = tl_component_step_all(component, 1, now, step, final, &failed, error);
-    return status == TL_OK ? tl_component_check_outputs(component, error) : status;
+    if (status == TL_OK) {
+        tl_component_mark_outputs(component);
+    }
+    return status;
 }
 
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error) {

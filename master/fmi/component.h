@@ -41,6 +41,9 @@ size_t tl_ports_size(const tl_ports *ports);
 void tl_ports_read(const tl_ports *ports, unsigned char *bytes);
 void tl_ports_write(const tl_ports *ports, const unsigned char *bytes);
 
+/* True if all are finite. */
+bool tl_reals_are_finite(const fmi2Real *values, size_t count);
+
 typedef enum tl_component_mode {
     TL_MODE_ABSENT, /* not instantiated, or freed */
     TL_MODE_INSTANTIATED,
@@ -70,11 +73,14 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
+    bool reads_late;      /* the FMU rejects fmi2GetXXX in initialisation mode: outputs are read after it */
     bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
     bool says_final;      /* each step is final, whatever the caller says: for a proof */
     bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
     bool reals_only;      /* no other ports: set by the exchange once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
+    double start_s;       /* the FMU's time at t = 0, s; the times of the calls below count from it */
+    double stop_s;        /* its stop time, s; not above start_s: none */
 } tl_component;
 
 /* fmi2Instantiate; then start values may be set. If the FMU rejects it, it is called once more with
@@ -98,31 +104,33 @@ tl_status tl_component_reset(tl_component *component, tl_error *error);
  * again. All its states must have been freed. */
 tl_status tl_component_renew(tl_component *component, tl_error *error);
 
-/* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and
+/* fmi2SetupExperiment (from start_s + `start`, s, to stop_s; no tolerance) and
  * fmi2EnterInitializationMode. */
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error);
 
 /* fmi2ExitInitializationMode. */
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
-/* Writes the inputs to the FMU; reads the outputs from it. TL_FMU_FAILED if an output is not
- * finite. */
+/* Writes the inputs to the FMU; reads the outputs from it. A Real output that is not finite is NaN,
+ * always with the same bits. If the FMU rejects reading in initialisation mode, as ControlBuild's
+ * do, the outputs keep their values, and it is not read again before the end of that mode. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
-/* Sets the inputs, steps from `now` by `step` (both s of simulated time), reads the outputs.
+/* Sets the inputs, steps from start_s + `now` by `step` (both s), reads the outputs. If the FMU has
+ * ended itself, the error says so, with its time.
  * `final`: no earlier state will be restored any more. An FMU that is rolled back without its
  * knowledge (tl_fmi2.is_unaware) is always told that a step is final, as in a run without rollback,
  * because the outputs of some FMUs depend on it. */
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
 /* The same for `count` components in one call. If one fails, *failed is its index, and those after
- * it were not stepped. Real outputs are not checked: see tl_component_check_outputs(). */
+ * it were not stepped. Real outputs stay as the FMU gives them: see tl_component_mark_outputs(). */
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error);
 
-/* TL_FMU_FAILED if a Real output is not finite. */
-tl_status tl_component_check_outputs(const tl_component *component, tl_error *error);
+/* Sets each Real output that is not finite to NaN, always with the same bits. */
+void tl_component_mark_outputs(const tl_component *component);
 
 /* Saves and restores the FMU's hidden state; needs canGetAndSetFMUstate. Port values belong to the
  * graph. A handle that is not NULL is reused; tl_component_forget() frees it. If an FMU has once

@@ -100,6 +100,7 @@ typedef struct tl_fmi2 {
     fmi2SerializedFMUstateSizeTYPE *serialized_fmu_state_size; /* optional */
     fmi2SerializeFMUstateTYPE *serialize_fmu_state;            /* optional */
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
+    fmi2GetBooleanStatusTYPE *get_boolean_status;              /* optional */
     fmi2DoStepTYPE *do_step;
     tl_fmi2_step_reals *step_reals;    /* NULL: the three are called one by one */
     const tl_fmi2_fallback *full_copy; /* NULL: there is no such method */

@@ -58,7 +58,9 @@ typedef struct tl_variable {
     double minimum; /* −infinity if none is declared */
     double maximum; /* +infinity if none is declared */
     double nominal; /* > 0; 1 if none is declared */
+    uint64_t items; /* Enumeration: bit k: minimum + k is an item; 0: unknown, or more than 64 apart */
     tl_initial initial;
+    bool is_ambiguous; /* the model has another variable of this name: neither can be used */
 } tl_variable;
 
 typedef struct tl_capabilities {
@@ -73,6 +75,8 @@ typedef struct tl_model {
     const char *guid;
     const char *generation_tool; /* "" if there is none */
     tl_capabilities capabilities;
+    double start_time; /* of DefaultExperiment, s; NaN: not declared */
+    double stop_time;  /* the same */
     const tl_variable *variables;
     size_t variable_count;
     const tl_unit *units; /* those defined, then those that variables only name */

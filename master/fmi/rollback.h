@@ -8,14 +8,14 @@
 
 typedef enum tl_rollback {
     TL_ROLLBACK_NONE,   /* no rollback: nothing is synchronised, or no method works */
-    TL_ROLLBACK_AUTO,   /* the first method below that works and is proved */
+    TL_ROLLBACK_AUTO,   /* the first method below that passes the rollback proof (master/sync/proof.h) */
     TL_ROLLBACK_STATE,  /* fmi2GetFMUstate, fmi2SetFMUstate */
     TL_ROLLBACK_MEMORY, /* all memory of the FMU is copied */
     TL_ROLLBACK_REPLAY, /* the FMU is reset and given its inputs again */
     TL_ROLLBACKS
 } tl_rollback;
 
-/* Rollback by replay: default of the most steps from the start to a restored instant. */
+/* Rollback by replay: default limit, in steps from the start values to the restored instant. */
 enum { TL_REPLAY_STEPS = 1000 };
 
 #endif

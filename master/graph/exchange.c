@@ -1,17 +1,22 @@
 /* Co-simulation: see exchange.h. */
 #include "master/graph/exchange.h"
 
+#include <math.h>
 #include <string.h>
 
 /* Depth of the committed step: all components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
 
+static double keep_finite(const tl_real_copy *copy, double value) {
+    return isfinite(value) ? value : *copy->to;
+}
+
 static double convert(const tl_real_copy *copy) {
-    return copy->conversion.factor * *copy->from + copy->conversion.offset;
+    return keep_finite(copy, copy->conversion.factor * *copy->from + copy->conversion.offset);
 }
 
 double tl_exchange_convert(const tl_real_copy *copy) {
-    return tl_conversion_is_identity(&copy->conversion) ? *copy->from : convert(copy);
+    return tl_conversion_is_identity(&copy->conversion) ? keep_finite(copy, *copy->from) : convert(copy);
 }
 
 double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable) {
@@ -32,7 +37,7 @@ void tl_exchange_set_nominal(tl_exchange *exchange, size_t variable, double nomi
 
 void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
-        *exchange->copies[i].to = *exchange->copies[i].from;
+        *exchange->copies[i].to = keep_finite(&exchange->copies[i], *exchange->copies[i].from);
     }
     for (size_t i = 0; i < exchange->conversion_count; i++) {
         const tl_real_copy *copy = &exchange->conversions[i];
@@ -111,21 +116,14 @@ bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint3
     return exchange->reach == NULL || depth == TL_ALL_DEPTHS || depth < exchange->reach[component];
 }
 
-/* x − x is 0 for every finite x and NaN for all others: one test for many values. */
-static bool are_finite(const fmi2Real *values, size_t count) {
-    double sum = 0.0;
-    for (size_t i = 0; i < count; i++) {
-        sum += values[i] - values[i];
-    }
-    return sum >= 0.0;
+bool tl_exchange_is_finite(const tl_exchange *exchange) {
+    return tl_reals_are_finite(exchange->outputs, exchange->output_count);
 }
 
-static tl_status check_outputs(const tl_exchange *exchange, tl_error *error) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_component_check_outputs(&exchange->components[i], error);
+static void mark_outputs(const tl_exchange *exchange) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_component_mark_outputs(&exchange->components[i]);
     }
-    return status;
 }
 
 /* Without caches only the committed step is final, and not while a module keeps an older state. */
@@ -133,7 +131,7 @@ static bool is_final(const tl_exchange *exchange, uint32_t depth) {
     return depth == TL_ALL_DEPTHS && !exchange->is_kept_from;
 }
 
-/* Executes all components in one call and checks all outputs at once. */
+/* Executes all components in one call and tests all outputs at once. */
 static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     exchange->failed = exchange->component_count - 1;
@@ -143,8 +141,8 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth
     if (status == TL_OK) {
         tl_costs_ran_all(&exchange->costs);
     }
-    if (status == TL_OK && !are_finite(exchange->outputs, exchange->output_count)) {
-        status = check_outputs(exchange, error);
+    if (status == TL_OK && !tl_exchange_is_finite(exchange)) {
+        mark_outputs(exchange);
     }
     return status;
 }

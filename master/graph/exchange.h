@@ -7,6 +7,9 @@
  * Saving:  by structure (approach 1) component k takes part only in the first reach[k] = Γ_k steps
  *          of a candidate; by sequences (approach 2) each component has a cache. Neither changes a
  *          committed value by a bit.
+ * NaN:     a Real output that is not finite is NaN and is not delivered: the inputs that read it
+ *          keep their last value. They belong to the port values, so each candidate starts with
+ *          those of the committed instant.
  * Memory:  all port values lie in one block, so that they are saved by one copy.
  * Errors:  functions that call FMUs return TL_FMU_FAILED or TL_FMU_FATAL from the first component
  *          that failed; the text names it. Components after it were not called.
@@ -130,11 +133,15 @@ void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph);
 
 /* Initialises all components at the instant of macro step `first`: fmi2SetupExperiment …
  * fmi2ExitInitializationMode, with outputs and inputs exchanged in between until they agree. The
- * plant must have a sample; that of tick `shown` is delivered first. */
+ * plant must have a sample; that of tick `shown` is delivered first. If FMUs reject reading in
+ * initialisation mode and then fail, all are instantiated again, and those are not read in it. */
 tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error);
 
-/* Assigns all inputs from the outputs. */
+/* Assigns all inputs from the outputs, except from those that are NaN. */
 void tl_exchange_deliver(tl_exchange *exchange);
+
+/* True if all Real outputs of the FMUs are finite. */
+bool tl_exchange_is_finite(const tl_exchange *exchange);
 
 /* Enables saving of executions, before initialisation: `reach` has an entry per component and for
  * the plant, or is NULL; `capacity` has the nodes of each cache, or is NULL. Both must stay valid.
@@ -164,7 +171,7 @@ tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);
 
 /* True if a component (the plant is the last one) takes part at a depth. Then: its step as in
  * tl_exchange_try(), from the position of its cache; and the converted value of a connection's
- * source. */
+ * source, or the input's present value if that is not finite. */
 bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint32_t depth);
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error);
 double tl_exchange_convert(const tl_real_copy *copy);

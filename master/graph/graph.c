@@ -69,6 +69,17 @@ static void report_no_variable(const tl_component *component, const char *name, 
         nearest != NULL ? nearest : "", nearest != NULL ? "\"?)" : "");
 }
 
+static bool is_unique(const tl_component *component, const tl_variable *variable, const char *where,
+                      tl_report *report) {
+    if (variable->is_ambiguous) {
+        tl_report_add(report, TL_BAD_DATA, where,
+                      "%s.%s: modelDescription.xml declares several variables of this name; rename them in the model "
+                      "and export it again",
+                      component->name, variable->name);
+    }
+    return !variable->is_ambiguous;
+}
+
 /* Looks up "component.variable" and reports what is missing. */
 static const tl_variable *resolve(const tl_graph *graph, const char *name, const char *where, size_t *node,
                                   tl_report *report) {
@@ -86,7 +97,7 @@ static const tl_variable *resolve(const tl_graph *graph, const char *name, const
         return NULL;
     }
     *node = (size_t)(component - graph->components);
-    return variable;
+    return is_unique(component, variable, where, report) ? variable : NULL;
 }
 
 static tl_type port_type(tl_type type) {
@@ -249,6 +260,64 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
     connection->conversion = conversion;
 }
 
+/* The bound of the signal at which its input has this bound. Rounding must not bring the input
+ * beyond it. */
+static double bound_of_signal(const tl_connection *connection, double bound, bool upper) {
+    const tl_conversion *conversion = &connection->conversion;
+    double found = tl_conversion_is_identity(conversion) ? bound : (bound - conversion->offset) / conversion->factor;
+    double inside = upper == (conversion->factor > 0.0) ? -HUGE_VAL : HUGE_VAL;
+    for (int i = 0; i < 8 && isfinite(found) && !tl_conversion_is_identity(conversion); i++) {
+        double input = conversion->factor * found + conversion->offset;
+        if (upper ? input <= bound : input >= bound) {
+            break;
+        }
+        found = nextafter(found, inside);
+    }
+    return found;
+}
+
+static void intersect_items(tl_signal_bounds *bounds, const tl_variable *variable) {
+    double shift = bounds->least - variable->minimum;
+    uint64_t items = shift >= 0.0 && shift < 64.0 ? variable->items >> (unsigned)shift : 0;
+    bounds->items = bounds->items == 0 ? items : bounds->items & items;
+    if (bounds->items == 0) {
+        bounds->most = bounds->least - 1.0; /* no common item */
+    }
+}
+
+static void intersect(tl_signal_bounds *bounds, const tl_connection *connection) {
+    const tl_variable *variable = connection->to->variable;
+    double ends[2] = {bound_of_signal(connection, variable->minimum, false),
+                      bound_of_signal(connection, variable->maximum, true)};
+    bool turns = connection->conversion.factor < 0.0;
+    double least = ends[turns ? 1 : 0];
+    double most = ends[turns ? 0 : 1];
+    if ((!isfinite(least) && !isfinite(most)) || connection->to->type == TL_BOOLEAN) {
+        return;
+    }
+    if (bounds->items != 0 && least > bounds->least) {
+        bounds->items = least - bounds->least < 64.0 ? bounds->items >> (unsigned)ceil(least - bounds->least) : 0;
+    }
+    bounds->least = fmax(bounds->least, least);
+    bounds->most = fmin(bounds->most, most);
+    bounds->scale = fmax(bounds->scale, fabs(variable->nominal / connection->conversion.factor));
+    bounds->input = bounds->input == NULL ? connection->to : bounds->input;
+    if (variable->items != 0) {
+        intersect_items(bounds, variable);
+    }
+}
+
+tl_signal_bounds tl_graph_signal_bounds(const tl_graph *graph, size_t signal) {
+    tl_signal_bounds bounds = {.least = -HUGE_VAL, .most = HUGE_VAL};
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        const tl_connection *connection = &graph->connections[i];
+        if (connection->from->node == graph->component_count && connection->from->signal == signal) {
+            intersect(&bounds, connection);
+        }
+    }
+    return bounds;
+}
+
 /* A number of any type as double. */
 static double number_of(const tl_value *value) {
     return value->type == TL_REAL ? value->real : (double)value->integer;
@@ -295,6 +364,8 @@ static void check_set(const tl_component *component, const tl_plan_set *set, tl_
     tl_value fitted;
     if (variable == NULL) {
         report_no_variable(component, set->variable, set->where, report);
+    } else if (variable->is_ambiguous) {
+        (void)is_unique(component, variable, set->where, report);
     } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
                variable->variability == TL_CONSTANT) {
         tl_report_add(report, TL_BAD_DATA, set->where,
@@ -475,8 +546,10 @@ void tl_graph_check_inputs(const tl_graph *graph, tl_report *report) {
         const tl_plan_component *plan = &graph->plan->components[node];
         for (size_t i = 0; i < plan->model->variable_count; i++) {
             const tl_variable *variable = &plan->model->variables[i];
-            if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
-                !is_set(plan, variable->name) && !is_target(graph, node, variable)) {
+            if (variable->causality == TL_INPUT && variable->is_ambiguous) {
+                (void)is_unique(&graph->components[node], variable, plan->where, report);
+            } else if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
+                       !is_set(plan, variable->name) && !is_target(graph, node, variable)) {
                 tl_report_add(report, TL_BAD_DATA, plan->where,
                               "input %s.%s is not connected; connect it, or give it a "
                               "constant value in components.%s.set",

@@ -94,6 +94,18 @@ const tl_connection *tl_graph_connection_to(const tl_graph *graph, const tl_port
 /* Reports each input that has no source. Call after all tl_graph_adjust(). */
 void tl_graph_check_inputs(const tl_graph *graph, tl_report *report);
 
+/* Values of a signal of the plant that the inputs fed by it permit, in the signal's unit. */
+typedef struct tl_signal_bounds {
+    double least, most;   /* ∓infinity: none. Declared by the inputs, or of their type of values */
+    double scale;         /* > 0: the largest nominal value of these inputs; 0: no input declares a bound */
+    uint64_t items;       /* of Enumerations: bit k: `least` + k is permitted; 0: all values within the bounds */
+    const tl_port *input; /* the first of these inputs; NULL: none */
+} tl_signal_bounds;
+
+/* The intersection over all connections of the signal, also of those that only deliver û. If there
+ * is no common value, least > most. */
+tl_signal_bounds tl_graph_signal_bounds(const tl_graph *graph, size_t signal);
+
 /* c̃(from, to) over connections that are not cut; TL_UNREACHABLE if there is no path. `scratch` has
  * component_count + 1 entries. */
 size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch);

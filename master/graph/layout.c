@@ -273,10 +273,8 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error) {
-    double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
+static tl_status initialize_all(tl_exchange *exchange, double start, int64_t shown, tl_error *error) {
     tl_status status = TL_OK;
-    exchange->begun = first;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
@@ -294,6 +292,29 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t s
         if (status == TL_OK) {
             status = tl_component_get_outputs(&exchange->components[i], error);
         }
+    }
+    return status;
+}
+
+static size_t count_late(const tl_exchange *exchange) {
+    size_t count = 0;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        count += exchange->components[i].reads_late ? 1 : 0;
+    }
+    return count;
+}
+
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error) {
+    double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
+    size_t late = count_late(exchange);
+    exchange->begun = first;
+    tl_status status = initialize_all(exchange, start, shown, error);
+    if (status == TL_FMU_FAILED && count_late(exchange) != late) { /* some FMUs are unusable after a rejected call */
+        status = TL_OK;
+        for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+            status = tl_component_renew(&exchange->components[i], error);
+        }
+        status = status == TL_OK ? initialize_all(exchange, start, shown, error) : status;
     }
     tl_exchange_deliver(exchange);
     return status;

@@ -210,7 +210,8 @@ static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t de
     }
     track->next[k] = track->next[k] || place != places_at(track, depth + 1)[k];
     places_at(track, depth + 1)[k] = place;
-    if (write_outputs(track, block, &track->exchange->components[k].outputs)) {
+    const tl_ports *outputs = &track->exchange->components[k].outputs;
+    if (write_outputs(track, block, outputs) || !tl_reals_are_finite(outputs->reals, outputs->real_count)) {
         for (size_t i = 0; i < track->fans[k].count; i++) {
             pass_on(track, block, &track->copies[track->fans[k].first + i]);
         }

@@ -7,7 +7,8 @@
  *          differ from the track.
  * Method:  a component that changes its outputs activates those that read them, for the next step.
  *          One that returns to its old position becomes inactive. Differences are written into the
- *          track, which then is that of the present candidate. Results are those of stepping every
+ *          track, which then is that of the present candidate. An output that is not finite lets
+ *          its readers keep their inputs, which may differ. Results are those of stepping every
  *          component, to the bit.
  * Use:     candidates run through the track, not through the exchange below it; only commits use
  *          the exchange directly.

@@ -222,8 +222,20 @@ typedef struct tl_plan_measure {
 /* Default of `evaluations`, also for a budget. */
 enum { TL_PLAN_EVALUATIONS = 60 };
 
+/* Time of the FMUs, s. */
+typedef struct tl_experiment {
+    double start_s; /* at tick 0; finite */
+    double stop_s;  /* stop time that the FMUs are given; not above start_s: none was configured */
+} tl_experiment;
+
+/* Without an end, FMUs get the stop time start + this, s: 20 years in whole days. Some cannot start
+ * without a stop time, some need whole days, and some count seconds in 32 bits. */
+#define TL_EXPERIMENT_FAR (7300 * 86400.0)
+
 typedef struct tl_plan {
     tl_time step; /* required; T_S, ns, > 0 */
+    tl_experiment experiment;
+    tl_time length; /* ns; without stop_s, the stop time is so much after the start, plus T_P; 0: there is no end */
     const tl_plan_component *components;
     size_t component_count;
     const tl_plan_signal *signals;

@@ -85,7 +85,7 @@ static void set_point(tl_optimiser *self, const double *v) {
 }
 
 /* Slope from the values here, at h and at 2h, as far as they exist. */
-static double slope_aside(double here, double near, double far, double h) {
+static double slope_of_rest(double here, double near, double far, double h) {
     if (!isfinite(near)) {
         return 0.0;
     }
@@ -98,7 +98,7 @@ static double slope_between(double here, const double f[4], double h) {
         return (-f[0] + 8.0 * f[1] - 8.0 * f[2] + f[3]) / (12.0 * h);
     }
     const bool up = isfinite(f[1]) && (isfinite(f[0]) || !isfinite(f[2]));
-    return up ? slope_aside(here, f[1], f[0], h) : slope_aside(here, f[2], f[3], -h);
+    return up ? slope_of_rest(here, f[1], f[0], h) : slope_of_rest(here, f[2], f[3], -h);
 }
 
 /* Slope from the values here and at h, 2h, 3h, 4h; equally precise. */
@@ -106,7 +106,7 @@ static double slope_beside(double here, const double f[4], double h) {
     if (isfinite(f[0]) && isfinite(f[1]) && isfinite(f[2]) && isfinite(f[3])) {
         return (-25.0 * here + 48.0 * f[0] - 36.0 * f[1] + 16.0 * f[2] - 3.0 * f[3]) / (12.0 * h);
     }
-    return slope_aside(here, f[0], f[1], h);
+    return slope_of_rest(here, f[0], f[1], h);
 }
 
 /* dJ/dv of one variable at self->u with J = `here`. Bounds are always some thousand h apart, so

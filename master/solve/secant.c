@@ -16,6 +16,10 @@
  *          whole move would be the best line through the horizon, which soon leaves the tolerance
  *          on the other side. Each new u costs the executions of a whole horizon; a held one costs
  *          only its newest step.
+ * Refused: a probe that cannot be evaluated is repeated to the other side, and with smaller steps.
+ *          A column that could not be measured stays as it was and is tried again in the next
+ *          search.
+ *          If the start itself cannot be evaluated, the nearest point that can is looked for.
  * Rows:    a sample's residual of exactly 0 was not measured and does not count. A penalty of 0 is
  *          one at nominal and counts. A damping residual counts if it is damped in this search.
  * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
@@ -59,6 +63,12 @@ static const double WORTHWHILE = 0.01;
 static const double PROGRESS = 1e-3;
 enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
 
+/* Attempts to measure a column: to both sides, each pair with a quarter of the step before. */
+enum { PROBES = 8, LOG2_SMALLER = -2 };
+
+/* Distances at which a start is looked for: 1, 2, 4 … steps. */
+enum { STARTS = 6 };
+
 /* Iterations per unknown to find which ones are at a bound. */
 enum { PASSES = 4 };
 
@@ -73,6 +83,7 @@ struct tl_optimiser {
     double *normal; /* GᵀG, then its Cholesky factor */
     double *move;   /* in steps */
     bool *fixed;    /* at a bound */
+    bool *known;    /* its column was measured */
     double *point;
     double *r; /* at point */
     double *trial;
@@ -98,6 +109,7 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
     self->normal = tl_arena_take(arena, self->unknowns * self->unknowns, sizeof *self->normal);
     self->move = tl_arena_take(arena, self->unknowns, sizeof *self->move);
     self->fixed = tl_arena_take(arena, self->unknowns, sizeof *self->fixed);
+    self->known = tl_arena_take(arena, self->unknowns, sizeof *self->known);
     self->point = tl_arena_take(arena, self->unknowns, sizeof *self->point);
     self->trial = tl_arena_take(arena, self->unknowns, sizeof *self->trial);
     self->r = tl_arena_take(arena, space->residual_most, sizeof *self->r);
@@ -106,8 +118,8 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
     self->lean = tl_arena_take(arena, self->unknowns, sizeof *self->lean);
     self->leaned = tl_arena_take(arena, self->unknowns, sizeof *self->leaned);
     bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
-                 self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL &&
-                 self->further != NULL && self->lean != NULL && self->leaned != NULL;
+                 self->known != NULL && self->point != NULL && self->trial != NULL && self->r != NULL &&
+                 self->expected != NULL && self->further != NULL && self->lean != NULL && self->leaned != NULL;
     return taken ? self : NULL;
 }
 
@@ -474,39 +486,63 @@ static void move_to(tl_optimiser *self, const double *u, const double *r, double
     self->value = value;
 }
 
-/* A step up, or down if there is more room. */
-static double probe_point(const tl_optimiser *self, size_t k) {
+/* First attempt: a step up, or down if there is more room. Then to the other side, then smaller. */
+static double probe_point(const tl_optimiser *self, size_t k, int attempt) {
     double at = self->point[k];
+    double step = ldexp(self->space->step[k], LOG2_SMALLER * (attempt / 2));
     double up = self->space->upper[k] - at;
     double down = at - self->space->lower[k];
-    return up >= self->space->step[k] || up >= down ? fmin(at + self->space->step[k], self->space->upper[k])
-                                                    : fmax(at - self->space->step[k], self->space->lower[k]);
+    bool is_up = (up >= step || up >= down) == (attempt % 2 == 0);
+    return is_up ? fmin(at + step, self->space->upper[k]) : fmax(at - step, self->space->lower[k]);
 }
 
-/* One evaluation per unknown measures its column. Continues from the best point. False: stopped. */
-static bool measure(tl_optimiser *self) {
-    const tl_search *search = self->search;
+/* Evaluates the point with one unknown moved, and continues from there if it is better. False:
+ * stopped. */
+static bool probe(tl_optimiser *self, size_t k, double value_of_k, double *value, const double **r) {
+    memcpy(self->trial, self->point, self->unknowns * sizeof *self->trial);
+    self->trial[k] = value_of_k;
+    *value = HUGE_VAL;
+    return self->search->evaluate(self->search->context, self->trial, value, r);
+}
+
+/* Measures one column. False: stopped. */
+static bool measure_column(tl_optimiser *self, size_t k) {
     size_t n = self->unknowns;
-    for (size_t k = 0; k < n; k++) {
-        double value = HUGE_VAL;
-        const double *r = NULL;
-        memcpy(self->trial, self->point, n * sizeof *self->trial);
-        self->trial[k] = probe_point(self, k);
-        bool may_continue = search->evaluate(search->context, self->trial, &value, &r);
-        double made = (self->trial[k] - self->point[k]) / self->space->step[k];
+    double value = HUGE_VAL;
+    const double *r = NULL;
+    bool may_continue = true;
+    for (int attempt = 0; attempt < PROBES && !isfinite(value) && may_continue; attempt++) {
+        double at = probe_point(self, k, attempt);
+        double made = (at - self->point[k]) / self->space->step[k];
+        if (attempt > 0 && !(fabs(made) > SHORTEST_MOVE)) {
+            continue;
+        }
+        may_continue = probe(self, k, at, &value, &r);
         for (size_t i = 0; i < self->residuals && isfinite(value); i++) {
             self->slope[i * n + k] = (r[i] - self->r[i]) / made;
         }
-        if (isfinite(value) && value < self->value) {
-            move_to(self, self->trial, r, value);
-        }
-        if (!may_continue) {
-            self->has_slope = self->has_slope || (k + 1 == n && isfinite(value));
-            return false;
-        }
     }
-    self->has_slope = true;
-    return true;
+    self->known[k] = self->known[k] || isfinite(value);
+    if (isfinite(value) && value < self->value) {
+        move_to(self, self->trial, r, value);
+    }
+    return may_continue;
+}
+
+/* Measures the columns, or only those that are not known. Continues from the best point. False:
+ * stopped. */
+static bool measure(tl_optimiser *self, bool only_unknown) {
+    bool may_continue = true;
+    size_t k = 0;
+    for (; k < self->unknowns && may_continue; k++) {
+        may_continue = (only_unknown && self->known[k]) || measure_column(self, k);
+    }
+    bool any = may_continue ? false : self->known[self->unknowns - 1];
+    for (size_t i = 0; i < self->unknowns && may_continue; i++) {
+        any = any || self->known[i];
+    }
+    self->has_slope = self->has_slope || (any && k == self->unknowns);
+    return may_continue;
 }
 
 /* ---- the search ---- */
@@ -524,6 +560,7 @@ typedef struct tl_course {
     int failures;   /* in a row */
     int idle;       /* moves with little progress in a row */
     bool fresh;     /* the slope was measured at this point */
+    bool completed; /* columns that were not known were tried again */
     bool confirmed; /* by the last move */
 } tl_course;
 
@@ -566,13 +603,45 @@ static void begin(tl_optimiser *self, tl_course *course, const tl_search *search
     move_to(self, search->start, search->start_residuals, search->start_value);
 }
 
-/* Measures the slope if there is none or if it leads nowhere. False: stopped. */
+static bool is_complete(const tl_optimiser *self) {
+    size_t k = 0;
+    while (k < self->unknowns && self->known[k]) {
+        k++;
+    }
+    return k == self->unknowns;
+}
+
+/* Measures the slope if there is none, if a column is missing, or if it leads nowhere. False:
+ * stopped. */
 static bool renew_slope(tl_optimiser *self, tl_course *course) {
+    bool completes = self->has_slope && !course->completed && !is_complete(self);
+    course->completed = true;
+    if (completes) {
+        return measure(self, true);
+    }
     if (self->has_slope && (course->failures < FAILURES_TO_MEASURE || course->fresh)) {
         return true;
     }
-    course->fresh = measure(self);
+    course->fresh = measure(self, false);
     return course->fresh;
+}
+
+/* The nearest point that can be evaluated, on either side of each unknown in turn. *stopped: the
+ * caller has stopped the search. Returns false if there is none. */
+static bool find_start(tl_optimiser *self, bool *stopped) {
+    for (int i = 0; i < STARTS; i++) {
+        for (size_t k = 0; k < 2 * self->unknowns && !*stopped; k++) {
+            double value = HUGE_VAL;
+            const double *r = NULL;
+            double move = ldexp(k % 2 == 0 ? 1.0 : -1.0, i) * self->space->step[k / 2];
+            *stopped = !probe(self, k / 2, within(self, k / 2, self->point[k / 2] + move), &value, &r);
+            if (isfinite(value)) {
+                move_to(self, self->trial, r, value);
+                return true;
+            }
+        }
+    }
+    return false;
 }
 
 /* Evaluates the move to trial. False: stopped. */
@@ -586,10 +655,14 @@ static bool ask(tl_optimiser *self, tl_course *course, double promised) {
 
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     tl_course course = {0};
-    if (!isfinite(search->start_value)) {
-        return TL_SEARCH_FAILED;
-    }
+    bool stopped = false;
     begin(self, &course, search);
+    if (!isfinite(self->value) && !find_start(self, &stopped)) {
+        return stopped ? TL_SEARCH_STOPPED : TL_SEARCH_FAILED;
+    }
+    if (stopped) {
+        return TL_SEARCH_STOPPED;
+    }
     while (course.failures < MOST_FAILURES && course.idle < MOST_IDLE) {
         if (!renew_slope(self, &course)) {
             return TL_SEARCH_STOPPED;
@@ -672,6 +745,7 @@ static bool is_new(const tl_optimiser *self) {
 static void forget(tl_optimiser *self) {
     self->has_slope = false;
     self->promised = (double)NAN;
+    memset(self->known, 0, self->unknowns * sizeof *self->known);
     memset(self->slope, 0, self->residuals * self->unknowns * sizeof *self->slope);
     memset(self->lean, 0, self->unknowns * sizeof *self->lean);
 }

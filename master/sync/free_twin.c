@@ -408,7 +408,7 @@ static bool measure(const tl_free_twin *twin, const tl_record *record, const dou
     bool measured = false;
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
-        bool is_good = term->weight > 0.0 && record->measured_quality[i] == TL_GOOD;
+        bool is_good = term->weight > 0.0 && record->measured_quality[i] == TL_GOOD && isfinite(record->y[i]);
         errors[i] = is_good ? sqrt(term->weight) * (y[i] - record->measured[i]) / term->tolerance : 0.0;
         measured = measured || is_good;
     }

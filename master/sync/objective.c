@@ -192,6 +192,9 @@ static double bend(double difference, double huber) {
 }
 
 static double residual(const tl_objective_target *target, double y) {
+    if (!(target->scale > 0.0) && !isfinite(y)) {
+        return 0.0;
+    }
     return target->root_weight * bend((y - target->value) * target->scale, target->huber);
 }
 
@@ -206,6 +209,41 @@ double tl_objective_at(const tl_objective *objective, uint32_t depth, double *re
         sum += r * r;
     }
     return sum;
+}
+
+static bool is_bad(const tl_objective_target *target, double y) {
+    return target->scale > 0.0 && !isfinite(y);
+}
+
+size_t tl_objective_find_bad(const tl_objective *objective, const double *course) {
+    size_t count = tl_objective_samples(objective) * objective->matched;
+    for (size_t i = 0; i < count; i++) {
+        size_t match = 0;
+        for (size_t before = i % objective->matched; before > 0 || !has_weight(&objective->terms[match]); match++) {
+            before -= has_weight(&objective->terms[match]) ? 1 : 0;
+        }
+        if (is_bad(&objective->targets[i], course[i])) {
+            return match;
+        }
+    }
+    return SIZE_MAX;
+}
+
+double tl_objective_leave_out(tl_objective *objective, const double *course, double *residuals) {
+    size_t count = tl_objective_samples(objective) * objective->matched;
+    double sum = 0.0;
+    bool any = false;
+    for (size_t i = 0; i < count; i++) {
+        any = any || (objective->targets[i].scale > 0.0 && isfinite(course[i]));
+    }
+    for (size_t i = 0; i < count && any; i++) {
+        if (is_bad(&objective->targets[i], course[i])) {
+            objective->targets[i].scale = 0.0;
+            residuals[i] = 0.0;
+        }
+        sum += residuals[i] * residuals[i];
+    }
+    return any ? sum : HUGE_VAL;
 }
 
 double tl_objective_sample(const tl_objective *objective, int64_t tick, const double *y) {
@@ -265,6 +303,10 @@ double tl_objective_penalise(const tl_objective *objective, const double *u, con
     return sum;
 }
 
+static double expected(const tl_objective_target *target, double y) {
+    return isfinite(y) ? residual(target, y) : 0.0;
+}
+
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals) {
     size_t matched = objective->matched;
@@ -273,11 +315,11 @@ void tl_objective_forecast(const tl_objective *objective, const double *course, 
         residuals[i] = 0.0;
     }
     for (size_t i = 0; i < last; i++) {
-        residuals[i] = residual(&objective->targets[i], course[i + matched]);
+        residuals[i] = expected(&objective->targets[i], course[i + matched]);
     }
     for (size_t i = 0; i < matched; i++) {
         double y = course[last + i];
-        residuals[last + i] = residual(&objective->targets[last + i], y + (y - earlier[i]));
+        residuals[last + i] = expected(&objective->targets[last + i], y + (y - earlier[i]));
     }
 }
 

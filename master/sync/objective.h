@@ -5,10 +5,13 @@
  *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
  *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
  *          ŷ that is not good has weight 0.
- * Unseen:  in a dynamic horizon the sample may be missing at which an unknown first has an effect,
- *          as between two messages. Then only the sum of several unknowns is observable, and they
- *          may swing against each other. Such an unknown is damped: √TL_UNSEEN_RATE·(u − u
- *          before)/step is added to J, unless the rate penalty is larger.
+ * Unseen:  an unknown is unseen if there is no measurement at the sample where it first has an
+ *          effect, for example between two messages of the plant. A dynamic horizon then shows only
+ *          the sum of several unknowns, and they may oscillate against each other. An unseen
+ *          unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step before)/step,
+ *          unless its rate penalty is larger.
+ * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
+ *          tl_objective_leave_out() gives it weight 0 in this step, as for a ŷ that is not good.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
  *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -42,7 +45,7 @@ typedef struct tl_objective_penalty {
     double step;
 } tl_objective_penalty;
 
-/* Damping of unknowns that no sample sees. Measured: a tenth of it is too little at T_P = 6. */
+/* Rate penalty of unseen unknowns. A test with a tenth of it and T_P = 6 was not damped enough. */
 #define TL_UNSEEN_RATE 1e-2
 
 /* One matched output at one horizon sample, prepared for the step. */
@@ -50,7 +53,7 @@ typedef struct tl_objective_target {
     const double *real;         /* address of y; NULL: it is an integer */
     const fmi2Integer *integer; /* address of y; NULL: it is Real */
     double value;               /* ŷ, in y's unit */
-    double scale;               /* 1/tolerance; 0: not measured */
+    double scale;               /* 1/tolerance; 0: ŷ is not good */
     double root_weight;
     double huber; /* infinity: none */
 } tl_objective_target;
@@ -65,10 +68,10 @@ typedef struct tl_objective {
     size_t matched;                     /* terms with a weight */
     tl_objective_target *targets;       /* [(depth − T_D)·matched + …] */
     tl_noise_estimate *noise_estimates; /* of the matched ŷ, in y's unit */
-    size_t damping_count;  /* residuals of unknowns that may be unseen: all of a dynamic horizon, or none */
-    bool *damped;          /* of each of these: it belongs to J in this step */
-    size_t residual_count; /* of samples, damping and penalties, in this order */
-    size_t residual_most;  /* the same with all penalties */
+    size_t damping_count;               /* number of damping residuals: one per unknown of a dynamic horizon, or 0 */
+    bool *damped;                       /* of each of these: true if J includes it in this step */
+    size_t residual_count;              /* of samples, damping and penalties, in this order */
+    size_t residual_most;               /* the same with all penalties */
 } tl_objective;
 
 /* Parts of an objective. The penalties are copied; all else must outlive it. */
@@ -78,24 +81,31 @@ typedef struct tl_objective_settings {
     const tl_objective_term *terms;
     size_t term_count;
     const tl_objective_penalty *penalties; /* one for each adjusted variable */
-    bool damps; /* damps unknowns that no sample sees; not for Booleans, which cannot move a little */
+    bool damps;                            /* damps unseen unknowns; false for Booleans, which have no small changes */
 } tl_objective_settings;
 
 /* Returns false if memory is out. */
 bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings);
 
 /* Applies a tuning from the next step on. `terms` are those of the objective and get the new
- * values; the penalties are copied. factors[i], of residual_most, is by how much residual i of the
- * same difference has grown. */
+ * values; the penalties are copied. Returns in factors[i] the ratio of new to old residual i at the
+ * same y and u, without huber; 1 if the old one was absent. Room: residual_most. */
 void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, const tl_tuning *tuning, double *factors);
 
-/* Looks up the measurements for step i, and which unknowns they do not see. Returns false if none
- * of them is good. */
+/* Looks up the measurements for step i, and finds the unseen unknowns. Returns false if no
+ * measurement is good. */
 bool tl_objective_prepare(tl_objective *objective, int64_t step);
 
 /* Contribution of the present outputs to J, `depth` steps (T_D … T_P) after t_i. Fills their part
- * of the residuals and of the course: `matched` values of y per sample. */
+ * of `residuals` and of `course`, the y of all samples (`matched` values per sample). */
 double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
+
+/* The first match whose y in this course should count and is not finite; SIZE_MAX: none. */
+size_t tl_objective_find_bad(const tl_objective *objective, const double *course);
+
+/* Leaves these y out of J in this step; their residuals become 0. Returns the contribution of the
+ * other samples; HUGE_VAL, without any change, if none would remain. */
+double tl_objective_leave_out(tl_objective *objective, const double *course, double *residuals);
 
 /* Contribution of u itself to J: damping, deviation from nominal, and rate. Fills the rest of the
  * residuals, also those that do not belong to J in this step. `before`: u of the step before, by
@@ -103,9 +113,10 @@ double tl_objective_at(const tl_objective *objective, uint32_t depth, double *re
 double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
                              const double *before, double *residuals);
 
-/* Residuals to be expected one step after a candidate with this course is committed and its u held.
- * Its samples shift by one; the new last one extrapolates from `earlier` (y of the sample before)
- * through the last. Penalties are left out. */
+/* Predicts the residuals of the next step, if the candidate with this course is committed and its u
+ * stays constant. The samples shift by one. The new last sample is extrapolated linearly from the
+ * last two: `earlier` is y of the last but one. Penalties are 0. A y that is not finite is left
+ * out. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
 

@@ -17,6 +17,8 @@ void tl_record_begin(tl_record *record, int64_t step) {
     record->evaluations = 0;
     record->flags = 0;
     record->held = 0;
+    record->bad_outputs = 0;
+    record->refused = (tl_record_refused){0};
 }
 
 const char *tl_outcome_name(tl_outcome outcome) {
@@ -50,6 +52,10 @@ const char *tl_flag_name(tl_flag flag) {
         return "no rollback";
     case TL_FLAG_RESTS:
         return "resting";
+    case TL_FLAG_REFUSED:
+        return "refused";
+    case TL_FLAG_NOT_FINITE:
+        return "not finite";
     }
     return "unknown";
 }

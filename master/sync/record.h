@@ -67,7 +67,9 @@ typedef enum tl_flag {
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched: the free-running twin predicts better (sync/free_twin.h), and u rests at nominal */
-    TL_LAST_FLAG = TL_FLAG_RESTS
+    TL_FLAG_REFUSED = 512,     /* candidates of this step could not be evaluated (tl_record_refused) */
+    TL_FLAG_NOT_FINITE = 1024, /* an output of an FMU was not finite (bad_outputs) */
+    TL_LAST_FLAG = TL_FLAG_NOT_FINITE
 } tl_flag;
 
 /* State of a measured delay. */
@@ -84,6 +86,16 @@ typedef struct tl_record_readings {
     double squares;    /* Σ(y − ŷ)² at the instants of the readings, in the output's unit squared */
 } tl_record_readings;
 
+/* Candidates of a step that could not be evaluated, because an FMU failed or a matched output was
+ * not finite. The first of them is described; `count` 0: none, and the rest is undefined. */
+typedef struct tl_record_refused {
+    uint32_t count;
+    uint32_t by_output; /* 0: an FMU failed; 1: an output was not finite */
+    uint32_t index;     /* of this component or matched output, in the order of the plan */
+    uint32_t variable;  /* the adjusted variable that was furthest from nominal, in first steps of a search */
+    double u;           /* its value */
+} tl_record_refused;
+
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`; only that many
  * entries are filled, since records are copied often and never cleared. */
 typedef struct tl_record {
@@ -97,8 +109,13 @@ typedef struct tl_record {
     uint32_t predicted;  /* executions that the ledger predicts for the same evaluations (sync/ledger.h) */
     uint32_t flags;      /* tl_flag */
     uint32_t held;       /* bit v: adjusted variable v was not identifiable and was held at nominal */
-    tl_time used;        /* ns by the budget's clock, 0 without one; set by tl_twin_step */
-    double y[TL_MAX_MATCH];
+    /* Bit k: output k of an FMU was not finite at t_(i+1); for the first step after an initialisation
+     * also at t_i. The outputs are those of `match`, then the sources of `connections` of the plan;
+     * the last bit stands for any further one. */
+    uint64_t bad_outputs;
+    tl_record_refused refused;
+    tl_time used;           /* ns by the budget's clock, 0 without one; set by tl_twin_step */
+    double y[TL_MAX_MATCH]; /* NaN: not finite */
     double measured[TL_MAX_MATCH];
     uint8_t measured_quality
         [TL_MAX_MATCH]; /* tl_quality; `measured` is never NaN: a bad one is replaced by the last good one */

@@ -39,6 +39,8 @@ void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser,
     search->flags = 0;
     search->held = 0;
     search->seen = 0;
+    search->refused = (tl_record_refused){0};
+    search->executed = false;
     search->idle = 0;
     search->stagnated = false;
     search->acquaints = false;
@@ -230,23 +232,79 @@ static tl_status simulate_horizon(tl_step_search *search, const double *u, doubl
     return status;
 }
 
+/* Counts a candidate that could not be evaluated. The first one is described by the unknown that is
+ * furthest from nominal. */
+static void note_refused(tl_step_search *search, const double *u, bool by_output, size_t index) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_horizon *horizon = &synchroniser->horizon;
+    tl_record_refused *refused = &search->refused;
+    double furthest = -1.0;
+    if (refused->count++ != 0) {
+        return;
+    }
+    refused->by_output = by_output ? 1 : 0;
+    refused->index = (uint32_t)index;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
+            double distance = fabs(u[i] - search->nominal[v]) / synchroniser->adjusted[v].step;
+            if (distance > furthest) {
+                furthest = distance;
+                refused->variable = (uint32_t)v;
+                refused->u = u[i];
+            }
+        }
+    }
+}
+
+/* J of a candidate whose J is not finite. An output that is not finite at nominal, and at every
+ * candidate before it, is left out of J in this step, if there are others. Else it is the fault of
+ * this u. */
+static double use_finite(tl_step_search *search, const double *u, bool nominal, double penalties) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_synchroniser_memory *memory = &synchroniser->memory;
+    size_t bad = tl_objective_find_bad(&synchroniser->objective, memory->candidate_course);
+    if (bad == SIZE_MAX) {
+        return HUGE_VAL;
+    }
+    double value = HUGE_VAL;
+    if (nominal && !search->executed) {
+        value =
+            penalties + tl_objective_leave_out(&synchroniser->objective, memory->candidate_course, memory->residuals);
+    }
+    if (!isfinite(value)) {
+        note_refused(search, u, true, bad);
+    } else if (search->refused.by_output != 0) {
+        search->refused = (tl_record_refused){0};
+    }
+    return value;
+}
+
 /* J of u, or HUGE_VAL if an FMU fails, a result is not finite, or time runs out. */
-static double simulate(tl_step_search *search, const double *u) {
+static double simulate(tl_step_search *search, const double *u, bool nominal) {
     tl_synchroniser *synchroniser = search->synchroniser;
     tl_status status = tl_step_search_go_back(search);
     search->dirty = true;
-    double sum = tl_objective_penalise(&synchroniser->objective, u, search->nominal, synchroniser->memory.before,
-                                       synchroniser->memory.residuals);
+    double penalties = tl_objective_penalise(&synchroniser->objective, u, search->nominal, synchroniser->memory.before,
+                                             synchroniser->memory.residuals);
+    double sum = penalties;
     status = status == TL_OK ? simulate_horizon(search, u, &sum) : status;
     if (status == TL_FMU_FATAL) {
         search->fatal = status;
     }
-    return status == TL_OK && !search->late && isfinite(sum) ? sum : HUGE_VAL;
+    if (status == TL_FMU_FAILED) {
+        note_refused(search, u, false, synchroniser->exchange->failed);
+    }
+    if (status != TL_OK || search->late) {
+        return HUGE_VAL;
+    }
+    sum = isfinite(sum) ? sum : use_finite(search, u, nominal, penalties);
+    search->executed = search->executed || isfinite(sum);
+    return sum;
 }
 
 /* The same with a clock: measures the overhead of an evaluation beside its executions. */
-static double simulate_measured(tl_step_search *search, const double *u) {
-    double value = simulate(search, u);
+static double simulate_measured(tl_step_search *search, const double *u, bool nominal) {
+    double value = simulate(search, u, nominal);
     end_part(search, &search->synchroniser->times.within);
     search->walked = true;
     return value;
@@ -270,7 +328,7 @@ static void keep_best(tl_step_search *search, const double *u, double value) {
  * clock does not make it either. Nominal is evaluated once, also if a solver asks for it. */
 static double evaluate(tl_step_search *search, const double *u) {
     bool nominal = isnan(search->nominal_value) && !search->nominal_follows;
-    double value = search->budget->now == NULL ? simulate(search, u) : simulate_measured(search, u);
+    double value = search->budget->now == NULL ? simulate(search, u, nominal) : simulate_measured(search, u, nominal);
     if (search->late) {
         return HUGE_VAL;
     }

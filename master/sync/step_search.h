@@ -31,9 +31,11 @@ typedef struct tl_step_search {
     bool late;            /* a candidate was aborted because time ran out */
     bool nominal_follows; /* nominal is evaluated after the current candidate: time is reserved for it */
     tl_stop stop;
-    uint32_t flags;     /* tl_flag */
-    uint32_t held;      /* bit v: variable v is not identifiable */
-    uint32_t seen;      /* bit v: variable v has moved an output */
+    uint32_t flags; /* tl_flag */
+    uint32_t held;  /* bit v: variable v is not identifiable */
+    uint32_t seen;  /* bit v: variable v has moved an output */
+    bool executed;  /* J of a candidate is finite */
+    tl_record_refused refused;
     uint32_t idle;      /* evaluations since the last progress */
     bool stagnated;     /* no progress for too long: the solver is stopped */
     bool acquaints;     /* the solver may continue within tolerance until it can make a guess */

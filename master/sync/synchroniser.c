@@ -647,6 +647,10 @@ tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, cons
     record->stop = search.stop;
     record->flags = search.flags | (is_without_nominal(&search, record->outcome) ? TL_FLAG_WITHOUT_NOMINAL : 0U);
     record->held = search.held;
+    if (search.executed || search.refused.by_output == 0) { /* else the output is not finite whatever u is */
+        record->refused = search.refused;
+    }
+    record->flags |= record->refused.count != 0 ? (uint32_t)TL_FLAG_REFUSED : 0U;
     record->evaluations = search.evaluations;
     record->objective_nominal = finite_or_nan(search.nominal_value);
     record->objective = record->outcome == TL_NOMINAL ? record->objective_nominal : finite_or_nan(search.best_value);

@@ -1,6 +1,7 @@
 /* Account of a twin: see account.h. */
 #include "master/twin/account.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "master/base/text.h"
@@ -81,6 +82,7 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     account->components =
         facts.components < TL_ACCOUNT_COMPONENTS ? (uint32_t)facts.components : (uint32_t)TL_ACCOUNT_COMPONENTS;
     account->prediction = facts.prediction;
+    account->experiment = facts.experiment;
     account->lead = facts.lead;
     account->verified = facts.verified;
     account->verified_executions = facts.verified_executions;
@@ -97,6 +99,10 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
         account->replayed += tl_twin_get_ledger(twin, i).replay.steps;
     }
     take_ports(twin, account);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        tl_twin_bounds bounds = tl_twin_get_bounds(twin, i);
+        account->signal[i] = (tl_account_signal){bounds.least, bounds.most, bounds.scale, bounds.items};
+    }
 }
 
 /* Whether it ends and can be shown as it is. */
@@ -120,7 +126,8 @@ static bool is_type(tl_type type) {
 
 bool tl_account_is_sound(const tl_account *account) {
     bool sound = account->components <= TL_ACCOUNT_COMPONENTS && account->matches <= TL_MAX_MATCH &&
-                 account->adjusts <= TL_MAX_ADJUST && is_text(account->algorithm) && is_text(account->fallback) &&
+                 account->adjusts <= TL_MAX_ADJUST && isfinite(account->experiment.start_s) &&
+                 isfinite(account->experiment.stop_s) && is_text(account->algorithm) && is_text(account->fallback) &&
                  is_text(account->finding.component) && is_text(account->finding.variable) &&
                  is_text(account->finding.unit) && account->finding.mended < TL_MENDED &&
                  account->finding.cause < TL_RESTORE_CAUSES &&

@@ -45,6 +45,12 @@ typedef struct tl_account_adjust {
     double step, lower, upper, least, most; /* as in tl_twin_adjusted */
 } tl_account_adjust;
 
+/* As in tl_twin_bounds. */
+typedef struct tl_account_signal {
+    double least, most, scale;
+    uint64_t items;
+} tl_account_signal;
+
 /* As in tl_twin_finding. */
 typedef struct tl_account_finding {
     char component[TL_ACCOUNT_TEXT];
@@ -58,14 +64,15 @@ typedef struct tl_account_finding {
 } tl_account_finding;
 
 typedef struct tl_account {
-    uint32_t components;   /* at most TL_ACCOUNT_COMPONENTS */
-    uint32_t matches;      /* at most TL_MAX_MATCH */
-    uint32_t adjusts;      /* at most TL_MAX_ADJUST */
-    uint32_t prediction;   /* T_P in use */
-    uint32_t lead;         /* step i is computed at tick i + lead */
-    uint8_t complete;      /* 1: the ledger is complete; 0: its prediction is too high */
-    uint8_t has_free_twin; /* 1: the free-run check is on */
-    uint64_t verified;     /* as in tl_twin_facts */
+    uint32_t components;      /* at most TL_ACCOUNT_COMPONENTS */
+    uint32_t matches;         /* at most TL_MAX_MATCH */
+    uint32_t adjusts;         /* at most TL_MAX_ADJUST */
+    uint32_t prediction;      /* T_P in use */
+    tl_experiment experiment; /* as in tl_twin_facts; finite */
+    uint32_t lead;            /* step i is computed at tick i + lead */
+    uint8_t complete;         /* 1: the ledger is complete; 0: its prediction is too high */
+    uint8_t has_free_twin;    /* 1: the free-run check is on */
+    uint64_t verified;        /* as in tl_twin_facts */
     uint64_t verified_executions;
     uint64_t differed;
     tl_free_twin_counts free_twin;
@@ -77,6 +84,7 @@ typedef struct tl_account {
     tl_account_component component[TL_ACCOUNT_COMPONENTS];
     tl_account_match match[TL_MAX_MATCH];
     tl_account_adjust adjust[TL_MAX_ADJUST];
+    tl_account_signal signal[TL_MAX_SIGNALS];
 } tl_account;
 
 /* The present account of a twin. Characters of names and units that cannot be shown are replaced by

@@ -4,7 +4,7 @@
 #include <math.h>
 
 void tl_metrics_add(tl_metrics *metrics, double y, double measured, tl_quality quality) {
-    if (quality != TL_GOOD) {
+    if (quality != TL_GOOD || !isfinite(y)) {
         metrics->left_out++;
         return;
     }

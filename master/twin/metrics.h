@@ -17,6 +17,7 @@ typedef struct tl_metrics {
     double maximum; /* of |y − ŷ| */
 } tl_metrics;
 
+/* Adds a pair. It is left out if the measurement is not good or y is not finite. */
 void tl_metrics_add(tl_metrics *metrics, double y, double measured, tl_quality quality);
 
 /* Adds the metrics of another period. */

@@ -86,5 +86,4 @@ void tl_reading_meter_archive(tl_reading_meter *meter, tl_archive *archive) {
         tl_archive_require_finite(archive, &meter->waiting[i].value, 1);
     }
     tl_archive_require(archive, meter->count <= meter->room);
-    tl_archive_require_finite(archive, &meter->y, 1);
 }

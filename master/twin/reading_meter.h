@@ -1,13 +1,14 @@
 /* Reading meter: error of a twin at each reading of the plant, at the instant of that reading
  *                between the twin's steps.
  *
- * Purpose: MSE compares the twin with what it was matched with, which may be filtered or
- *          interpolated. This compares it with the readings as they came, so no filter can improve
- *          the figure. The error of a perfect twin is their noise.
- * Between: the twin is interpolated linearly between two steps. If it was reset between them, it
- *          has no value there.
- * Waiting: a reading waits until the step that contains it is committed. A reading of an earlier
- *          step is left out, and so is the oldest one if there is no room.
+ * Purpose: the MSE of the match compares y with a measured value that may be filtered or
+ *          interpolated. This module compares y with the raw readings, so no filter can improve the
+ *          figure. A perfect twin has the noise of the readings as its error.
+ * Between: y is interpolated linearly between two steps. If the twin was reset between them, there
+ *          is no y, and the readings there are dropped.
+ * Waiting: a reading waits until the step that contains its time is committed. A reading of an
+ *          earlier step is dropped. If there is no room, the oldest reading is dropped. Dropped
+ *          readings are not counted.
  * Units:   of the output. Times in ns since t_start of the twin; the caller subtracts a delay
  *          between plant and twin.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -29,15 +30,16 @@ typedef struct tl_reading_meter tl_reading_meter;
 /* `room`: most waiting readings, > 0. NULL if memory is out. */
 tl_reading_meter *tl_reading_meter_create(tl_arena *arena, tl_time step, size_t room);
 
-/* Adds the newest reading at a tick; a repeated time is ignored. A rejected one (TL_OUTLIER) counts
- * as left out; others that are not good do not count. */
+/* Adds the newest reading at a tick. A reading that is not later than the previous one is ignored.
+ * An outlier (TL_OUTLIER) is only counted, in metrics->left_out. Any other reading that is not good
+ * is ignored. */
 void tl_reading_meter_see(tl_reading_meter *meter, tl_time time, double value, tl_quality quality, tl_metrics *metrics);
 
-/* Reports the step that ends at `end` with y there. `goes_on`: it continues from the end of the
- * step before. */
+/* Adds the step that ends at `end` with output `y`, and compares the readings within it. `goes_on`:
+ * the step started from the end of the step before, without a reset. */
 void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool goes_on, tl_metrics *metrics);
 
-/* Archives all data; the metrics belong to the caller. */
+/* Saves or loads all data (archive.h), but not the metrics, which belong to the caller. */
 void tl_reading_meter_archive(tl_reading_meter *meter, tl_archive *archive);
 
 #endif

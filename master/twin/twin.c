@@ -58,6 +58,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .prediction = prediction,
         .distance = synchroniser->horizon.distance,
         .lead = twin->lead,
+        .experiment = twin->experiment,
         .first = twin->first,
         .unknowns = synchroniser->horizon.count,
         .algorithm = synchroniser->solver != NULL ? synchroniser->solver->name : "",
@@ -109,6 +110,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     fill_needs(twin, component, &entry);
     if (!plant) {
         entry.replay = exchange->components[component].fmi->replay;
+        entry.reads_late = exchange->components[component].reads_late;
         entry.cost = exchange->costs.each[component].most;
     }
     if (!plant && exchange->cached != NULL) {
@@ -152,6 +154,16 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .least = twin->adjust_ports[adjust]->variable->minimum,
         .most = twin->adjust_ports[adjust]->variable->maximum,
     };
+}
+
+tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal) {
+    tl_signal_bounds found = tl_graph_signal_bounds(&twin->graph, signal);
+    tl_twin_bounds bounds = {.least = found.least, .most = found.most, .scale = found.scale, .items = found.items};
+    if (found.input != NULL) {
+        bounds.component = tl_twin_component_name(twin, found.input->node);
+        bounds.input = found.input->variable->name;
+    }
+    return bounds;
 }
 
 tl_twin_delay tl_twin_get_delay(const tl_twin *twin) {
@@ -235,6 +247,25 @@ static tl_status reset_all(tl_twin *twin, int64_t step, tl_status (*method)(tl_t
     return status == TL_OK ? tl_exchange_initialize(exchange, step, shown, error) : status;
 }
 
+/* As in a record. */
+static uint64_t find_bad_outputs(const tl_twin *twin) {
+    const tl_exchange *exchange = &twin->exchange;
+    const size_t last = 63;
+    uint64_t bad = 0;
+    size_t bit = 0;
+    if (tl_exchange_is_finite(exchange)) {
+        return 0;
+    }
+    for (; bit < twin->synchroniser.objective.term_count; bit++) {
+        bad |= isfinite(tl_exchange_value(exchange, twin->terms[bit].port)) ? 0 : (uint64_t)1 << bit;
+    }
+    for (size_t i = 0; i < twin->graph.connection_count; i++, bit++) {
+        double value = tl_exchange_value(exchange, twin->graph.connections[i].from);
+        bad |= isfinite(value) ? 0 : (uint64_t)1 << (bit < last ? bit : last);
+    }
+    return bad;
+}
+
 static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
     twin->resets = false;
     tl_verifier_abandon(&twin->verifier);
@@ -247,6 +278,7 @@ static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
         return status;
     }
     bool was_abandoned = twin->event != NULL && tl_event_horizon_reset(twin->event);
+    twin->bad_at_start = find_bad_outputs(twin);
     *flags = TL_FLAG_RESET | (was_abandoned ? TL_FLAG_ABANDONED : 0U);
     tl_synchroniser_reset(&twin->synchroniser);
     status = tl_exchange_reset(&twin->exchange, step, error);
@@ -424,6 +456,7 @@ static tl_status start_twin(tl_twin *twin, const tl_budget *budget, tl_error *er
     const tl_plant *plant = &twin->exchange.plant;
     tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    twin->bad_at_start = find_bad_outputs(twin);
     tl_proof_end(&twin->proof);
     status = status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
     return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
@@ -576,6 +609,9 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
         status = step_by(twin, step, mode, record, error);
         record->flags |= flags | twin->marks | twin->lasting;
         twin->marks = 0;
+        record->bad_outputs = find_bad_outputs(twin) | twin->bad_at_start;
+        record->flags |= record->bad_outputs != 0 ? (uint32_t)TL_FLAG_NOT_FINITE : 0U;
+        twin->bad_at_start = 0;
     }
     if (status == TL_OK && !twin->synchroniser.runs_free) {
         tl_verifier_committed(&twin->verifier, step);

@@ -36,6 +36,7 @@ typedef struct tl_twin_facts {
     uint32_t prediction;                /* T_P in use; of an event horizon, the largest */
     uint32_t distance;                  /* T_D: the smallest of all pairs; 0 if nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
+    tl_experiment experiment;           /* in use: stop_s is above start_s */
     int64_t first;                      /* first step, past or future: 0, or later after tl_twin_begin_at() */
     size_t unknowns;                    /* of a search */
     const char *algorithm;              /* the solver in use; "" if nothing is adjusted */
@@ -63,6 +64,7 @@ typedef struct tl_twin_facts {
 typedef struct tl_twin_ledger {
     const char *name;
     uint32_t reach;       /* Γ_k (eq. 4.5) */
+    bool reads_late;      /* it refuses to be read in initialisation mode */
     bool on_a_way;        /* on a path from an adjusted variable to a matched output */
     uint32_t longer;      /* C_k, on such a path */
     uint32_t first_need;  /* most executions of a step's first evaluation, as saved */
@@ -203,6 +205,10 @@ void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning);
  * or later by the ticks that a look-up goes back; so does the first step. */
 void tl_twin_begin_at(tl_twin *twin, int64_t tick);
 
+/* Before one of the two: the FMUs' time at tick 0, s, as it was in the run that is continued. The
+ * stop time moves with it. */
+void tl_twin_set_start(tl_twin *twin, double start_s);
+
 /* Loads the twin as saved after `tick`: FMUs, values, samples, filters of the measurements, u. The
  * solver starts empty. The next tick is tick + 1. Initialises the FMUs.
  * Errors: TL_BAD_DATA if the bytes are not of such a twin at that tick; TL_FMU_FAILED, TL_FMU_FATAL
@@ -234,6 +240,17 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error);
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready);
 
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin);
+
+/* Values of a signal of the plant that the inputs fed by it declare, in the signal's unit: their
+ * intersection; least > most if they have no common value. */
+typedef struct tl_twin_bounds {
+    double least, most;            /* ∓infinity: none */
+    double scale;                  /* the largest nominal value of these inputs; 0: no input declares a bound */
+    uint64_t items;                /* of Enumerations: bit k: `least` + k is an item; 0: all values within the bounds */
+    const char *component, *input; /* the first input that declares one; NULL: none */
+} tl_twin_bounds;
+
+tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal);
 
 /* Executions of component k so far, and its name; the plant is the last one. */
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component);

@@ -478,6 +478,30 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_set
     }
 }
 
+static void place_experiment(tl_twin *twin, const tl_experiment *experiment) {
+    twin->experiment = *experiment;
+    for (size_t i = 0; i < twin->graph.component_count; i++) {
+        twin->graph.components[i].start_s = experiment->start_s;
+        twin->graph.components[i].stop_s = experiment->stop_s;
+    }
+}
+
+/* The last step begins at the end, and a candidate reaches T_P steps from there. */
+static tl_experiment experiment_of(const tl_twin *twin, const tl_plan *plan) {
+    tl_experiment experiment = plan->experiment;
+    uint32_t prediction = tl_twin_get_facts(twin).prediction;
+    double length = tl_seconds(tl_time_of_step(plan->length, plan->step, prediction > 1 ? prediction : 1));
+    if (!(experiment.stop_s > experiment.start_s)) {
+        experiment.stop_s = experiment.start_s + (plan->length != 0 ? length : TL_EXPERIMENT_FAR);
+    }
+    return experiment;
+}
+
+void tl_twin_set_start(tl_twin *twin, double start_s) {
+    tl_experiment experiment = {start_s, twin->experiment.stop_s + (start_s - twin->experiment.start_s)};
+    place_experiment(twin, &experiment);
+}
+
 /* Everything except the twin's own memory. */
 static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
@@ -488,6 +512,8 @@ static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         build_values(twin, plan, &synchroniser, report);
     }
     if (complete && report->count == before) {
+        tl_experiment experiment = experiment_of(twin, plan);
+        place_experiment(twin, &experiment);
         instantiate(twin, plan, report);
     }
     twin->graph.plan = NULL;

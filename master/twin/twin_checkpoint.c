@@ -65,7 +65,6 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
         tl_archive_require(archive, is_shift(twin, twin->terms[i].shift, configured[i]));
     }
     if (twin->has_pending) {
-        tl_archive_require_finite(archive, twin->pending.y, twin->synchroniser.objective.term_count);
         tl_archive_require_finite(archive, twin->pending.u, twin->synchroniser.horizon.variables);
         tl_archive_require_finite(archive, twin->pending.nominal, twin->synchroniser.horizon.variables);
     }
@@ -175,6 +174,15 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
     return TL_OK;
 }
 
+/* All values except outputs, which may be NaN. */
+static void require_finite_inputs(const tl_exchange *exchange, tl_archive *archive) {
+    const double *values = (const double *)(const void *)exchange->home.values;
+    size_t before = (size_t)(exchange->outputs - (const double *)(const void *)exchange->values);
+    size_t after = before + exchange->output_count;
+    tl_archive_require_finite(archive, values, before);
+    tl_archive_require_finite(archive, values + after, exchange->real_count - after);
+}
+
 /* Initialises the FMUs at their first instant with the present plant; then they get their states.
  */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
@@ -187,8 +195,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     status = status == TL_OK ? tl_free_twin_archive(&twin->free_twin, archive, error) : status;
     twin->synchroniser.rests = tl_free_twin_rests(&twin->free_twin);
     if (status == TL_OK) {
-        tl_archive_require_finite(archive, (const double *)(const void *)twin->exchange.home.values,
-                                  twin->exchange.real_count);
+        require_finite_inputs(&twin->exchange, archive);
     }
     if (status == TL_OK && archive->at == SIZE_MAX) {
         status = tl_fail(error, TL_BAD_DATA, "the checkpoint is damaged: a value in it is not finite");

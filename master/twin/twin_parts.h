@@ -42,16 +42,18 @@ struct tl_twin {
     tl_delay_meter *meters[TL_MAX_MATCH]; /* if Δo is measured */
     tl_twin_delay delay;
     tl_time step;
-    uint32_t lead;        /* step i is computed at tick i + lead */
-    uint32_t age;         /* ticks by which a look-up may be older than the instant it is for */
-    int64_t first;        /* the step that the FMUs are initialised for */
-    int64_t begin;        /* tick of the initialisation */
-    uint64_t state_bytes; /* bound of saved states; 0: no bound */
-    size_t (*heap)(void); /* as in the plan */
+    tl_experiment experiment; /* in use */
+    uint32_t lead;            /* step i is computed at tick i + lead */
+    uint32_t age;             /* ticks by which a look-up may be older than the instant it is for */
+    int64_t first;            /* the step that the FMUs are initialised for */
+    int64_t begin;            /* tick of the initialisation */
+    uint64_t state_bytes;     /* bound of saved states; 0: no bound */
+    size_t (*heap)(void);     /* as in the plan */
     tl_time (*now)(void *clock);
     tl_tuning built;  /* as it was built: its fixed parts */
     tl_tuning tuning; /* in use */
     tl_proof proof;
+    uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
     bool resets;           /* the FMUs are reset before the next step */
     const char *runs_free; /* the component because of which the twin runs free since the last step; NULL: none */
     tl_verifier verifier;

@@ -41,7 +41,7 @@ OWNERS = {
     "x509.h": ("firmware/serve/certificate.c",),
     "grp.h": ("firmware/process/confine.c", "firmware/rollback/fmu_heap.c"),
     "pwd.h": ("firmware/retune/control_client.c", "firmware/rollback/fmu_heap.c"),
-    "iconv.h": ("firmware/rollback/fmu_heap.c",),
+    "iconv.h": ("firmware/rollback/fmu_heap.c", "firmware/fmu/model_description.c"),
     "libintl.h": ("firmware/rollback/fmu_heap.c",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/os.c", "firmware/base/os.h", "firmware/base/relay.h", "firmware/cli/plant_server.c",

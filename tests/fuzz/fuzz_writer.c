@@ -35,7 +35,7 @@ static const tl_recorder_known known = {.number = 2,
 
 static tl_recorder_settings record(void) {
     return (tl_recorder_settings){.path = path,
-                                  .insistence = TL_DATABASE_ANYHOW,
+                                  .open_policy = TL_DATABASE_ANYHOW,
                                   .max_bytes = 1000000,
                                   .commit = TL_SECOND,
                                   .verb = "run",

@@ -56,7 +56,7 @@ static void fill(const char *path, const char *who, tl_config *config, tl_live_t
 
 int main(int argc, char **argv) {
     tl_block tuning;
-    tl_block pulse;
+    tl_block live_status;
     tl_config config;
     tl_live_tuning_head head;
     tl_live_tuning_answer answer = {.number = 0};
@@ -65,7 +65,7 @@ int main(int argc, char **argv) {
     }
     int process = number_of(argv[1]);
     tl_live_tuning *block = map(process, argv[2], sizeof *block, &tuning);
-    const tl_live_twin_pulse *twin = map(process, argv[3], sizeof *twin, &pulse);
+    const tl_live_twin_status *twin = map(process, argv[3], sizeof *twin, &live_status);
     fill(argv[4], argv[5], &config, &head);
     uint32_t number = tl_live_tuning_write(block, &head, config.text);
     tl_time until = tl_clock_now(NULL) + PATIENCE;

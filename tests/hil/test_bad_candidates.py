@@ -71,7 +71,7 @@ def bad_ones():
         ("a crash as it is loaded", ended("abort()", "fmi2Instantiate"), "extra|fmi2Instantiate"),
         ("a crash as it begins", ended("abort()", "fmi2EnterInitializationMode"), "extra|fmi2EnterInitializationMode"),
         ("exit(0)", ended("exit(0)"), "extra|exit(0)|fmi2DoStep"),
-        ("no state", with_fmu(make("no_state"), rollback="state"), "extra|fmi2GetFMUstate"),
+        ("no state", with_fmu(make("refuse", AT="fmi2GetFMUstate"), rollback="state"), "hostile|fmi2GetFMUstate"),
         ("too slow", ended("calls = 0; usleep(30000)"), "step|10 ms"),
         ("too slow beside another one", SLOW, "two twins"),
         ("a crash as a shadow", ended("abort()", call=1800), "signal 6|fmi2DoStep|extra"),

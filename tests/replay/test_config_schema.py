@@ -261,6 +261,7 @@ def beyond_schema(document):
             and is_each_line_used_once(document)
             and len(set(targets)) == len(targets)
             and message[0] <= message[1]
+            and document.get("start_s", float("-inf")) < document.get("stop_s", float("inf"))
             and all(is_short_enough(document, match) for match in synchronise.get("match", {}).values())
             and delays_hold(document)
             and (solvers[0] is None or solvers[0] != solvers[1])

@@ -22,10 +22,13 @@ def made(version=5, extra=""):
 
 
 def rows(path):
-    """{table: rows of run 1}, with the bits of each number."""
+    """{table: rows of run 1}, with the bits of each number, without columns that are added."""
     connection = sqlite3.connect(path)
-    found = {table: [tuple(struct.pack("<d", value) if isinstance(value, float) else value for value in row)
-                     for row in connection.execute(f"SELECT * FROM {table} WHERE run = 1")] for table in TABLES}
+    found = {}
+    for table in TABLES:
+        cursor = connection.execute(f"SELECT * FROM {table} WHERE run = 1")
+        kept = [i for i, column in enumerate(cursor.description) if column[0] not in ("start_s", "stop_s")]
+        found[table] = [tuple(struct.pack("<d", row[i]) if isinstance(row[i], float) else row[i] for i in kept) for row in cursor]
     connection.close()
     return found
 

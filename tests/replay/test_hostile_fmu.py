@@ -17,8 +17,9 @@ from twinlock_test import (NOT_LOCKED, PATIENCE, SANITIZER, at_least, at_most, d
                            run, scratch, start)
 
 FUNCTIONS = ("load", "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
-             "fmi2SetReal", "fmi2GetReal", "fmi2DoStep", "fmi2Terminate", "fmi2FreeInstance")
-STATES = ("fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate")
+             "fmi2SetReal", "fmi2GetReal", "fmi2DoStep")
+ENDS = ("fmi2Terminate", "fmi2FreeInstance")  # when the results are complete
+STATES = ("fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate", "fmi2SerializedFMUstateSize", "fmi2SerializeFMUstate")
 CRASH = "*(volatile int *)8 = 0;"
 
 
@@ -93,10 +94,35 @@ def test_a_crash_in_each_function_is_logged():
             expect_failure(args, f"FMU {name}|crashed|{where}|Segmentation fault")
 
 
-def test_a_crash_in_saving_a_state_is_logged():
+def test_a_crash_after_the_results_is_a_warning():
+    for function in ENDS:
+        for how, name in ((CRASH, "Segmentation fault"), ("abort();", "Aborted")):
+            for args in verbs(config(make("end", AT=function, HOW=how))):
+                code, log, _ = end_of(args)
+                expect(code == 0, f"{args[0]} ended with {code}\n{log}")
+                expect_line(log, f"warning|FMU hostile|crashed|{function}|{name}|complete")
+
+
+def test_a_crash_in_a_state_function_is_a_warning():
+    """Another rollback method is used; a twin that runs free needs none."""
+    ways = {way: merge(LOCKED, {"components": {"hostile": {"rollback": way}}}) for way in ("auto", "state")}
     for function in STATES:
-        path = config(make("end", AT=function, HOW=CRASH), LOCKED)
-        expect_failure(("replay", path), f"FMU hostile|crashed|{function}|Segmentation fault")
+        for call in (1, 3) if function in STATES[:2] else (1,):
+            fmu = make("end", AT=function, HOW=CRASH, CALL=call)
+            for changes in (None, ways["auto"]):
+                for args in (("check", config(fmu, changes)), ("replay", config(fmu, changes)),
+                             ("run", config(fmu, changes), "--duration", "0.2", "--db", scratch() / "twin.db")):
+                    code, log, _ = end_of(args)
+                    expect(code in (0, NOT_LOCKED) and "error: FMU" not in log, f"{function}, {args[0]} ended with {code}\n{log}")
+                    expect(call > 1 or changes is None or function not in STATES[:3] or has_warning(log, function), f"{args[0]}\n{log}")
+    for function in STATES[:2]:
+        code, log, _ = end_of(("replay", config(make("end", AT=function, HOW=CRASH), ways["state"])))
+        expect(code == FMU_FAILED and has_warning(log, function), f"ended with {code}\n{log}")
+        expect_line(log, f"error|hostile|{function}|fmi2Error")
+
+
+def has_warning(log, function):
+    return any(has_line(line, f"warning|hostile|crashed|{function}|Segmentation fault") for line in log.splitlines())
 
 
 def test_each_kind_of_crash():
@@ -107,7 +133,7 @@ def test_each_kind_of_crash():
 
 
 def test_endless_recursion():
-    for function in ("load", "fmi2Instantiate", "fmi2DoStep", "fmi2FreeInstance"):
+    for function in ("load", "fmi2Instantiate", "fmi2DoStep"):
         for args in verbs(config(make("stack", AT=function, BYTES=0))):
             name, where = named(function)
             expect_failure(args, f"FMU {name}|crashed|{where}|stack|8 MiB")
@@ -159,6 +185,11 @@ def test_an_fmu_that_ends_the_process():
             code, _, log = run(args)
             expect(code == 70, f"{args[0]} ended with {code}\n{log}")
             expect_line(log, f"error|FMU {name}|exit(0)|{where}")
+    for function in ENDS:
+        for args in verbs(config(make("end", AT=function, HOW="exit(3);"))):
+            code, _, log = run(args)
+            expect(code == 0, f"{args[0]} ended with {code}\n{log}")
+            expect_line(log, f"warning|FMU hostile|exit(3)|{function}|complete")
 
 
 def test_a_thread_of_the_fmu_that_ends_the_process():
@@ -187,16 +218,48 @@ def test_exit_handlers_of_an_interpreter():
 
 
 def test_results_outlive_a_crash_in_freeing():
-    code, log, out = end_of(("replay", config(make("end", AT="fmi2FreeInstance", HOW="abort();")), "--json"))
-    expect(code == FMU_FAILED, f"ended with {code}\n{log}")
+    fmu = make("stack", AT="fmi2FreeInstance", BYTES=0)
+    code, log, out = end_of(("replay", config(fmu), "--json"))
+    expect(code == 0, f"ended with {code}\n{log}")
+    expect_line(log, "warning|FMU hostile|crashed|fmi2FreeInstance|stack")
     expect(json.loads(out)["steps"], "no result")
+
+
+# ---- calls that fail ----
+
+def test_a_check_fails_if_an_fmu_cannot_start_or_step():
+    """With what the FMU said, the call, the step and its time."""
+    for at, call, step, remedy in (("fmi2SetupExperiment", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2EnterInitializationMode", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2ExitInitializationMode", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2DoStep", 1, "step 0, at 0 s", "initial"),
+                                   ("fmi2DoStep", 161, "step 160, at 1.6 s", "stop time")):
+        for changes in (None, LOCKED):
+            code, page, log = run(("check", config(make("refuse", AT=at, CALL=call), changes)))
+            expect(code == 70 and page == "", f"{at}, call {call}: ended with {code}\n{page}{log}")
+            expect_line(log, f"error|components.hostile|{step}|{at}|fmi2Error|refused: {at}, call {call}|{remedy}")
+
+
+def test_outputs_that_cannot_be_read_in_initialisation_mode():
+    """As those of ControlBuild: they are read after it, with the same values."""
+    for changes in (None, LOCKED, merge(LOCKED, {"components": {"hostile": {"rollback": "replay"}}})):
+        tables = []
+        for fmu in (make("good"), *(make("refuse", AT="fmi2GetReal", UNTIL="fmi2ExitInitializationMode", **more) for more in ({}, {"SPOILS": True}))):
+            code, page, log = run(("check", config(fmu, changes)))
+            expect(code == 0, f"check of {fmu.name} ended with {code}\n{log}")
+            expect(has_line(page, "outputs|after initialisation") == (fmu.stem == "refuse"), page)
+            steps = scratch() / "steps.csv"
+            code, _, log = run(("replay", config(fmu, changes), "--csv", steps))
+            expect(code in (0, NOT_LOCKED), f"replay of {fmu.name} ended with {code}\n{log}")
+            tables.append(steps.read_text(encoding="utf-8"))
+        expect(tables[0] == tables[1] == tables[2], "other values than those of an FMU that permits it")
 
 
 # ---- states that cannot be saved ----
 
 def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
     """It is an error with "rollback": "state" only; else the program reports and uses another method."""
-    only, any_way = (config(make("no_state"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
+    only, any_way = (config(make("refuse", AT="fmi2GetFMUstate"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
     for verb in ("check", "replay"):
         code, log, _ = end_of((verb, only))
         expect(code == 70, f"{verb} ended with {code}\n{log}")

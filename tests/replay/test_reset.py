@@ -8,7 +8,7 @@ import sqlite3
 from contextlib import closing
 
 import hostile_fmu
-from twinlock_test import (NOT_LOCKED, PATIENCE, PLAIN_LOCK, SANITIZER, Skip, at_most, edited_config, expect, expect_line, main, run_well, scratch,
+from twinlock_test import (NOT_LOCKED, PATIENCE, PLAIN_LOCK, SANITIZER, Skip, at_most, edited_config, expect, expect_line, main, merge, run_well, scratch,
                            start)
 
 RESET = 32  # flag of a step
@@ -87,6 +87,16 @@ def test_an_fmu_that_fails_to_reset_is_instantiated_again():
     expect(sum(row[2] & RESET != 0 for row in good) == len(MARKED), "no resets")
     path, recorded = marked_run(hostile_fmu.make("no_reset", RESET=FAILED))
     expect(ask(replay(path, recorded), STEPS) == good, "other values than with fmi2Reset")
+
+
+def test_an_fmu_that_starts_at_0_only():
+    """Its time is shifted. Without that, a run would end at its first reset, or resume."""
+    for way in ("auto", "replay"):
+        tables = []
+        for fmu in (hostile_fmu.make("good"), hostile_fmu.make("good", STARTS_AT_0=True)):
+            path = hostile_fmu.config(fmu, merge(hostile_fmu.LOCKED, {"components": {"hostile": {"rollback": way}}}))
+            tables.append(ask(replay(path, change(replay(path), resets(*MARKED))), STEPS))
+        expect(tables[0] == tables[1], f"{way}: other values than those of an FMU that starts at any time")
 
 
 def expect_end(parts, fmu):

@@ -64,6 +64,12 @@ def make_runaway(**macros):
 
 
 @functools.cache
+def make_limits(**macros):
+    """The path of one with limits of its input and instants without an output: see limits.c."""
+    return _make_model("limits", **macros)
+
+
+@functools.cache
 def make_met(**macros):
     """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
@@ -102,16 +108,17 @@ def _rename(folder, source, header):
     return made
 
 
-# The source of fmus/common, and the header that renames the function that these FMUs replace.
-OWN_FUNCTIONS = {"cold": ("state", "other_set_state.h"), "slow": ("state", "other_set_state.h"), "final": ("life", "other_do_step.h")}
+# The sources of fmus/common, and the headers that rename the functions that these FMUs replace.
+OWN_FUNCTIONS = {"cold": {"state": "other_set_state.h"}, "slow": {"state": "other_set_state.h"}, "final": {"life": "other_do_step.h"},
+                 "limits": {"life": "other_do_step.h", "values": "other_get_real.h"}}
 
 
 def _make_model(name, **macros):
     """The FMU of tests/fmu/keeper/NAME.c and the functions of fmus/common."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
-    renamed, header = OWN_FUNCTIONS.get(name, (None, None))
-    ours = [_rename(folder, source, header) if source.stem == renamed else source for source in hostile_fmu.OWN_STATE]
+    headers = OWN_FUNCTIONS.get(name, {})
+    ours = [_rename(folder, source, headers[source.stem]) if source.stem in headers else source for source in hostile_fmu.OWN_STATE]
     sources = [KEEPER / f"{name}.c", *ours]
     hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
     hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")

@@ -25,7 +25,7 @@ static void look(void *context, tl_activation_view *seen) {
 
 static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
     (void)context;
-    memcpy(hash, run->active_text, sizeof run->active_text);
+    memcpy(hash, run->active_hash, sizeof run->active_hash);
 }
 
 static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
@@ -40,7 +40,7 @@ static bool tune(void *context, const tl_version *version, const char *why, cons
     TEST_ASSERT_EQUAL_size_t(version->size, strlen(text));
     memcpy(run->given, version->hash, sizeof run->given);
     if (run->answer == TL_ACTIVATION_STARTED) {
-        memcpy(run->active_text, run->given, sizeof run->active_text);
+        memcpy(run->active_hash, run->given, sizeof run->active_hash);
     }
     return true;
 }
@@ -106,14 +106,14 @@ static bool handover(void *context) {
     (void)context;
     run->handovers++;
     if (run->handed_over == TL_ACTIVATION_STARTED) {
-        memcpy(hash, run->active_text, sizeof hash);
-        memcpy(run->active_text, run->other, sizeof run->active_text);
+        memcpy(hash, run->active_hash, sizeof hash);
+        memcpy(run->active_hash, run->other, sizeof run->active_hash);
         memcpy(run->other, hash, sizeof run->other);
     }
     return true;
 }
 
-static tl_activation_answer has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_answer handover_result(void *context, char why[TL_ACTIVATION_WHY]) {
     (void)context;
     (void)snprintf(why, TL_ACTIVATION_WHY, "it has died");
     return run->handed_over;
@@ -147,7 +147,7 @@ static void tell(void *context, tl_severity severity, const char *text) {
 }
 
 static const tl_activation_host host = {.look = look,
-                                        .active_text = tell_in_force,
+                                        .active_hash = tell_in_force,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
                                         .judge_by = judge_by,
@@ -157,7 +157,7 @@ static const tl_activation_host host = {.look = look,
                                         .look_at_shadow = look_at_shadow,
                                         .end_shadow = end_shadow,
                                         .handover = handover,
-                                        .has_handed_over = has_handed_over,
+                                        .handover_result = handover_result,
                                         .restart = restart,
                                         .tell = tell};
 
@@ -270,7 +270,7 @@ static void take_first(void) {
                                   run->error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_activate(&run->versions, number, NULL, &run->error),
                                   run->error.text);
-    tl_sha256(text, size, run->active_text);
+    tl_sha256(text, size, run->active_hash);
     tl_refusals_open(&run->refusals, &run->versions);
 }
 
@@ -282,11 +282,11 @@ void tl_played_begin_anew(void) {
     tl_played_begin();
 }
 
-void tl_played_look_until(bool (*is_done)(void)) {
+void tl_played_poll_until(bool (*is_done)(void)) {
     tl_time until = tl_clock_now(NULL) + 60 * TL_SECOND;
     while (!is_done()) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "timed out after 60 s");
-        run->activation.looked -= run->activation.step != TL_CONTROL_SHADOW ? 0
+        run->activation.polled_at -= run->activation.step != TL_CONTROL_SHADOW ? 0
                                   : tl_played_is_live()                     ? TL_SECOND / 10
                                                                             : 5 * TL_SECOND; /* fast-forward */
         tl_activation_poll(&run->activation);
@@ -324,7 +324,7 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {
 
 tl_control_result tl_played_take(const char *tolerance, int prediction, unsigned flags) {
     tl_played_offer(tolerance, prediction, flags);
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     return (tl_control_result)run->said[run->count - 1].as.end.result;
 }
 
@@ -346,7 +346,7 @@ void tl_played_fail(void) {
     run->count = 0;
     run->view.figures.twin_failures++;
     tl_activation_poll(&run->activation);
-    tl_played_look_until(tl_played_is_quiet);
+    tl_played_poll_until(tl_played_is_quiet);
 }
 
 void tl_played_expect_refused(tl_control_result result, const char *parts) {

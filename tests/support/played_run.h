@@ -35,7 +35,7 @@ typedef struct tl_played {
 
     /* The run. */
     tl_activation_view view;
-    char active_text[TL_SHA256_TEXT];
+    char active_hash[TL_SHA256_TEXT];
     char given[TL_SHA256_TEXT];    /* hash of the newest tuning; "": none */
     tl_lock_tolerances tolerances; /* of the version before, which also judge the lock */
     tl_activation_answer answer;
@@ -92,7 +92,7 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags);
 tl_control_result tl_played_take(const char *tolerance, int prediction, unsigned flags);
 
 /* Polls the activation until the condition is true; fails the test after 60 s. */
-void tl_played_look_until(bool (*is_done)(void));
+void tl_played_poll_until(bool (*is_done)(void));
 bool tl_played_is_ended(void);
 bool tl_played_is_quiet(void);
 bool tl_played_is_live(void);

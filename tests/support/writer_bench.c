@@ -61,7 +61,7 @@ void tl_writer_bench_begin(tl_writer_bench *bench) {
     (void)snprintf(bench->path, sizeof bench->path, "%s", tl_scratch_path(&bench->scratch, "run.db"));
     bench->record = tl_made_settings(bench->path);
     bench->record.verb = "run";
-    bench->record.insistence = TL_DATABASE_ANYHOW;
+    bench->record.open_policy = TL_DATABASE_ANYHOW;
     make_memory(bench);
 }
 

@@ -43,6 +43,11 @@ void fmi2FreeInstance(fmi2Component component) {
 
 fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean has_stop, fmi2Real stop) {
+#ifdef STARTS_AT_0
+    if (start > 0.0) {
+        return fmi2Error;
+    }
+#endif
     return hostile_before("fmi2SetupExperiment")
                ? inner_setup_experiment(component, has_tolerance, tolerance, start, has_stop, stop)
                : fmi2Error;

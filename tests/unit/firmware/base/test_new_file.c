@@ -183,10 +183,10 @@ static void test_a_folder_in_place_of_the_target(void) {
 
 static void test_one_file_by_two_names(void) {
     write_old(path);
-    TEST_ASSERT_TRUE(tl_new_file_is("nowhere", "nowhere"));
-    TEST_ASSERT_FALSE(tl_new_file_is(path, other));
+    TEST_ASSERT_TRUE(tl_new_file_would_replace("nowhere", "nowhere"));
+    TEST_ASSERT_FALSE(tl_new_file_would_replace(path, other));
     TEST_ASSERT_EQUAL_INT(0, symlink(path, other));
-    TEST_ASSERT_TRUE(tl_new_file_is(path, other));
+    TEST_ASSERT_TRUE(tl_new_file_would_replace(path, other));
 }
 
 int main(void) {

@@ -140,21 +140,6 @@ static void test_an_fmu_that_does_not_come_back(void) {
     expect_one("components.motor.rollback|motor differs|0.5 s");
 }
 
-static void test_initial_values_that_fail(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
-    prognosis = (tl_prognosis){0};
-    expect_one("plant|\"initial\"");
-}
-
-/* As an FMU with a stop time does. */
-static void test_a_later_step_that_fails(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
-    prognosis = (tl_prognosis){.next_tick = 162};
-    (void)snprintf(prognosis.error.text, sizeof prognosis.error.text,
-                   "motor: fmi2DoStep failed (fmi2Error); see the log");
-    expect_one("components.motor|160|1.6 s|fmi2DoStep|stop time");
-}
-
 static void test_a_budget_as_long_as_the_period(void) {
     load(LOCK, "\"time_s\": 0.006", "\"time_s\": 0.012");
     expect_one("synchronise.budget.time_s|0.012 s|step_s|0.01 s|0.6");
@@ -306,8 +291,6 @@ int main(void) {
     RUN_TEST(test_states_that_another_process_cannot_read);
     RUN_TEST(test_a_step_that_takes_too_long);
     RUN_TEST(test_an_fmu_that_does_not_come_back);
-    RUN_TEST(test_initial_values_that_fail);
-    RUN_TEST(test_a_later_step_that_fails);
     RUN_TEST(test_a_budget_as_long_as_the_period);
     RUN_TEST(test_a_budget_that_cuts_searches_short);
     RUN_TEST(test_too_few_evaluations);

@@ -58,6 +58,8 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_STRING("motor bench", config->name);
     TEST_ASSERT_EQUAL_INT64(10000000, config->step);
     TEST_ASSERT_EQUAL_INT64(14 * TL_SECOND, config->duration);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, config->start_s);
+    TEST_ASSERT_EQUAL_DOUBLE(1e6, config->stop_s);
     TEST_ASSERT_EQUAL_STRING("bench.csv", config->recording_file);
     TEST_ASSERT_EQUAL_STRING("seconds", config->recording_time_column);
     TEST_ASSERT_EQUAL_STRING("bench.db", config->record_file);
@@ -569,6 +571,7 @@ static void test_a_plant_has_no_delays(void) {
 static void test_defaults(void) {
     const tl_config *config = read_good(FREE);
     TEST_ASSERT_EQUAL_INT64(0, config->duration);
+    TEST_ASSERT_TRUE(isnan(config->start_s) && isnan(config->stop_s));
     TEST_ASSERT_EQUAL_size_t(0, config->source_count);
     TEST_ASSERT_NULL(config->delays);
     TEST_ASSERT_NULL(config->recording_file);

@@ -57,12 +57,15 @@ static void test_the_root(void) {
         {"\"duration_s\": 14", "\"duration_s\": 0", "duration_s", "0|> 0|1e9", NULL},
         {"\"duration_s\": 14", "\"duration_s\": 1.1e9", "duration_s", "1100000000|> 0|1e9", NULL},
         {"\"duration_s\": 14", "\"duration_s\": null", "duration_s", "null|> 0|1e9", NULL},
+        {"\"start_s\": 5", "\"start_s\": 2e12", "start_s", "2000000000000|1000000000000", NULL},
+        {"\"stop_s\": 1e6", "\"stop_s\": 5", "stop_s", "5|start_s", NULL},
+        {"\"stop_s\": 1e6", "\"stop_s\": true", "stop_s", "true|1000000000000", NULL},
         {"\"record\": {", "\"Record\": {", "Record", "unknown|\"Record\"|\"record\"", NULL},
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nmae\": 1", "nmae", "unknown|\"nmae\"|\"name\"",
          NULL},
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nam\": 1", "nam", "unknown|\"nam\"|\"name\"", NULL},
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"title\": 1", "title",
-         "unknown|\"title\"|twinlock|name|step_s|duration_s|components|sources|plant|recording|connect|compare|synchronise|delays|record|realtime|emulate|$schema",
+         "unknown|\"title\"|twinlock|name|step_s|duration_s|start_s|stop_s|components|sources|plant|recording|connect|compare|synchronise|delays|record|realtime|emulate|$schema",
          NULL},
         {"\"$schema\": \"../../config/schema/twinlock-1.json\"", "\"$schema\": 1", "$schema", "1|\"twinlock-1.json\"",
          NULL},
@@ -770,7 +773,7 @@ static void test_too_many_lookups(void) {
 static void test_doubled_keys(void) {
     static const tl_test_change changes[] = {
         {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "", "\"step_s\"|line 4", NULL},
-        {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "", "\"unit\"|line 25", NULL},
+        {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "", "\"unit\"|line 27", NULL},
     };
     EXPECT_EACH(full, changes);
 }

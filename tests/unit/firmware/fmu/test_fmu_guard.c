@@ -115,6 +115,25 @@ static fmi2Status make_no_state(fmi2Component instance, const fmi2Byte bytes[], 
     return give_no_state(instance, state);
 }
 
+static double started_at; /* of the last fmi2SetupExperiment that was accepted */
+static double stopped_at;
+static double stepped_at;
+
+static fmi2Status start_at_0_only(fmi2Component instance, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real begin,
+                                  fmi2Boolean has_stop, fmi2Real stop) {
+    if (begin > 0.0) {
+        return fmi2Error;
+    }
+    started_at = begin;
+    stopped_at = stop;
+    return fmu.functions.setup_experiment(instance, has_tolerance, tolerance, begin, has_stop, stop);
+}
+
+static fmi2Status note_time(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
+    stepped_at = now;
+    return fmu.functions.do_step(instance, now, step, final);
+}
+
 /* ---- set-up ---- */
 
 static void take_sigterm(int signal) {
@@ -165,6 +184,26 @@ static void steps_pass_through(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1.0, component.outputs.reals[0]);
     TEST_ASSERT_EQUAL_UINT64(1, component.executions);
     TEST_ASSERT_EQUAL_size_t(1, tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP));
+}
+
+static void a_start_time_that_is_refused_is_shifted(void) {
+    const tl_fmi2 *functions = &guard.functions;
+    vendor.setup_experiment = start_at_0_only;
+    vendor.do_step = note_time;
+    start();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_renew(&component, &error));
+    fmi2Component instance = component.instance;
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_EQUAL_INT(fmi2OK, functions->setup_experiment(instance, fmi2False, 0.0, 3600.0, fmi2True, 3700.0));
+    expect_line("warning|box|3600 s|0 s");
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, started_at);
+    TEST_ASSERT_EQUAL_DOUBLE(100.0, stopped_at);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, functions->enter_initialization_mode(instance));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 3600.0, 0.5, false, &error));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, stepped_at);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, functions->do_step(instance, 3600.5, 0.5, fmi2True));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, stepped_at);
 }
 
 static void a_call_is_noted_with_the_instance_while_it_lasts(void) {
@@ -325,6 +364,7 @@ static void a_message_without_environment_belongs_to_the_fmu_in_the_call(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(steps_pass_through);
+    RUN_TEST(a_start_time_that_is_refused_is_shifted);
     RUN_TEST(a_call_is_noted_with_the_instance_while_it_lasts);
     RUN_TEST(a_failing_call_of_a_step_is_named);
     RUN_TEST(the_rounding_mode_is_restored_and_reported_once);

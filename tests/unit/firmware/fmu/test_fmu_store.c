@@ -453,10 +453,75 @@ static void test_long_paths(void) {
     expect_refused("64|folders");
 }
 
-static void test_links_and_devices(void) {
+static void put_link(const char *name, const char *target) {
+    put_text(name, target);
+    TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, name, S_IFLNK | 0777));
+}
+
+static void expect_content(const char *name, const char *content) {
+    char path[PATH_MAX + 64];
+    char text[64] = "";
+    struct stat facts;
+    (void)snprintf(path, sizeof path, "%s/%s", fmu.folder.path, name);
+    TEST_ASSERT_EQUAL_INT(0, lstat(path, &facts));
+    TEST_ASSERT_TRUE(S_ISREG(facts.st_mode));
+    FILE *file = fopen(path, "r");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_NOT_NULL(fgets(text, sizeof text, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_STRING(content, text);
+}
+
+/* As between the versions of a library: each becomes a file. */
+static void test_links_within_the_fmu(void) {
+    put_link("resources/lib/a.so", "a.so.1");
+    put_link("resources/lib/a.so.1", "./../lib//a.so.1.2");
+    put_text("resources/lib/a.so.1.2", "library");
+    put_link("resources/deep/er/up", "../../lib/a.so");
+    put_link("top", "resources/deep/../lib/a.so.1.2");
+    put_link("documentation/skipped", "/etc/passwd");
+    write_made();
+    expect_loaded(made);
+    static const char *const names[] = {"resources/lib/a.so", "resources/lib/a.so.1", "resources/lib/a.so.1.2",
+                                        "resources/deep/er/up", "top"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        expect_content(names[i], "library");
+    }
+}
+
+static void test_links_that_are_refused(void) {
+    static const char *const cases[][2] = {
+        {"/etc/passwd", "absolute"},    {"../../etc/passwd", "out of the FMU"},
+        {"../..", "out of the FMU"},    {"../resources/../../x", "out of the FMU"},
+        {"none", "no file|-ry"},        {"..", "no file|-ry"},
+        {"../binaries", "no file|-ry"}, {"link", "followed"},
+        {"other", "followed"},
+    };
+    put_link("resources/other", "link");
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        put_link("resources/link", cases[i][0]);
+        char parts[80];
+        (void)snprintf(parts, sizeof parts, "symbolic link|%s", cases[i][1]);
+        expect_refused(parts);
+    }
+    put_link("resources/link", "");
+    expect_refused("symbolic link|followed");
+}
+
+/* The bytes of links count, too. */
+static void test_links_to_a_large_file(void) {
+    enum { SIZE = 1024 * 1024, LINKS = 30 };
+    TEST_ASSERT_TRUE(tl_fmu_maker_put(maker, "resources/zeros", NULL, SIZE));
+    for (int i = 0; i < LINKS; i++) {
+        char name[40];
+        (void)snprintf(name, sizeof name, "resources/%d", i);
+        put_link(name, "zeros");
+    }
+    expect_refused("200 times");
+}
+
+static void test_devices(void) {
     put_text("resources/link", "/etc/passwd");
-    TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFLNK | 0777));
-    expect_refused("\"resources/link\"|symbolic link");
     TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFIFO | 0600));
     expect_refused("\"resources/link\"|folder");
     TEST_ASSERT_TRUE(tl_fmu_maker_set_mode(maker, "resources/link", S_IFCHR | 0600));
@@ -594,9 +659,31 @@ static void test_no_binary_for_this_machine(void) {
     TEST_ASSERT_FALSE(tl_test_has_parts(error.text, "win64"));
 }
 
+static const char *beside_binary(const char *name, char path[128]) {
+    (void)snprintf(path, 128, "%.*s%s", (int)(strrchr(binary_name(), '/') + 1 - binary_name()), binary_name(), name);
+    return path;
+}
+
+/* It is used if there is no doubt. */
 static void test_another_name(void) {
-    replace_in_description("modelIdentifier=\"motor\"", "modelIdentifier=\"pump\"");
-    expect_refused("motor.so|pump");
+    char other[128];
+    char motor[128];
+    replace_in_description("modelIdentifier=\"motor\"", "modelIdentifier=\"Pump\"");
+    write_made();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    expect_loaded(made);
+    char *log = tl_stderr_capture_end();
+    TL_EXPECT_PARTS("notice|Pump|motor.so", log);
+    free(log);
+    tl_fmu_unload(&fmu);
+    put_text(beside_binary("libother.so", other), "x");
+    expect_refused("motor.so|Pump|rename");
+    TL_EXPECT_PARTS("libother.so|Pump", error.text);
+    TEST_ASSERT_TRUE(tl_fmu_maker_rename(maker, beside_binary("motor.so", motor), beside_binary("pump.so", other)));
+    write_made();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    expect_loaded(made);
+    free(tl_stderr_capture_end());
 }
 
 static void test_a_binary_for_another_machine(void) {
@@ -808,7 +895,10 @@ int main(void) {
     RUN_TEST(test_changed_bytes);
     RUN_TEST(test_paths_that_lead_outside);
     RUN_TEST(test_long_paths);
-    RUN_TEST(test_links_and_devices);
+    RUN_TEST(test_links_within_the_fmu);
+    RUN_TEST(test_links_that_are_refused);
+    RUN_TEST(test_links_to_a_large_file);
+    RUN_TEST(test_devices);
     RUN_TEST(test_names_that_occur_twice);
     RUN_TEST(test_encrypted_and_other_methods);
     RUN_TEST(test_too_many_entries);

@@ -12,6 +12,7 @@
 #include "firmware/fmu/model_description.h"
 #include "tests/support/comma_locale.h"
 #include "tests/support/message.h"
+#include "tests/support/scratch.h"
 
 #define ROOT                                                                                                           \
     "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"                                                                     \
@@ -134,6 +135,53 @@ static void test_variables_of_all_types(void) {
     TEST_ASSERT_EQUAL_INT(TL_ENUMERATION, variable("e")->type);
     TEST_ASSERT_EQUAL_INT(3, variable("e")->start.integer);
     TEST_ASSERT_NULL(tl_model_variable(&model, "x"));
+}
+
+static void test_default_experiment(void) {
+    static const struct {
+        const char *attributes;
+        double start, stop;
+    } cases[] = {
+        {"startTime='64800' stopTime='1e5'", 64800, 1e5}, {"startTime='-1.5'", -1.5, NAN}, {"stepSize='1'", NAN, NAN},
+        {"startTime='' stopTime='INF'", NAN, NAN}, /* no reason to reject the FMU */
+        {"startTime='NaN' stopTime='x'", NAN, NAN},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char xml[512];
+        (void)snprintf(xml, sizeof xml, ROOT CO_SIMULATION "<DefaultExperiment %s/><ModelVariables/>" END,
+                       cases[i].attributes);
+        expect_ok(xml);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].start, model.start_time);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].stop, model.stop_time);
+    }
+}
+
+static void expect_items(const char *items, const char *limits, double minimum, double maximum, uint64_t bits) {
+    char xml[1024];
+    (void)snprintf(xml, sizeof xml,
+                   ROOT CO_SIMULATION
+                   "<TypeDefinitions><SimpleType name='E'><Enumeration>%s</Enumeration></SimpleType></TypeDefinitions>"
+                   "<ModelVariables><ScalarVariable name='e' valueReference='0' causality='input'>"
+                   "<Enumeration declaredType='E' %s start='1'/></ScalarVariable></ModelVariables>" END,
+                   items, limits);
+    expect_ok(xml);
+    TEST_ASSERT_EQUAL_DOUBLE(minimum, variable("e")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(maximum, variable("e")->maximum);
+    TEST_ASSERT_EQUAL_HEX64(bits, variable("e")->items);
+}
+
+static void test_items(void) {
+    static const char *const items = "<Item name='c' value='5'/><Item name='a' value='1'/><Item name='b' value='3'/>";
+    expect_items(items, "", 1, 5, 0x15);
+    expect_items(items, "min='2'", 2, 5, 0x0A);
+    expect_items(items, "min='-9' max='4'", 1, 4, 0x15);
+    expect_items(items, "min='7'", 7, INFINITY, 0); /* contradicts them */
+    expect_items("<Item name='a' value='-2'/>", "", -2, -2, 1);
+    expect_items("<Item name='a' value='-1'/><Item name='b' value='62'/>", "", -1, 62, UINT64_C(1) << 63 | 1);
+    expect_items("<Item name='a' value='0'/><Item name='b' value='64'/><Item name='c' value='1'/>", "", 0, 64, 0);
+    expect_items("<Item name='a' value='-2147483648'/><Item name='b' value='2147483647'/>", "", INT32_MIN, INT32_MAX,
+                 0);
+    expect_items("", "", -INFINITY, INFINITY, 0);
 }
 
 static void test_optional_attributes(void) {
@@ -288,6 +336,40 @@ static void test_other_encodings(void) {
     TEST_ASSERT_EQUAL_STRING("m\xC3\xB6", model.name);
 }
 
+static void expect_name(const char *encoding, const char *bytes, const char *name) {
+    char xml[400];
+    (void)snprintf(xml, sizeof xml,
+                   "<?xml version='1.0' encoding='%s'?><fmiModelDescription fmiVersion='2.0' modelName='%s' guid='g'>"
+                   "<CoSimulation modelIdentifier='m'/><ModelVariables/></fmiModelDescription>",
+                   encoding, bytes);
+    expect_ok(xml);
+    TEST_ASSERT_EQUAL_STRING(name, model.name);
+}
+
+static void test_encodings_of_windows(void) {
+    expect_name("windows-1252", "\x80 \xB0\x43 \xD6l", "\xE2\x82\xAC \xC2\xB0\x43 \xC3\x96l");
+    expect_name("Windows-1250", "\x9Elut\xFD", "\xC5\xBElut\xC3\xBD");
+    expect_name("windows-1251", "\xE2\xEE\xE4\xE0", "\xD0\xB2\xD0\xBE\xD0\xB4\xD0\xB0");
+    expect_name("cp1252", "\x85", "\xE2\x80\xA6");
+    expect_name("ISO-8859-15", "\xA4", "\xE2\x82\xAC");
+    expect_name("GBK", "\xB5\xE7\xBB\xFA x", "\xE7\x94\xB5\xE6\x9C\xBA x");
+    expect_name("GB2312", "\xB5\xE7\xBB\xFA", "\xE7\x94\xB5\xE6\x9C\xBA");
+    expect_name("Shift_JIS", "\x93\x64 \xB1", "\xE9\x9B\xBB \xEF\xBD\xB1");
+    expect_name("windows-31J", "\x93\x64", "\xE9\x9B\xBB");
+    expect_name("EUC-JP", "\xC5\xC5\x8F\xB0\xA1", "\xE9\x9B\xBB\xE4\xB8\x82");
+    expect_name("Big5", "\xB9\x71", "\xE9\x9B\xBB");
+}
+
+static void test_encodings_that_are_refused(void) {
+    expect_bad("<?xml version='1.0' encoding='windows-1252'?>\n<fmiModelDescription modelName='\x81'/>", 2,
+               "XML|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='GBK'?>\n<fmiModelDescription modelName='\xB5'/>", 2, "XML");
+    expect_bad("<?xml version='1.0' encoding='UTF-7'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='ISO-2022-JP'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='EBCDIC-US'?>\n<x/>", 1, "encoding|UTF-8");
+    expect_bad("<?xml version='1.0' encoding='windows-9999'?>\n<x/>", 1, "encoding|UTF-8");
+}
+
 /* ---- Refused --------------------------------------------------------------------------------- */
 
 static void test_versions(void) {
@@ -395,16 +477,31 @@ static void test_words(void) {
 }
 
 static void test_names_given_twice(void) {
-    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>\n"
-                              "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>\n"
-                              "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"),
-               7, "variable|\"v\"|line 5");
     expect_bad(ROOT CO_SIMULATION
                "<UnitDefinitions><Unit name='u'/>\n<Unit name='u'/></UnitDefinitions><ModelVariables/>" END,
                5, "unit|\"u\"|line 4");
     expect_bad(ROOT CO_SIMULATION "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType>\n"
                                   "<SimpleType name='T'><Real/></SimpleType></TypeDefinitions><ModelVariables/>" END,
                5, "type|\"T\"|line 4");
+}
+
+/* Equal ones are dropped; of different ones, none can be used. The order stays that of the document. */
+static void test_variables_declared_twice(void) {
+    expect_ok(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='a' valueReference='4'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>"
+                             "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"
+                             "<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>"));
+    static const struct {
+        const char *name;
+        bool is_ambiguous;
+    } expected[] = {{"v", true}, {"w", false}, {"a", false}, {"v", true}, {"v", true}};
+    TEST_ASSERT_EQUAL_size_t(5, model.variable_count);
+    for (size_t i = 0; i < model.variable_count; i++) {
+        TEST_ASSERT_EQUAL_STRING(expected[i].name, model.variables[i].name);
+        TEST_ASSERT_EQUAL_INT(expected[i].is_ambiguous, model.variables[i].is_ambiguous);
+    }
 }
 
 static void test_xml_that_is_not_well_formed(void) {
@@ -437,7 +534,7 @@ static void test_depth_and_size(void) {
     free(xml);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse("", (size_t)TL_MODEL_DESCRIPTION_BYTES + 1, "box.fmu",
                                                                   &arena, &model, &error));
-    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|64 MiB", error.text);
+    TL_EXPECT_PARTS("box.fmu|modelDescription.xml|512 MiB", error.text);
 }
 
 static void test_memory_is_out(void) {
@@ -466,6 +563,26 @@ static void test_files(void) {
 
 /* Each prefix of a good document is rejected. A document with one changed byte is accepted or
  * rejected. */
+/* It is read in parts, and its text is not kept. */
+static void test_a_large_file(void) {
+    enum { SIZE = 65 * 1024 * 1024, PART = 1000 };
+    tl_scratch scratch;
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_model_description");
+    const char *path = tl_scratch_path(&scratch, "modelDescription.xml");
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fprintf(file, ROOT CO_SIMULATION "<ModelVariables>\n<!--%*d-->\n", SIZE / 2, 0);
+    for (int i = 0; i < SIZE / PART; i++) {
+        (void)fprintf(file, "<!--%*d-->\n", PART - 8, i);
+    }
+    (void)fputs("<ScalarVariable name='v' valueReference='7'><Real/></ScalarVariable></ModelVariables>" END, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_model_description_read(path, "large.fmu", &arena, &model, &error));
+    TEST_ASSERT_EQUAL_UINT32(7, variable("v")->reference);
+    TEST_ASSERT_LESS_THAN_size_t(1024 * 1024, tl_arena_used(&arena));
+    tl_scratch_remove(&scratch);
+}
+
 static void test_damaged_documents(void) {
     char xml[1024];
     (void)snprintf(xml, sizeof xml,
@@ -559,6 +676,8 @@ int main(void) {
     RUN_TEST(test_root_and_capabilities);
     RUN_TEST(test_capabilities_default_to_false);
     RUN_TEST(test_variables_of_all_types);
+    RUN_TEST(test_default_experiment);
+    RUN_TEST(test_items);
     RUN_TEST(test_optional_attributes);
     RUN_TEST(test_defaults_of_variability_and_initial);
     RUN_TEST(test_units);
@@ -567,6 +686,8 @@ int main(void) {
     RUN_TEST(test_unknown_elements_are_skipped);
     RUN_TEST(test_the_rounded_largest_double_is_no_limit);
     RUN_TEST(test_other_encodings);
+    RUN_TEST(test_encodings_of_windows);
+    RUN_TEST(test_encodings_that_are_refused);
     RUN_TEST(test_versions);
     RUN_TEST(test_mandatory_parts);
     RUN_TEST(test_identifiers_stay_in_their_folder);
@@ -574,12 +695,14 @@ int main(void) {
     RUN_TEST(test_numbers);
     RUN_TEST(test_words);
     RUN_TEST(test_names_given_twice);
+    RUN_TEST(test_variables_declared_twice);
     RUN_TEST(test_xml_that_is_not_well_formed);
     RUN_TEST(test_entities_cannot_expand);
     RUN_TEST(test_depth_and_size);
     RUN_TEST(test_memory_is_out);
     RUN_TEST(test_error_may_be_null);
     RUN_TEST(test_files);
+    RUN_TEST(test_a_large_file);
     RUN_TEST(test_damaged_documents);
     RUN_TEST(test_doubles);
     RUN_TEST(test_doubles_in_a_locale_with_commas);

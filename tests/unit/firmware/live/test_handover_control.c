@@ -22,8 +22,8 @@ static tl_config config;
 static tl_handover handover_block;
 static tl_block blocks[TL_LIVE_BLOCKS];
 static tl_twin_slot places[TL_TWIN_SLOTS];
-static tl_live_config_manager_pulse config_manager;
-static tl_live_recorder_pulse recorder;
+static tl_live_config_manager_status config_manager;
+static tl_live_recorder_status recorder;
 static tl_block candidate_block;
 static tl_live_candidate *candidate;
 static tl_handover_control change;
@@ -38,10 +38,10 @@ static void tell(void *context, const char *text) {
 
 static void play_ready(tl_twin_slot *slot_index, pid_t pid, tl_time start) {
     slot_index->pid = pid;
-    memset(&slot_index->pulse->beats, 0, sizeof slot_index->pulse->beats);
-    tl_heartbeats_set_ready(&slot_index->pulse->beats);
-    slot_index->pulse->start = start;
-    slot_index->pulse->started = 77;
+    memset(&slot_index->live_status->beats, 0, sizeof slot_index->live_status->beats);
+    tl_heartbeats_set_ready(&slot_index->live_status->beats);
+    slot_index->live_status->start = start;
+    slot_index->live_status->started = 77;
 }
 
 void setUp(void) {
@@ -54,9 +54,10 @@ void setUp(void) {
     now = 1000 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        tl_block *pulse = &blocks[TL_LIVE_TWIN_PULSE + i];
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("twin", sizeof *places->pulse, TL_BLOCK_THEY_WRITE, pulse, &error));
-        places[i] = (tl_twin_slot){.pulse = pulse->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
+        tl_block *live_status = &blocks[TL_LIVE_TWIN_STATUS + i];
+        TEST_ASSERT_EQUAL_INT(
+            TL_OK, tl_block_make("twin", sizeof *places->live_status, TL_BLOCK_THEY_WRITE, live_status, &error));
+        places[i] = (tl_twin_slot){.live_status = live_status->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_move_in(&places[0], &config, false, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
@@ -76,7 +77,7 @@ void setUp(void) {
 void tearDown(void) {
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         tl_twin_slot_move_out(&places[i]);
-        tl_block_close(&blocks[TL_LIVE_TWIN_PULSE + i]);
+        tl_block_close(&blocks[TL_LIVE_TWIN_STATUS + i]);
     }
     tl_block_close(&candidate_block);
     tl_config_free(&config);
@@ -135,8 +136,8 @@ static void end_twin(tl_twin_slot *slot_index) {
 /* ---- a shadow ---- */
 
 static void test_a_candidate_is_loaded(void) {
-    places[1].pulse->number = 6;
-    places[1].pulse->handed_over = 3;
+    places[1].live_status->number = 6;
+    places[1].live_status->handed_over = 3;
     begin_shadow(SHADOW);
     TEST_ASSERT_EQUAL_STRING(TEXT, places[1].text);
     TEST_ASSERT_EQUAL_STRING(candidate->hash, places[1].hash);
@@ -146,9 +147,9 @@ static void test_a_candidate_is_loaded(void) {
     TEST_ASSERT_EQUAL_size_t(tl_record_queue_bytes(&places[1].queue_settings), places[1].queue->size);
     TEST_ASSERT_EQUAL_INT64(900 * TL_SECOND, places[1].start);
     TEST_ASSERT_EQUAL_INT64(77, places[1].started);
-    TEST_ASSERT_EQUAL_UINT32(6, places[1].pulse->number);
-    TEST_ASSERT_EQUAL_UINT32(7, places[1].pulse->first);
-    TEST_ASSERT_EQUAL_UINT32(0, places[1].pulse->handed_over);
+    TEST_ASSERT_EQUAL_UINT32(6, places[1].live_status->number);
+    TEST_ASSERT_EQUAL_UINT32(7, places[1].live_status->first);
+    TEST_ASSERT_EQUAL_UINT32(0, places[1].live_status->handed_over);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
 }
@@ -198,7 +199,7 @@ static void test_a_shadow_is_as_confined_as_the_run(void) {
 }
 
 static void test_a_shadow_waits_for_the_runs_twin(void) {
-    places[0].pulse->start = 0;
+    places[0].live_status->start = 0;
     write_candidate();
     order(TL_LIVE_SHADOW);
     expect_obeyed(false);
@@ -309,7 +310,7 @@ static void test_a_handover(void) {
     TEST_ASSERT_TRUE(orders.soon);
     TEST_ASSERT_TRUE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
-    places[0].pulse->handed_over = 1;
+    places[0].live_status->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_TRUE(orders.shadow); /* the old one */
@@ -322,7 +323,7 @@ static void test_a_handover(void) {
 
 static void handover(uint32_t number) {
     announce();
-    places[handover_block.slot_index].pulse->handed_over = number;
+    places[handover_block.slot_index].live_status->handed_over = number;
     look();
     TEST_ASSERT_TRUE(orders.swap);
 }
@@ -353,7 +354,7 @@ static void test_a_twin_that_dies_before_its_tick(void) {
 static void test_a_handover_does_not_wait_for_a_dead_twin(void) {
     begin_shadow(SHADOW);
     end_twin(&places[0]);
-    places[0].pulse->start = 0;
+    places[0].live_status->start = 0;
     announce();
     look();
     TEST_ASSERT_TRUE(orders.swap);
@@ -379,7 +380,7 @@ static void test_a_shadow_that_dies_before_its_tick(void) {
     announce();
     places[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, DIED);
-    places[0].pulse->handed_over = 1;
+    places[0].live_status->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
@@ -390,11 +391,11 @@ static void test_handovers_that_are_rejected(void) {
     order(TL_LIVE_HAND_OVER);
     expect_refused("no shadow");
     begin_shadow(SHADOW);
-    memset(&places[1].pulse->beats, 0, sizeof places[1].pulse->beats);
+    memset(&places[1].live_status->beats, 0, sizeof places[1].live_status->beats);
     order(TL_LIVE_HAND_OVER);
     expect_refused("shadow|not");
-    tl_heartbeats_set_ready(&places[1].pulse->beats);
-    places[0].pulse->start++;
+    tl_heartbeats_set_ready(&places[1].live_status->beats);
+    places[0].live_status->start++;
     order(TL_LIVE_HAND_OVER);
     expect_refused("shadow|ticks");
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.handovers);
@@ -405,7 +406,7 @@ static void test_handovers_that_are_rejected(void) {
 static void publish_tick(int64_t tick) {
     static tl_run_status figures;
     figures.tick = tick;
-    tl_latest_publish(&places[0].pulse->figures, &figures, sizeof figures);
+    tl_latest_publish(&places[0].live_status->figures, &figures, sizeof figures);
 }
 
 static void test_a_twin_that_is_ahead(void) {
@@ -493,7 +494,7 @@ static void test_a_recorder_two_handovers_behind(void) {
 static void test_a_recorder_follows_when_all_end(void) {
     begin_shadow(SHADOW);
     announce();
-    places[0].pulse->handed_over = 1;
+    places[0].live_status->handed_over = 1;
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
     tl_handover_control_poll(&change, now, true, &orders);

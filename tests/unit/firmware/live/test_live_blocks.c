@@ -90,7 +90,7 @@ static void give_mail(int number, const tl_config *config, tl_block *block) {
 
 static void give_rest(void) {
     size_t sizes[TL_LIVE_BLOCKS];
-    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_PULSE, TL_LIVE_QUEUE, TL_LIVE_TUNING, TL_HANDOVER};
+    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_STATUS, TL_LIVE_QUEUE, TL_LIVE_TUNING, TL_HANDOVER};
     tl_live_block_sizes(&own.config, sizes);
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++) {
         give(wanted[i], sizes[wanted[i]]);

@@ -14,10 +14,10 @@
 #define OTHER "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"
 #define TUNED "cccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccc"
 
-static tl_live_config_manager_pulse pulse;
-static tl_live_twin_pulse twins[TL_TWIN_SLOTS];
+static tl_live_config_manager_status live_status;
+static tl_live_twin_status twins[TL_TWIN_SLOTS];
 static tl_live_tuning tunings[TL_TWIN_SLOTS];
-static tl_live_recorder_pulse recorder;
+static tl_live_recorder_status recorder;
 static tl_handover handover_block;
 static tl_live_candidate candidate;
 static tl_live_host host;
@@ -30,7 +30,7 @@ static tl_tuning values;
 
 static tl_scratch scratch;
 static void begin_host(void) {
-    host = (tl_live_host){.pulse = &pulse,
+    host = (tl_live_host){.live_status = &live_status,
                           .twins = {&twins[0], &twins[1]},
                           .tunings = {&tunings[0], &tunings[1]},
                           .recorder = &recorder,
@@ -44,7 +44,7 @@ static void begin_host(void) {
 }
 
 void setUp(void) {
-    memset(&pulse, 0, sizeof pulse);
+    memset(&live_status, 0, sizeof live_status);
     memset(twins, 0, sizeof twins);
     memset(tunings, 0, sizeof tunings);
     memset(&recorder, 0, sizeof recorder);
@@ -60,13 +60,13 @@ void tearDown(void) {}
 static void obey(tl_live_shadow state, const char *text) {
     (void)snprintf(handover_block.why, sizeof handover_block.why, "%s", text);
     handover_block.shadow = (uint32_t)state;
-    handover_block.order = pulse.order.number;
+    handover_block.order = live_status.order.number;
 }
 
 static void announce(void) {
     handover_block.to = 1 - handover_block.slot_index;
     handover_block.handovers++;
-    handover_block.order = pulse.order.number;
+    handover_block.order = live_status.order.number;
 }
 
 static tl_lock_tolerances tolerances_in(size_t slot_index) {
@@ -92,11 +92,11 @@ static tl_activation_phase phase(void) {
 }
 
 static tl_activation_answer handed_over(void) {
-    return functions.has_handed_over(functions.context, why);
+    return functions.handover_result(functions.context, why);
 }
 
-static const char *active_text(void) {
-    functions.active_text(functions.context, hash);
+static const char *active_hash(void) {
+    functions.active_hash(functions.context, hash);
     return hash;
 }
 
@@ -119,16 +119,16 @@ static void test_a_candidate_is_handed_over(void) {
     functions.judge_by(functions.context, &(tl_lock_tolerances){.match[0] = {3.0, 1.0}});
     TEST_ASSERT_EQUAL_DOUBLE(3.0, tolerances_in(0).match[0].tolerance);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, tolerances_in(1).match[0].tolerance);
-    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, pulse.order.verb);
-    TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);
-    TEST_ASSERT_EQUAL_UINT64(99, pulse.order.needs.unpacked_bytes);
-    TEST_ASSERT_EQUAL_UINT32(7, pulse.order.needs.signals);
+    TEST_ASSERT_EQUAL_UINT32(1, live_status.order.number);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, live_status.order.verb);
+    TEST_ASSERT_EQUAL_UINT32(3, live_status.order.needs.match);
+    TEST_ASSERT_EQUAL_UINT64(99, live_status.order.needs.unpacked_bytes);
+    TEST_ASSERT_EQUAL_UINT32(7, live_status.order.needs.signals);
     TEST_ASSERT_EQUAL_UINT32(10, candidate.size);
     TEST_ASSERT_EQUAL_STRING("{ \"a\": 1 }", candidate.text);
     TEST_ASSERT_EQUAL_STRING(OTHER, candidate.hash);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
-    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_hash());
 }
 
 static void test_one_order_at_a_time(void) {
@@ -136,21 +136,21 @@ static void test_one_order_at_a_time(void) {
     TEST_ASSERT_FALSE(begin("[]", TUNED));
     TEST_ASSERT_FALSE(functions.handover(functions.context));
     TEST_ASSERT_EQUAL_STRING("{}", candidate.text);
-    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
+    TEST_ASSERT_EQUAL_UINT32(1, live_status.order.number);
 }
 
 static void test_an_end_waits_until_it_can_be_ordered(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     functions.end_shadow(functions.context);
     tl_live_host_poll(&host);
-    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
+    TEST_ASSERT_EQUAL_UINT32(1, live_status.order.number);
     obey(TL_LIVE_SHADOW_RUNS, "");
     tl_live_host_poll(&host);
-    TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_NO_SHADOW, pulse.order.verb);
+    TEST_ASSERT_EQUAL_UINT32(2, live_status.order.number);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_NO_SHADOW, live_status.order.verb);
     obey(TL_LIVE_SHADOW_NONE, "");
     tl_live_host_poll(&host);
-    TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
+    TEST_ASSERT_EQUAL_UINT32(2, live_status.order.number);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
 }
 
@@ -239,7 +239,7 @@ static void begin_and_handover(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     obey(TL_LIVE_SHADOW_RUNS, "");
     TEST_ASSERT_TRUE(functions.handover(functions.context));
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_HAND_OVER, pulse.order.verb);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_HAND_OVER, live_status.order.verb);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
 }
 
@@ -247,15 +247,15 @@ static void test_a_handover(void) {
     begin_and_handover();
     announce();
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
-    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_hash());
     handover_block.slot_index = 1;
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
-    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_hash());
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     announce();
     handover_block.slot_index = 0;
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
-    TEST_ASSERT_EQUAL_STRING(FIRST, active_text());
+    TEST_ASSERT_EQUAL_STRING(FIRST, active_hash());
 }
 
 static void test_a_handover_that_is_refused(void) {
@@ -276,7 +276,7 @@ static void test_a_successor_sees_what_came_of_a_handover(void) {
     begin_host();
     memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_STARTED, handed_over());
-    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_hash());
     TEST_ASSERT_TRUE(functions.handover(functions.context));
     obey(TL_LIVE_SHADOW_ENDED, "died");
     begin_host();
@@ -288,12 +288,12 @@ static void test_a_successor_sees_what_came_of_a_handover(void) {
 static void test_tunings_go_to_the_live_slot(void) {
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
-    TEST_ASSERT_EQUAL_STRING(TUNED, active_text());
+    TEST_ASSERT_EQUAL_STRING(TUNED, active_hash());
     recorder.state.tuning = 2;
     begin_and_handover();
     announce();
     handover_block.slot_index = 1;
-    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_hash());
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1])); /* above those of the recorder */
     TEST_ASSERT_FALSE(tune(OTHER));
@@ -320,7 +320,7 @@ static void test_a_new_shadow_gets_no_old_tuning(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_live_tuning_read(&tunings[1], &head, NULL));
     handover_block.slot_index = 1;
-    TEST_ASSERT_EQUAL_STRING(OTHER, active_text());
+    TEST_ASSERT_EQUAL_STRING(OTHER, active_hash());
     TEST_ASSERT_TRUE(tune(TUNED));
     TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1]));
 }

@@ -12,7 +12,7 @@ enum { NEWEST = 150, ROOM = 1 << 20 };
 
 static tl_scratch scratch;
 static tl_course_record run;
-static tl_live_twin_pulse pulse;
+static tl_live_twin_status live_status;
 static tl_live_resume_answer answer;
 static tl_block resume;
 static tl_live_samples wishes;
@@ -23,10 +23,10 @@ void setUp(void) {
     tl_course_record_open(&run, TL_SOURCE_DIR "/tests/support/motor_lock.json", tl_scratch_path(&scratch, "run.db"),
                           NEWEST);
     tl_course_record_to(&run, NEWEST);
-    memset(&pulse, 0, sizeof pulse);
+    memset(&live_status, 0, sizeof live_status);
     memset(&answer, 0, sizeof answer);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("past", ROOM, TL_BLOCK_THEY_WRITE, &resume, &error));
-    wishes = (tl_live_samples){.pulse = &pulse, .answer = &answer, .resume = &resume, .boot = run.boot};
+    wishes = (tl_live_samples){.live_status = &live_status, .answer = &answer, .resume = &resume, .boot = run.boot};
 }
 
 void tearDown(void) {
@@ -36,8 +36,8 @@ void tearDown(void) {
 }
 
 static void live_request(uint32_t number, int64_t from) {
-    pulse.past_from = from;
-    pulse.resume = tl_live_request_of(7, number);
+    live_status.resumed_from = from;
+    live_status.resume = tl_live_request_of(7, number);
 }
 
 static tl_status read_past(void) {
@@ -50,18 +50,18 @@ static void test_one_wish_after_the_other(void) {
     TEST_ASSERT_EQUAL_UINT64(0, answer.live_request);
     live_request(1, 40);
     tl_live_samples_read(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
+    TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
     live_request(2, NEWEST);
     tl_live_samples_read(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
+    TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
     live_request(3, NEWEST + 1);
     tl_live_samples_read(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
+    TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
 }
@@ -79,7 +79,7 @@ static void test_a_wish_that_was_answered(void) {
 static void test_nobody_wants_any_more(void) {
     live_request(1, 40);
     tl_live_samples_read(&wishes, run.path);
-    pulse.begun = 1;
+    live_status.begun = 1;
     tl_live_samples_read(&wishes, run.path);
     const unsigned char *bytes = resume.bytes;
     for (size_t i = 0; i < ROOM; i++) {
@@ -93,7 +93,7 @@ static void test_nobody_wants_any_more(void) {
 static void test_a_database_that_is_none(void) {
     live_request(1, 40);
     tl_live_samples_read(&wishes, "/nowhere/run.db");
-    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.live_request);
+    TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(answer.words[0].text, "/nowhere/run.db"), answer.words[0].text);
 }

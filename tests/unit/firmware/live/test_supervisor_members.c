@@ -98,8 +98,7 @@ static void test_a_recorder_that_crashes_when_it_is_replaced(void) {
 }
 
 static void change_it_in_the_end(bool ends, tl_orders *orders) {
-    orders->recorder =
-        ends && tl_stage_has_died(TL_MEMBER_RECORDER) && stage->parts[TL_MEMBER_RECORDER].starts == 1;
+    orders->recorder = ends && tl_stage_has_died(TL_MEMBER_RECORDER) && stage->parts[TL_MEMBER_RECORDER].starts == 1;
 }
 
 static void test_another_recorder_writes_the_rest_at_the_end(void) {

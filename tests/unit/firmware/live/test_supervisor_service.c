@@ -80,9 +80,9 @@ static void test_ready_is_told_until_it_is_heard(void) {
     TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
     (void)close(socket_);
     (void)unlink(notify_path);
-    TEST_ASSERT_EQUAL_INT64(100 * TL_SECOND, tl_service_extend_timeout());
+    TEST_ASSERT_EQUAL_INT64(100 * TL_SECOND, tl_service_watchdog_period());
     (void)setenv("WATCHDOG_PID", "1", 1);
-    TEST_ASSERT_EQUAL_INT64(0, tl_service_extend_timeout());
+    TEST_ASSERT_EQUAL_INT64(0, tl_service_watchdog_period());
     (void)unsetenv("WATCHDOG_PID");
     TEST_ASSERT_EQUAL_INT(0, how);
 }
@@ -117,7 +117,7 @@ static void test_strokes_go_on_until_all_have_ended(void) {
     TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
     (void)close(socket_);
     (void)unlink(notify_path);
-    if (tl_service_extend_timeout() == 0) {
+    if (tl_service_watchdog_period() == 0) {
         TEST_IGNORE_MESSAGE("built without libsystemd");
     }
     TEST_ASSERT_EQUAL_INT(0, how);

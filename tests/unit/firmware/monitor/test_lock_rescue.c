@@ -1,4 +1,5 @@
 /* Bringing back a twin that is lost: when, how often, and what is left alone. */
+#include <math.h>
 #include <string.h>
 
 #include <unity.h>
@@ -101,6 +102,48 @@ static void test_strokes_are_left_alone(void) {
     TEST_ASSERT_EQUAL_INT(0, count);
 }
 
+/* Steps with these outputs not finite. */
+static void bad(uint64_t outputs, int steps) {
+    record.bad_outputs = outputs;
+    run(outputs == 0 ? 0.5 : (double)NAN, steps);
+    record.bad_outputs = 0;
+}
+
+/* After 10, 20, 40 … in a row, until it was well for 100. */
+static void test_outputs_that_are_not_finite(void) {
+    static const int64_t expected[] = {10, 30, 70, 150};
+    bad(1, 200);
+    TEST_ASSERT_EQUAL_INT(4, count);
+    TEST_ASSERT_EQUAL_INT64_ARRAY(expected, resets, 4);
+    bad(0, TL_FINITE_STEPS - 1);
+    bad(1, 9 + 10);
+    TEST_ASSERT_EQUAL_INT(4, count);
+    bad(0, TL_FINITE_STEPS);
+    bad(2, 9);
+    TEST_ASSERT_EQUAL_INT(4, count);
+    bad(2, 1);
+    TEST_ASSERT_EQUAL_INT(5, count);
+}
+
+/* A free twin and one with strokes, too; not because of what is only compared, nor in steps of an earlier run. */
+static void test_which_outputs_count(void) {
+    config.event.start.signal = "plant.valve";
+    tl_recovery_init(&recovery, &config, &account);
+    bad(1, 10);
+    TEST_ASSERT_EQUAL_INT(1, count);
+    config.event.start.signal = NULL;
+    config.adjust_count = 0;
+    tl_recovery_init(&recovery, &config, &account);
+    bad(2, 10);
+    TEST_ASSERT_EQUAL_INT(2, count);
+    match[0].weight = 0;
+    bad(1, 100);
+    TEST_ASSERT_EQUAL_INT(2, count);
+    record.outcome = TL_RESUMED;
+    bad(2, 100);
+    TEST_ASSERT_EQUAL_INT(2, count);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_twin_in_lock_is_left_alone);
@@ -109,5 +152,7 @@ int main(void) {
     RUN_TEST(test_ever_more_seldom);
     RUN_TEST(test_what_is_forgiven);
     RUN_TEST(test_strokes_are_left_alone);
+    RUN_TEST(test_outputs_that_are_not_finite);
+    RUN_TEST(test_which_outputs_count);
     return UNITY_END();
 }

@@ -265,6 +265,39 @@ static void test_integer(void) {
     }
 }
 
+/* Slightly beyond a limit: the value is that of the limit. */
+static void expect_moved(double value, double limit) {
+    empty_buffers();
+    post(value, 1000, TL_GOOD);
+    tl_plant_input_take(&input, 3, 1000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(limit, sample.values[0]);
+    TEST_ASSERT_EQUAL_HEX64(1, sample.moved);
+}
+
+static void test_noise_at_a_limit(void) {
+    input.limits[0] = (tl_plant_limits){.minimum = 0, .maximum = 50, .below = 0.5, .above = 0.25, .type = TL_REAL};
+    expect_moved(-0.5, 0);
+    expect_moved(50.25, 50);
+    expect(-0.51, TL_OUT_OF_RANGE);
+    expect(50.26, TL_OUT_OF_RANGE);
+    expect(50, TL_GOOD);
+    TEST_ASSERT_EQUAL_HEX64(0, sample.moved);
+    expect(-0.0, TL_GOOD);
+    TEST_ASSERT_TRUE(signbit(sample.values[0])); /* its bits stay */
+}
+
+static void test_items(void) {
+    input.limits[0] = (tl_plant_limits){.minimum = -1, .maximum = 62, .type = TL_INTEGER};
+    input.limits[0].items = UINT64_C(1) << 63 | 0x5;
+    expect(-1, TL_GOOD);
+    expect(0, TL_OUT_OF_RANGE);
+    expect(1, TL_GOOD);
+    expect(62, TL_GOOD);
+    expect(63, TL_OUT_OF_RANGE);
+    expect(-2, TL_OUT_OF_RANGE);
+}
+
 /* ---- between readings ---- */
 
 enum { STEP = 10000000 };
@@ -572,6 +605,8 @@ int main(void) {
     RUN_TEST(test_complete_once_all_signals_are_good);
     RUN_TEST(test_boolean);
     RUN_TEST(test_integer);
+    RUN_TEST(test_noise_at_a_limit);
+    RUN_TEST(test_items);
     RUN_TEST(test_a_line_between_two_readings);
     RUN_TEST(test_a_next_reading_that_has_not_come);
     RUN_TEST(test_no_line_over_a_gap);

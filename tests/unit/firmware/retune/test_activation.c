@@ -30,7 +30,7 @@ static void test_in_place(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("0.5", 1, 0));
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.probation.return_to);
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_hash);
     TEST_ASSERT_FALSE(run->has_restarted);
     TEST_ASSERT_EQUAL_UINT(TL_ACTIVATION_PROBATION_S, tl_activation_remaining_s(&run->activation));
 }
@@ -73,7 +73,7 @@ static void test_a_trial_that_hangs(void) {
     (void)setenv("TRIAL", "hang", 1);
     tl_played_offer("1", 3, TL_CONTROL_MAY_RESTART);
     while (!is_told_twice()) {
-        run->activation.looked -= run->activation.step == TL_CONTROL_TRY ? TL_SECOND : 0;
+        run->activation.polled_at -= run->activation.step == TL_CONTROL_TRY ? TL_SECOND : 0;
         tl_activation_poll(&run->activation);
         TEST_ASSERT_FALSE(tl_played_is_ended());
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 200);
@@ -132,13 +132,13 @@ static void test_a_disk_that_refuses_the_end(void) {
 /* The old version is active again, both on disk and in the run. */
 static void test_a_twin_that_refuses(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     run->answer = TL_ACTIVATION_REFUSED;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_FAILED, tl_played_take("0.5", 1, 0));
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
     TEST_ASSERT_EQUAL_UINT64(0, run->versions.probation.version);
     TL_EXPECT_PARTS("no room", tl_played_last_word());
-    TEST_ASSERT_EQUAL_STRING(before, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(before, run->active_hash);
 }
 
 /* The activation process ends before it sees that the twin has the new version. The next one
@@ -146,11 +146,11 @@ static void test_a_twin_that_refuses(void) {
 static void test_what_was_not_finished(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("0.5", 1, 0));
     tl_activation_end(&run->activation);
-    memcpy(run->active_text, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_text);
+    memcpy(run->active_hash, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_hash);
     run->given[0] = '\0';
     tl_played_begin();
-    tl_played_look_until(tl_played_is_quiet);
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_text);
+    tl_played_poll_until(tl_played_is_quiet);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_hash);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.probation.version);
 }
 
@@ -158,9 +158,9 @@ static void test_a_failure_of_the_twin(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("0.5", 1, 0));
     run->view.figures.twin_failures = 1;
     tl_activation_poll(&run->activation);
-    tl_played_look_until(tl_played_is_quiet);
+    tl_played_poll_until(tl_played_is_quiet);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 1)->hash, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 1)->hash, run->active_hash);
     TEST_ASSERT_EQUAL_INT(TL_VERSION_RETURNED, tl_versions_get(&run->versions, 2)->result);
 }
 
@@ -187,7 +187,7 @@ static void test_what_takes_a_restart(void) {
  * version. */
 static void test_a_run_of_what_is_no_version(void) {
     tl_activation_end(&run->activation);
-    tl_sha256("another", 7, run->active_text);
+    tl_sha256("another", 7, run->active_hash);
     tl_played_begin();
     TEST_ASSERT_TRUE(run->has_restarted);
     TEST_ASSERT_EQUAL_STRING("", run->given);
@@ -218,7 +218,7 @@ static void test_a_why_of_blanks(void) {
     tl_sha256(text, size, request.hash);
     run->count = 0;
     tl_activation_start(&run->activation, &request, text, size);
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_STRING("", tl_versions_get(&run->versions, 2)->why);
 }
 
@@ -248,7 +248,7 @@ static tl_control_result take_fmu(const char *fmu, tl_change_origin origin) {
     tl_sha256(edited, (size_t)size, request.hash);
     run->count = 0;
     tl_activation_start(&run->activation, &request, edited, (size_t)size);
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     return (tl_control_result)run->said[run->count - 1].as.end.result;
 }
 
@@ -388,7 +388,7 @@ static void test_how_short_a_probation_may_be(void) {
         tl_sha256(text, size, request.hash);
         run->count = 0;
         tl_activation_start(&run->activation, &request, text, size);
-        tl_played_look_until(tl_played_is_ended);
+        tl_played_poll_until(tl_played_is_ended);
         TEST_ASSERT_EQUAL_UINT32(right == TL_RIGHT_RETUNE ? 3 : 1, run->activation.probation.account.terms.given_s);
     }
 }

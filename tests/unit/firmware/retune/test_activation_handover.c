@@ -22,7 +22,7 @@ void tearDown(void) {
 static void test_a_handover(void) {
     const tl_run_status misses = {.steps = 100, .deadline_misses = 50};
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     run->shadow.phase = TL_ACTIVATION_SHADOW_BEGINS;
     run->is_slow = true;
     run->view.figures.steps = 1000;
@@ -37,12 +37,12 @@ static void test_a_handover(void) {
     run->shadow.work.tick = 1200;
     run->shadow.work.last = 6000;
     tl_played_add(&run->shadow.work, &misses); /* before the comparison begins */
-    run->activation.looked -= 11 * TL_SECOND;
+    run->activation.polled_at -= 11 * TL_SECOND;
     tl_activation_poll(&run->activation);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "1200|6000"));
     run->shadow.phase = TL_ACTIVATION_SHADOW_LIVE;
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active); /* the handover writes the version to disk */
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_DONE, run->said[run->count - 1].as.end.result);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_PREDICT, "1 ms|10 ms"));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "live|5 s|lock"));
@@ -52,7 +52,7 @@ static void test_a_handover(void) {
     TEST_ASSERT_FALSE(run->has_restarted);
     TEST_ASSERT_EQUAL_STRING("", run->given);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 2)->hash, run->active_hash);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.probation.version);
     TEST_ASSERT_EQUAL_STRING(before, run->other); /* runs as a shadow until the version is kept */
     bool is_done = false;
@@ -95,18 +95,18 @@ static void test_a_handover_that_takes_long(void) {
     tl_played_offer("1", 2, 0);
     while (run->activation.row != TL_ACTIVATION_ROW_ANSWER) {
         TEST_ASSERT_FALSE(tl_played_is_ended());
-        run->activation.looked -= run->activation.step == TL_CONTROL_SHADOW ? TL_SECOND / 10 : 0;
+        run->activation.polled_at -= run->activation.step == TL_CONTROL_SHADOW ? TL_SECOND / 10 : 0;
         tl_activation_poll(&run->activation);
     }
     TEST_ASSERT_FALSE(tl_played_was_said(TL_CONTROL_ACTIVATE, "60 s"));
-    run->activation.looked -= 3 * TL_SECOND;
+    run->activation.polled_at -= 3 * TL_SECOND;
     tl_activation_poll(&run->activation);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_ACTIVATE, "twin|60 s"));
     size_t before = run->count;
-    run->activation.looked -= 3 * TL_SECOND;
+    run->activation.polled_at -= 3 * TL_SECOND;
     tl_activation_poll(&run->activation);
     TEST_ASSERT_EQUAL_size_t(before, run->count);
-    run->activation.looked -= 60 * TL_SECOND;
+    run->activation.polled_at -= 60 * TL_SECOND;
     tl_activation_poll(&run->activation);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_FAILED, run->said[run->count - 1].as.end.result);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
@@ -114,14 +114,14 @@ static void test_a_handover_that_takes_long(void) {
 
 static void test_a_handover_that_is_refused(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     run->handed_over = TL_ACTIVATION_REFUSED;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_FAILED, tl_played_take("1", 2, 0));
     TL_EXPECT_PARTS("twin|it has died", tl_played_last_word());
     TEST_ASSERT_EQUAL_INT(1, run->handovers);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
     TEST_ASSERT_EQUAL_UINT64(0, run->versions.probation.version);
-    TEST_ASSERT_EQUAL_STRING(before, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(before, run->active_hash);
     TEST_ASSERT_EQUAL_STRING("", run->other);
     TEST_ASSERT_FALSE(run->has_restarted);
     TEST_ASSERT_TRUE(tl_activation_is_idle(&run->activation));
@@ -132,15 +132,15 @@ static void test_a_handover_that_is_refused(void) {
 static void test_a_handover_that_was_not_finished(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     tl_activation_end(&run->activation);
-    memcpy(run->active_text, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_text);
+    memcpy(run->active_hash, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_hash);
     tl_played_begin();
-    memcpy(run->active_text, tl_versions_get(&run->versions, 2)->hash, sizeof run->active_text);
-    tl_played_look_until(tl_played_is_quiet);
+    memcpy(run->active_hash, tl_versions_get(&run->versions, 2)->hash, sizeof run->active_hash);
+    tl_played_poll_until(tl_played_is_quiet);
     TEST_ASSERT_FALSE(run->has_restarted);
     tl_activation_end(&run->activation);
-    memcpy(run->active_text, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_text);
+    memcpy(run->active_hash, tl_versions_get(&run->versions, 1)->hash, sizeof run->active_hash);
     tl_played_begin();
-    tl_played_look_until(tl_played_is_quiet);
+    tl_played_poll_until(tl_played_is_quiet);
     TEST_ASSERT_TRUE(run->has_restarted);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.probation.version);
@@ -150,12 +150,12 @@ static void test_a_handover_that_was_not_finished(void) {
 
 static void test_a_handover_back(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     tl_played_fail();
     TEST_ASSERT_EQUAL_INT(2, run->handovers);
     TEST_ASSERT_FALSE(run->has_restarted);
-    TEST_ASSERT_EQUAL_STRING(before, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(before, run->active_hash);
     TEST_ASSERT_EQUAL_STRING("", run->other);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
     TEST_ASSERT_EQUAL_INT(TL_VERSION_RETURNED, tl_versions_get(&run->versions, 2)->result);
@@ -199,7 +199,7 @@ static void test_a_handover_back_after_a_crash_of_the_process(void) {
 static void test_a_crash_of_the_process_beside_a_shadow(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     tl_played_offer("1", 3, 0);
-    tl_played_look_until(tl_played_is_live);
+    tl_played_poll_until(tl_played_is_live);
     tl_worker_close(&run->activation.worker);
     free(run->activation.text);
     tl_played_begin();
@@ -217,15 +217,15 @@ static void test_a_crash_of_the_process_beside_a_shadow(void) {
  * both, whose twin still runs. */
 static void test_in_place_after_a_handover(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("0.5", 2, 0));
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 3)->hash, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 3)->hash, run->active_hash);
     TEST_ASSERT_EQUAL_STRING(before, run->other);
     tl_played_fail();
     TEST_ASSERT_EQUAL_INT(2, run->handovers);
     TEST_ASSERT_FALSE(run->has_restarted);
-    TEST_ASSERT_EQUAL_STRING(before, run->active_text);
+    TEST_ASSERT_EQUAL_STRING(before, run->active_hash);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
 }
 

@@ -101,10 +101,10 @@ static void test_a_shadow_that_cannot_be_ordered_yet(void) {
     }
     for (int seconds = 0; seconds < 5; seconds++) {
         run->is_slow = true;
-        run->activation.looked -= TL_SECOND;
+        run->activation.polled_at -= TL_SECOND;
         tl_activation_poll(&run->activation);
     }
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_DONE, run->said[run->count - 1].as.end.result);
     for (size_t i = 0; i < run->count; i++) {
         const char *text = run->said[i].kind == TL_CONTROL_STEP ? run->said[i].as.progress.text : "";
@@ -145,7 +145,7 @@ static void test_a_shadow_that_dies(void) {
     tl_activation_poll(&run->activation);
     run->shadow.phase = TL_ACTIVATION_SHADOW_FAILED;
     (void)snprintf(run->shadow.why, sizeof run->shadow.why, "its FMU\033 has crashed");
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     tl_played_expect_refused(TL_CONTROL_INVALID, "its FMU\\x1B has crashed");
     run->shadow.why[0] = '\0'; /* fails at once, without a reason */
     (void)tl_played_take("1", 2, 0);
@@ -164,7 +164,7 @@ static void test_a_shadow_that_never_runs(void) {
 /* A check for which the box has too little memory does not end the twin of the version before. */
 static void test_a_check_without_room_on_probation(void) {
     char before[TL_SHA256_TEXT];
-    memcpy(before, run->active_text, sizeof before);
+    memcpy(before, run->active_hash, sizeof before);
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     TEST_ASSERT_EQUAL_INT(0, setenv("TRIAL_MEMORY", "500000000000000", 1));
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 3, TL_CONTROL_ONLY_CHECK | TL_CONTROL_MAY_RESTART));
@@ -193,7 +193,7 @@ static void test_what_cannot_be(void) {
 static void test_a_shadow_that_is_cancelled(void) {
     bool is_done = false;
     tl_played_offer("1", 2, 0);
-    tl_played_look_until(tl_played_is_live);
+    tl_played_poll_until(tl_played_is_live);
     TEST_ASSERT_TRUE(tl_activation_is_busy(&run->activation));
     TEST_ASSERT_FALSE(tl_activation_confirm(&run->activation, "bob", &is_done));
     TEST_ASSERT_TRUE(tl_activation_cancel(&run->activation, "bob"));
@@ -211,9 +211,9 @@ static void test_a_shadow_that_is_cancelled(void) {
 /* In safe hold the run has no twin to compare the shadow with. */
 static void test_safe_hold_beside_a_shadow(void) {
     tl_played_offer("1", 2, 0);
-    tl_played_look_until(tl_played_is_live);
+    tl_played_poll_until(tl_played_is_live);
     run->view.holds = true;
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     tl_played_expect_refused(TL_CONTROL_INVALID, "safe hold");
 }
 
@@ -222,21 +222,21 @@ static void test_a_probation_beside_a_shadow(void) {
     bool is_done = false;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("0.5", 1, 0));
     tl_played_offer("0.5", 2, 0);
-    tl_played_look_until(tl_played_is_live);
+    tl_played_poll_until(tl_played_is_live);
     TEST_ASSERT_TRUE(tl_activation_confirm(&run->activation, "bob", &is_done));
     TEST_ASSERT_TRUE(is_done);
     TEST_ASSERT_EQUAL_INT(TL_VERSION_KEPT, tl_versions_get(&run->versions, 2)->result);
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_DONE, run->said[run->count - 1].as.end.result);
     tl_played_offer("0.25", 1, 0);
-    tl_played_look_until(tl_played_is_live);
+    tl_played_poll_until(tl_played_is_live);
     run->view.figures.twin_failures = 1;
-    tl_played_look_until(tl_played_is_ended);
+    tl_played_poll_until(tl_played_is_ended);
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_FAILED, run->said[run->count - 1].as.end.result);
     TL_EXPECT_PARTS("probation|failed", tl_played_last_word());
-    tl_played_look_until(tl_played_is_quiet);
+    tl_played_poll_until(tl_played_is_quiet);
     tl_activation_poll(&run->activation);
-    tl_played_look_until(tl_played_is_quiet);
+    tl_played_poll_until(tl_played_is_quiet);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
 }
 

@@ -118,13 +118,13 @@ static void what_nobody_takes_is_bounded(void) {
         follow();
     }
     TEST_ASSERT_EQUAL_INT_MESSAGE(-1, peer.socket, "the plant could say all it wanted");
-    TEST_ASSERT_FALSE(tl_dialogue_listens(&dialogue));
+    TEST_ASSERT_FALSE(tl_dialogue_can_receive(&dialogue));
     TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_DIALOGUE_MOST, dialogue.size);
     for (size_t now = 1; now > 0; taken += now) {
         now = tl_dialogue_take(&dialogue, piece, sizeof piece);
     }
     TEST_ASSERT_GREATER_THAN(TL_CONTROL_MOST / 2, taken);
-    TEST_ASSERT_TRUE(tl_dialogue_listens(&dialogue));
+    TEST_ASSERT_TRUE(tl_dialogue_can_receive(&dialogue));
     follow();
     TEST_ASSERT_TRUE(dialogue.has_ended);
 }

@@ -55,7 +55,7 @@ void tearDown(void) {
 }
 
 static tl_status open_one(tl_database_file *file, bool *waits) {
-    const tl_database_wanted wanted = {.path = path, .insistence = TL_DATABASE_ANYHOW, .user = &user};
+    const tl_database_wanted wanted = {.path = path, .open_policy = TL_DATABASE_ANYHOW, .user = &user};
     tl_database_report report;
     tl_error error;
     return tl_database_replacement_open(&wanted, file, &report, waits, &error);

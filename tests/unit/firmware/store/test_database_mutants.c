@@ -62,7 +62,7 @@ static void load_assembly(void) {
 
 static void open_writer(void) {
     tl_twin_recorder_describe(&assembly.config, path, &recorded);
-    recorded.settings.insistence = TL_DATABASE_ANYHOW;
+    recorded.settings.open_policy = TL_DATABASE_ANYHOW;
     tl_test_queue_open(&box, &recorded.settings, CHECKPOINT_BYTES);
 }
 

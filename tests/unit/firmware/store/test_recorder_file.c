@@ -208,12 +208,12 @@ static void expect_left_alone(const char *parts) {
 
 /* On a terminal, the writer refuses the file with an error. */
 static void expect_refused(tl_status status, const char *parts) {
-    bench.record.insistence = TL_DATABASE_IF_OURS;
+    bench.record.open_policy = TL_DATABASE_IF_OURS;
     TEST_ASSERT_EQUAL_INT(status, tl_writer_bench_try_open(&bench));
     TEST_ASSERT_NULL(bench.writer);
     TL_EXPECT_PARTS(parts, bench.error.text);
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
-    bench.record.insistence = TL_DATABASE_ANYHOW;
+    bench.record.open_policy = TL_DATABASE_ANYHOW;
 }
 
 static void test_foreign_files(void) {
@@ -279,7 +279,7 @@ static void test_a_file_that_cannot_be_written(void) {
     }
     TEST_ASSERT_TRUE(geteuid() != 0);
     (void)chmod(bench.path, 0444);
-    bench.record.insistence = TL_DATABASE_IF_OURS; /* also on a terminal */
+    bench.record.open_policy = TL_DATABASE_IF_OURS; /* also on a terminal */
     expect_recorded_beside("run.db|permissions");
     TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
 }

@@ -240,10 +240,10 @@ static void test_another_twinlock(void) {
     const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_recorder *other = NULL;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &other, &bench.error));
-    bench.record.insistence = TL_DATABASE_IF_OURS;
+    bench.record.open_policy = TL_DATABASE_IF_OURS;
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_try_open(&bench));
     TL_EXPECT_PARTS("/run.db|twinlock|process", bench.error.text);
-    bench.record.insistence = TL_DATABASE_ANYHOW;
+    bench.record.open_policy = TL_DATABASE_ANYHOW;
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
     tl_writer_bench_put(&bench, 0, 10);

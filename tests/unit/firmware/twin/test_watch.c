@@ -245,6 +245,63 @@ static void test_stagnation_is_reported_separately(void) {
     expect_nothing();
 }
 
+/* The first one, with the value; the record of another process may name anything. */
+static void test_a_refused_trial_is_reported_once(void) {
+    static tl_config_component components[] = {{.name = "motor"}};
+    static tl_plan_match match[] = {{.variable = "motor.y"}};
+    config.components = components;
+    config.component_count = 1;
+    record.refused = (tl_record_refused){.count = 2, .index = 1, .variable = 0, .u = 6.5};
+    searches(0, 1);
+    record.refused.index = 0;
+    record.refused.variable = 2;
+    searches(0, 1);
+    expect_nothing();
+    record.refused.variable = 0;
+    searches(0, 2);
+    expect_told("warning|twin|motor: |failed|motor.d = 6.5|max|motor.d");
+    tl_watch_init(&watch, &config, &journal);
+    config.match = match;
+    config.match_count = 1;
+    record.refused = (tl_record_refused){.count = 1, .by_output = 1, .index = 0, .variable = 1, .u = -6.5};
+    searches(0, 1);
+    expect_told("warning|twin|motor.y: |finite|drive.u = -6.5|min|drive.u");
+    config.match_count = 0;
+    config.component_count = 0;
+}
+
+/* Each output once, by its name, though it is matched and connected; its end a minute later. */
+static void test_outputs_that_are_not_finite(void) {
+    static tl_plan_match match[] = {{.variable = "motor.y"}};
+    static tl_plan_connection connections[] = {{.from = "motor.y", .to = "drive.u"},
+                                               {.from = "drive.y", .to = "motor.u"}};
+    config.match = match;
+    config.match_count = 1;
+    config.connections = connections;
+    config.connection_count = 2;
+    record.step = 200;
+    record.bad_outputs = 3;
+    searches(0, 1);
+    expect_told("warning|twin|motor.y: |finite|2 s|2.01 s|last value");
+    record.bad_outputs = 7;
+    searches(0, 1);
+    expect_told("warning|twin|drive.y: |finite|2.01 s|2.02 s");
+    record.bad_outputs = UINT64_MAX;
+    searches(0, 8);
+    expect_nothing();
+    record.bad_outputs = 0;
+    record.flags = TL_FLAG_RESET;
+    searches(0, 1);
+    expect_told("warning|lock|reset|step 210|finite|10 steps");
+    record.flags = 0;
+    searches(0, MINUTE - 2);
+    expect_nothing();
+    searches(0, 1);
+    expect_two_told("notice|twin|motor.y: |10", "notice|twin|drive.y: |9");
+    config.match_count = 0;
+    config.connection_count = 0;
+}
+
 /* If a step is longer than TL_WATCH_REST, the number of searches counts. */
 static void test_troubles_of_a_slow_twin(void) {
     config.step = 3600 * TL_SECOND;
@@ -421,6 +478,8 @@ int main(void) {
     RUN_TEST(test_variables_are_watched_one_by_one);
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_reported_separately);
+    RUN_TEST(test_a_refused_trial_is_reported_once);
+    RUN_TEST(test_outputs_that_are_not_finite);
     RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_an_inexact_rollback_is_reported_once);
     RUN_TEST(test_free_running);

@@ -159,6 +159,22 @@ static void all_inputs_are_from_before_the_step(void) {
     }
 }
 
+/* Its outputs are delivered after initialisation. It is not read again before, not even after a reset. */
+static void an_fmu_that_is_not_read_in_initialisation_mode(void) {
+    make_chain(false);
+    tl_test_fmu_fail(&fmus[0], TL_TEST_GET_REAL, TL_TEST_DISCARD, 1, 1);
+    build();
+    push(1.0);
+    initialize();
+    TEST_ASSERT_TRUE(graph.components[0].reads_late);
+    TEST_ASSERT_FALSE(graph.components[1].reads_late);
+    TEST_ASSERT_EQUAL_UINT64(2, tl_test_log_count(&call_log, &fmus[0], TL_TEST_GET_REAL)); /* refused, and after it */
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_reset(&graph.components[0], &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&graph.components[0], 0.0, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_get_outputs(&graph.components[0], &error));
+    TEST_ASSERT_EQUAL_UINT64(2, tl_test_log_count(&call_log, &fmus[0], TL_TEST_GET_REAL));
+}
+
 static void each_step_executes_every_component_once(void) {
     make_chain(false);
     build();
@@ -522,6 +538,7 @@ int main(void) {
     RUN_TEST(an_output_n_components_on_reacts_after_n_and_1_steps);
     RUN_TEST(the_order_of_the_components_does_not_matter);
     RUN_TEST(all_inputs_are_from_before_the_step);
+    RUN_TEST(an_fmu_that_is_not_read_in_initialisation_mode);
     RUN_TEST(each_step_executes_every_component_once);
     RUN_TEST(communication_points_come_from_the_integer);
     RUN_TEST(units_are_converted_on_the_way);

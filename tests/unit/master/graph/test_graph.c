@@ -235,6 +235,76 @@ static void units_that_convert_are_accepted(void) {
     assert_accepted();
 }
 
+static tl_twin_bounds bounds_of(size_t signal) {
+    assert_accepted();
+    return tl_twin_get_bounds(twin, signal);
+}
+
+static void limit(const char *name, double minimum, double maximum) {
+    tl_variable *variable = tl_test_fmu_variable(&fmus[0], name);
+    variable->minimum = minimum;
+    variable->maximum = maximum;
+}
+
+static void a_signal_has_the_bounds_of_all_its_inputs(void) {
+    make_motor();
+    TEST_ASSERT_NULL(bounds_of(0).input);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, bounds_of(0).scale);
+    limit("u1", -10.0, 30.0);
+    TEST_ASSERT_EQUAL_STRING("u1", bounds_of(0).input);
+    limit("u0", 0.0, 50.0);
+    tl_test_fmu_variable(&fmus[0], "u1")->nominal = 4.0;
+    tl_twin_bounds bounds = bounds_of(0);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, bounds.least);
+    TEST_ASSERT_EQUAL_DOUBLE(30.0, bounds.most);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, bounds.scale);
+    TEST_ASSERT_EQUAL_STRING("motor", bounds.component);
+    TEST_ASSERT_EQUAL_STRING("u0", bounds.input);
+    limit("u0", 31.0, 50.0);
+    bounds = bounds_of(0);
+    TEST_ASSERT_TRUE(bounds.least > bounds.most);
+    TEST_ASSERT_NULL(bounds_of(2).input); /* Boolean */
+}
+
+/* Rounding must not bring the converted value beyond a bound. */
+static void bounds_are_in_the_unit_of_the_signal(void) {
+    static const double factors[] = {100000.0, 1.0 / 3.0, -0.1, 9.80665e-3};
+    make_motor();
+    for (size_t i = 0; i < sizeof factors / sizeof factors[0]; i++) {
+        const tl_unit units[] = {{"own", true, {0, 0, 0, 1}, factors[i], 0.7}, {"A", true, {0, 0, 0, 1}, 1.0, 0.0}};
+        fmus[0].model.units = units;
+        fmus[0].model.unit_count = 2;
+        plan.signals[0].unit = "own";
+        tl_test_fmu_variable(&fmus[0], "u0")->unit = &units[1];
+        limit("u0", -0.3, 50.1);
+        tl_twin_bounds bounds = bounds_of(0);
+        double ends[2] = {factors[i] * bounds.least + 0.7, factors[i] * bounds.most + 0.7};
+        for (size_t k = 0; k < 2; k++) {
+            TEST_ASSERT_TRUE(ends[k] >= -0.3 && ends[k] <= 50.1);
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, 50.4, fabs(ends[1] - ends[0]));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0, fabs(bounds.scale * factors[i]));
+    }
+}
+
+static void items_of_enumerations_are_bounds(void) {
+    make_motor();
+    limit("mode", 1.0, 5.0);
+    tl_test_fmu_variable(&fmus[0], "mode")->items = 0x15; /* 1, 3, 5 */
+    tl_twin_bounds bounds = bounds_of(3);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, bounds.least);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, bounds.most);
+    TEST_ASSERT_EQUAL_HEX64(0x15, bounds.items);
+    limit("count", 2.0, 4.0); /* the other input of the signal */
+    bounds = bounds_of(3);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, bounds.least);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, bounds.most);
+    TEST_ASSERT_EQUAL_HEX64(0x0A, bounds.items); /* 3, 5 */
+    limit("count", 70.0, 80.0);
+    bounds = bounds_of(3);
+    TEST_ASSERT_TRUE(bounds.least > bounds.most);
+}
+
 static void a_match_in_another_unit_is_refused(void) {
     make_motor();
     tl_test_fmu_variable(&fmus[0], "y0")->unit = &named_only;
@@ -670,6 +740,9 @@ static void run_connections(void) {
     RUN_TEST(a_unit_of_a_signal_is_looked_up_in_the_fmu);
     RUN_TEST(a_unit_that_the_fmu_does_not_know_must_have_the_same_name);
     RUN_TEST(units_that_convert_are_accepted);
+    RUN_TEST(a_signal_has_the_bounds_of_all_its_inputs);
+    RUN_TEST(bounds_are_in_the_unit_of_the_signal);
+    RUN_TEST(items_of_enumerations_are_bounds);
     RUN_TEST(a_match_in_another_unit_is_refused);
 }
 

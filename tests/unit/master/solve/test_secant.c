@@ -283,11 +283,83 @@ static bool always_fails(const double *u, double *r) {
     return false;
 }
 
-static void a_start_that_fails_is_a_failure_without_a_question(void) {
+/* 1, 2, 4 … 32 steps to either side. */
+static void a_start_is_looked_for_up_to_32_steps_away(void) {
     const double start[] = {0.0};
     create(1, 1);
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_FAILED, search(always_fails, start));
-    TEST_ASSERT_EQUAL_UINT64(0, questions);
+    TEST_ASSERT_EQUAL_UINT64(12, questions);
+    TEST_ASSERT_TRUE(asked[10][0] == 32.0 && asked[11][0] == -32.0);
+    fails_above = -3.0;
+    (void)search(cliff, start);
+    TEST_ASSERT_TRUE(asked[5][0] == -4.0); /* the first that can be evaluated */
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, -3.0, best[0]);
+    limit = 3;
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(always_fails, start));
+}
+
+static double lowest;
+static double highest;
+
+/* Between two walls; the second unknown may not move at all if they are equal. */
+static bool walls(const double *u, double *r) {
+    r[0] = u[0] - 1.9;
+    r[1] = u[1];
+    return u[0] <= fails_above && u[1] >= lowest && u[1] <= highest;
+}
+
+/* The slope's question is repeated to the other side and with quarters of the step. */
+static void a_slope_is_measured_where_it_can_be(void) {
+    const double start[] = {0.0, 0.0};
+    const double expected[] = {6.0, -6.0, 1.5};
+    fails_above = 2.0;
+    lowest = -1.0;
+    highest = 1.0;
+    step[0] = 6.0;
+    good_enough = 1e-6;
+    create(2, 2);
+    (void)search(walls, start);
+    TEST_ASSERT_TRUE(asked[0][0] == expected[0] && asked[1][0] == expected[1]);
+    TEST_ASSERT_TRUE(asked[2][1] == 1.0); /* the first unknown is known from -6 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
+    lower[0] = 0.0; /* no room on the other side */
+    tl_secant.forget(solver);
+    (void)search(walls, start);
+    TEST_ASSERT_TRUE(asked[0][0] == expected[0] && asked[1][0] == expected[2]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
+}
+
+/* An unknown whose column could not be measured does not stop the other one, and is tried again. */
+static void a_missing_column_is_measured_later(void) {
+    const double start[] = {0.0, 0.0};
+    fails_above = 100.0;
+    lowest = 0.0;
+    highest = 0.0;
+    good_enough = 1e-6;
+    create(2, 2);
+    (void)search(walls, start);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
+    TEST_ASSERT_EQUAL_UINT64(1 + 8 + 1, questions);
+    highest = 10.0;
+    (void)search(walls, start);
+    TEST_ASSERT_TRUE(asked[0][1] == 1.0);
+    TEST_ASSERT_EQUAL_UINT64(2, questions);
+    (void)search(walls, start);
+    TEST_ASSERT_EQUAL_UINT64(1, questions);
+}
+
+/* A solver that could measure nothing is new in the next search, too. */
+static void nothing_measured_is_no_slope(void) {
+    const double start[] = {0.0};
+    fails_above = 0.0;
+    lower[0] = 0.0;
+    create(1, 1);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(cliff, start));
+    TEST_ASSERT_TRUE(tl_secant.is_new(solver));
+    fails_above = 2.0;
+    good_enough = 1e-6;
+    (void)search(cliff, start);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
 }
 
 /* ---- several ---- */
@@ -1053,7 +1125,10 @@ int main(void) {
     RUN_TEST(a_move_is_no_longer_than_25_steps);
     RUN_TEST(a_curve_is_followed);
     RUN_TEST(points_that_fail_are_turned_back_from);
-    RUN_TEST(a_start_that_fails_is_a_failure_without_a_question);
+    RUN_TEST(a_start_is_looked_for_up_to_32_steps_away);
+    RUN_TEST(a_slope_is_measured_where_it_can_be);
+    RUN_TEST(a_missing_column_is_measured_later);
+    RUN_TEST(nothing_measured_is_no_slope);
     RUN_TEST(three_residuals_of_two_unknowns_are_fitted);
     RUN_TEST(a_slope_without_full_rank_still_leads_somewhere);
     RUN_TEST(an_unknown_without_effect_stays);

@@ -148,21 +148,20 @@ static void where_both_find_nothing_it_is_nominal(void) {
         (void)tick(0.3, 0.3);
         tl_test_fmu_fail_above(&fmu, TL_TEST_NAN, 0.3);
         const tl_record *record = tick(0.3, 0.45);
-        TEST_ASSERT_EQUAL_UINT32(TL_FLAG_FALLBACK, record->flags);
+        TEST_ASSERT_EQUAL_UINT32(TL_FLAG_FALLBACK | TL_FLAG_REFUSED, record->flags);
         TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
         TEST_ASSERT_TRUE(record->u[0] == 0.3);
     }
 }
 
-static void expect_the_second_one(const tl_record *record) {
-    TEST_ASSERT_EQUAL_UINT32(TL_FLAG_FALLBACK, record->flags);
+static void expect_found(uint32_t flags, const tl_record *record) {
+    TEST_ASSERT_EQUAL_UINT32(flags, record->flags);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5, record->u[0]);
 }
 
-/* What cannot begin where an FMU fails leaves it to the second one: at the first measurement, and where nominal, which is 3, and
- * the last u, which is 2, both fail. (Later our own solver knows better than to begin there.) */
-static void a_solver_that_cannot_begin_hands_over(void) {
+/* Nominal, which is 1.5, fails: our own solver looks for a start beside it. */
+static void secant_looks_for_a_start(void) {
     static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN};
     for (size_t i = 0; i < 3; i++) {
         (void)begin("secant", "nelder-mead", 0);
@@ -171,13 +170,24 @@ static void a_solver_that_cannot_begin_hands_over(void) {
         (void)tick(1.5, 0.0);
         run.sample.quality[TL_TEST_Y0] = TL_GOOD;
         tl_test_fmu_fail_above(&fmu, kinds[i], 1.0);
-        expect_the_second_one(tick(1.5, 0.5));
+        const tl_record *record = tick(1.5, 0.5);
+        expect_found(TL_FLAG_REFUSED, record);
+        TEST_ASSERT_EQUAL_UINT32(3, record->refused.count); /* nominal, the last u, and a step up */
+        TEST_ASSERT_EQUAL_UINT32(0, record->refused.variable);
+        TEST_ASSERT_TRUE(record->refused.u == 1.5);
+    }
+}
+
+/* Nominal, which is 3, and the last u, which is 2, both fail. */
+static void a_solver_that_cannot_begin_hands_over(void) {
+    static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN};
+    for (size_t i = 0; i < 3; i++) {
         (void)begin("l-bfgs", "nelder-mead", 0);
         build();
         (void)tick(2.0, 2.0);
         (void)tick(3.0, 2.0);
         tl_test_fmu_fail_above(&fmu, kinds[i], 1.0);
-        expect_the_second_one(tick(3.0, 0.5));
+        expect_found(TL_FLAG_FALLBACK | TL_FLAG_REFUSED, tick(3.0, 0.5));
     }
 }
 
@@ -189,6 +199,7 @@ int main(void) {
     RUN_TEST(a_solver_is_ended_where_it_makes_no_progress);
     RUN_TEST(one_that_stagnates_hands_over);
     RUN_TEST(where_both_find_nothing_it_is_nominal);
+    RUN_TEST(secant_looks_for_a_start);
     RUN_TEST(a_solver_that_cannot_begin_hands_over);
     return UNITY_END();
 }

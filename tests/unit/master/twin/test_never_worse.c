@@ -121,7 +121,7 @@ static void choose_setting(void) {
     setting.lag = tl_test_any(&seed, 3) == 0 ? 0.0 : 0.15 + 0.1 * (double)tl_test_any(&seed, 5);
     setting.margin = margins[tl_test_any(&seed, 3)];
     setting.noise = levels[tl_test_any(&seed, 3)];
-    setting.fault = (tl_test_fault_kind[]){TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN}[tl_test_any(&seed, 3)];
+    setting.fault = (tl_test_fault_kind[]){TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_DISCARD}[tl_test_any(&seed, 3)];
     setting.fails_above = tl_test_any(&seed, 2) == 0 ? HUGE_VAL : 0.8 + 0.1 * (double)tl_test_any(&seed, 10);
     setting.variables[0] = adjustable[variables][0];
     setting.variables[1] = adjustable[variables][1];

@@ -343,6 +343,7 @@ static void test_calls_of_a_reset(void) {
 static void test_fmus_start_at_the_instant_of_the_step(void) {
     for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
         tl_test_scene_build(&scene, of);
+        tl_twin_set_start(run->twin, of == TL_SCENE_LAG ? 64800.0 : 0.0);
         run_to(100, found, in_found);
         tl_test_log_clear(&scene.log);
         tl_twin_reset(run->twin);
@@ -352,7 +353,8 @@ static void test_fmus_start_at_the_instant_of_the_step(void) {
         for (size_t i = 0; i < scene.log.count && i < TL_TEST_ENTRIES; i++) {
             const tl_test_entry *entry = &scene.log.entries[i];
             if (entry->call == TL_TEST_SETUP_EXPERIMENT) {
-                TEST_ASSERT_EQUAL_DOUBLE(0.1 * (double)step, entry->time);
+                TEST_ASSERT_EQUAL_DOUBLE((of == TL_SCENE_LAG ? 64800.0 : 0.0) + 0.1 * (double)step, entry->time);
+                TEST_ASSERT_TRUE(entry->final);
                 begun++;
             }
         }
