@@ -59,6 +59,22 @@ def test_states_and_given_values_or_replay_instead():
         expect_same(fmu, "replay", lie)
 
 
+def test_a_mode_that_only_trials_enter():
+    """The states lack it. If an excursion of the proof enters the mode, the program finds that they are wrong, also if they
+    would be far faster. If only the search goes so far, copies of memory are right from the beginning."""
+    for limit, pages in (1.5, 0), (1.5, keeper_fmu.PAGES), (5, 0):
+        fmu = keeper_fmu.make_mode(limit, pages)
+        if limit < 2:
+            code, out, err = run(["replay", keeper_fmu.config(fmu, "state")])
+            expect(code == FMU_FAILED, f"{limit}: {code}\n{out}{err}")
+            expect_line(err, "error|keeper0.y")
+        if SANITIZER:
+            continue
+        chosen = steps_of(keeper_fmu.config(fmu))
+        expect(chosen == steps_of(keeper_fmu.config(fmu, "memory")), f"{limit}: other values than with \"rollback\": \"memory\"")
+        expect(chosen == steps_of(keeper_fmu.config(fmu), "--plain"), f"{limit}: other values without savings")
+
+
 def test_no_method():
     """The library keeps its state over a reset and for all instances, so no method is exact. The program ends before a step."""
     for verb in "check", "replay":

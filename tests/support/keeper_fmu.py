@@ -36,6 +36,12 @@ def make_late(step):
 
 
 @functools.cache
+def make_mode(limit, pages=0):
+    """The path of one whose states lack a mode, which an input above `limit` enters: see mode.c."""
+    return _make_model("mode", LIMIT=limit, TOUCHES=pages)
+
+
+@functools.cache
 def make_later(name, step):
     """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources.
     Its states are far faster than copies of its memory."""
