@@ -160,8 +160,10 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
 static void write_size(const tl_account_finding *finding, char *text, size_t size) {
     const char *unit = finding->unit;
     bool has_unit = unit[0] != '\0' && strcmp(unit, "1") != 0;
-    (void)snprintf(text, size, "%.9g%s%.12s, but %.9g when repeated", finding->committed, has_unit ? " " : "",
-                   has_unit ? unit : "", finding->again);
+    bool is_close = fabs(finding->again - finding->committed) < 1e-8 * fabs(finding->committed);
+    int digits = is_close ? 17 : 9; /* so that they look different */
+    (void)snprintf(text, size, "%.*g%s%.12s, but %.*g when repeated", digits, finding->committed, has_unit ? " " : "",
+                   has_unit ? unit : "", digits, finding->again);
     size_t length = strlen(text);
     if (isfinite(finding->tolerances)) {
         (void)snprintf(text + length, size - length, " (%.3g tolerances)", finding->tolerances);

@@ -377,8 +377,7 @@ static tl_status execute_from(tl_verifier *verifier, size_t from, bool notes, tl
     tl_status status = tl_component_restore(component, verifier->verified[verifier->component].earlier, error);
     for (unsigned i = 0; i < TL_VERIFIED_STEPS && status == TL_OK && !*found; i++) {
         int64_t step = verifier->first + i;
-        *finding = (tl_verifier_finding){
-            .component = verifier->component, .step = step, .after = i + 1, .is_tried = from == TRIED};
+        *finding = (tl_verifier_finding){.component = verifier->component, .step = step, .after = i + 1};
         tl_ports_write(&component->inputs, inputs_of(verifier, from + i));
         status = tl_component_step(component, tl_seconds(tl_time_of_step(0, exchange->step, step)), exchange->step_s,
                                    false, error);

@@ -77,7 +77,6 @@ typedef struct tl_verifier_finding {
     size_t component;
     const tl_port *port; /* NULL: the FMU failed, which it had not done before */
     int64_t step;        /* the step that was executed again */
-    bool is_tried;       /* with the inputs of a candidate */
     unsigned after;      /* 1 … TL_VERIFIED_STEPS: number of steps since the saved state */
     double committed;    /* value the first time */
     double again;
