@@ -15,7 +15,7 @@ OUTSIDE = {
     "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
     "tests/fmu/copies": ["tests/fmu/copies", "fmus/common"],
     "tests/fmu/hostile": ["tests/fmu/hostile", "fmus/common"],
-    "tests/fmu/keeper": ["fmus/common"],
+    "tests/fmu/keeper": ["fmus/common", "tests/fmu/keeper"],
 }
 
 C99 = set("assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool "
