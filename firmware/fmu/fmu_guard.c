@@ -495,8 +495,7 @@ static fmi2Status use_states_again(tl_fmu_guarded *self, const char *cause) {
     free_first_state(self);
     guard->is_by_choice = false;
     roll_back_by(guard, &guard->by_states);
-    return log_fallback(self, "rollback by its memory is not exact", cause,
-                        "it is rolled back by its own states");
+    return log_fallback(self, "rollback by its memory is not exact", cause, "it is rolled back by its own states");
 }
 
 static fmi2Status replace_method(fmi2Component component, const char *cause) {

@@ -287,8 +287,8 @@ void tl_played_poll_until(bool (*is_done)(void)) {
     while (!is_done()) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "timed out after 60 s");
         run->activation.polled_at -= run->activation.step != TL_CONTROL_SHADOW ? 0
-                                  : tl_played_is_live()                     ? TL_SECOND / 10
-                                                                            : 5 * TL_SECOND; /* fast-forward */
+                                     : tl_played_is_live()                     ? TL_SECOND / 10
+                                                                               : 5 * TL_SECOND; /* fast-forward */
         tl_activation_poll(&run->activation);
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 500);
     }

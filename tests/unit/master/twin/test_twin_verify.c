@@ -280,7 +280,8 @@ static void lead_to_repetition(size_t which) {
     tl_test_run_build(&run, &plan);
     for (int64_t i = 0; i < TICKS; i++) {
         tick(i);
-        uint64_t fails = fmus[which].calls[TL_TEST_DO_STEP] + 2 * TL_VERIFIED_STEPS + 2; /* after the candidate, twice */
+        uint64_t fails =
+            fmus[which].calls[TL_TEST_DO_STEP] + 2 * TL_VERIFIED_STEPS + 2; /* after the candidate, twice */
         tl_test_fmu_fail(&fmus[which], TL_TEST_DO_STEP, TL_TEST_ERROR, fails, fails);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_verify(run.twin, &run.budget, &finding, &found, &run.error));
         tl_test_fmu_fail(&fmus[which], TL_TEST_DO_STEP, TL_TEST_ERROR, 0, 0);
