@@ -10,6 +10,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/twin/cycle.h"
+#include "master/sync/proof.h"
 #include "tests/support/follower.h"
 #include "tests/support/message.h"
 #include "tests/support/scratch.h"
@@ -48,6 +49,9 @@ static tl_recorder_known known;
 /* ---- a slow FMU ---- */
 
 static fmi2DoStepTYPE *quick_step;
+/* Steps of the rollback proof: 7 excursions of one adjusted variable (see proof.h). */
+enum { PROOF_STEPS = (3 + 3 * 7) * TL_PROOF_STEPS - TL_PROOF_MIDST };
+
 static unsigned long slow_call; /* counted from 1; 0: none */
 static tl_time slow_time;
 static unsigned long reset_call; /* during this call the FMUs are marked for a reset; 0: none */
@@ -243,7 +247,7 @@ static void expect_gaps(void) {
 
 static void test_missed_ticks_are_made_up(void) {
     make_twin(2 * MILLISECOND, 200 * MILLISECOND, TL_LAG);
-    slow_call = 20;
+    slow_call = PROOF_STEPS + 20;
     slow_time = 50 * MILLISECOND; /* 25 periods: 24 of them have passed when it returns */
     start();
     watch(UINT64_MAX);
@@ -268,7 +272,7 @@ static void test_missed_ticks_are_made_up(void) {
 static void test_what_may_have_caused_a_miss(void) {
     missing = (tl_realtime_missing){.lock_error = ENOMEM, .priority = true};
     make_twin(20 * MILLISECOND, 600 * MILLISECOND, TL_LAG);
-    slow_call = 60;
+    slow_call = PROOF_STEPS + 60;
     slow_time = 100 * MILLISECOND;
     start();
     watch(UINT64_MAX);
@@ -282,7 +286,7 @@ static void test_what_may_have_caused_a_miss(void) {
 static void test_missed_ticks_without_time(void) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
     twin.assembly.config.budget_time = 1;
-    slow_call = 5;
+    slow_call = PROOF_STEPS + 5;
     slow_time = 30 * MILLISECOND;
     start();
     watch(UINT64_MAX);
@@ -508,7 +512,7 @@ static void test_stops_without_the_last_measurement(void) {
 
 static void test_a_twin_that_fails_ends_it(void) {
     make_twin(MILLISECOND, 0, TL_LAG);
-    tl_test_fmu_fail(&twin.fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 100, UINT64_MAX);
+    tl_test_fmu_fail(&twin.fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, PROOF_STEPS + 100, UINT64_MAX);
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_TRUE(shown.ended);
