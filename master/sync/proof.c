@@ -202,7 +202,7 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
 #define FAR 4.0
 
 /* Where an excursion of one variable goes, in these steps. */
-static const double OFFSETS[] = {FAR, -FAR, 1.0, -1.0, 4.0 * FAR, -4.0 * FAR};
+static const double OFFSETS[] = {FAR, -FAR, 1.0, -1.0};
 enum { OFFSET_COUNT = sizeof OFFSETS / sizeof OFFSETS[0] };
 
 static double within(const tl_adjusted *adjusted, double value) {
@@ -604,6 +604,7 @@ static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock),
  * each time, but a copy lacks nothing. Afterwards the start is saved again. */
 static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
+    bool had_middle = self->proof->has_midst;
     tl_status status = TL_OK;
     tl_proof_end(self->proof);
     for (size_t i = 0; i <= self->proof->excursion_count && status == TL_OK; i++) {
@@ -614,7 +615,8 @@ static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *
         }
         status = i < self->proof->excursion_count ? make_excursion(self, i, error) : TL_OK;
     }
-    return status == TL_OK ? tl_exchange_save(exchange, error) : status;
+    status = status == TL_OK ? tl_exchange_save(exchange, error) : status;
+    return status == TL_OK && had_middle ? save_middle(self, error) : status;
 }
 
 /* ---- repeated proofs ---- */

@@ -43,7 +43,7 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
  *          Then it makes all excursions from the first state, in two orders, and repeats the steps
- *          after each. An excursion moves one adjusted variable by 1, 4 or 16 first steps of the
+ *          after each. An excursion moves one adjusted variable by 1 or 4 first steps of the
  *          search up or down, or sweeps all of them; so it crosses an event, if inputs can cause
  *          one. Every repeated output must have the same bits.
  *          One step is not enough: an internal solver that restarts after a restore shows a

@@ -62,7 +62,7 @@ def test_states_and_given_values_or_replay_instead():
 def test_a_mode_that_only_trials_enter():
     """The states lack it. If an excursion of the proof enters the mode, the program finds that they are wrong, also if they
     would be far faster. If only the search goes so far, copies of memory are right from the beginning."""
-    for limit, pages in (1.5, 0), (1.5, keeper_fmu.PAGES), (5, 0):
+    for limit, pages in (1.3, 0), (1.3, keeper_fmu.PAGES), (5, 0):
         fmu = keeper_fmu.make_mode(limit, pages)
         if limit < 2:
             code, out, err = run(["replay", keeper_fmu.config(fmu, "state")])

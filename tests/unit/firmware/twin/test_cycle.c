@@ -49,8 +49,8 @@ static tl_recorder_known known;
 /* ---- a slow FMU ---- */
 
 static fmi2DoStepTYPE *quick_step;
-/* Steps of the rollback proof: 7 excursions of one adjusted variable (see proof.h). */
-enum { PROOF_STEPS = (3 + 3 * 7) * TL_PROOF_STEPS - TL_PROOF_MIDST };
+/* Steps of the rollback proof: 5 excursions of one adjusted variable (see proof.h). */
+enum { PROOF_STEPS = (3 + 3 * 5) * TL_PROOF_STEPS - TL_PROOF_MIDST };
 
 static unsigned long slow_call; /* counted from 1; 0: none */
 static tl_time slow_time;

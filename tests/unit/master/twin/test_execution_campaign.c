@@ -347,11 +347,11 @@ static void assert_variant(const char *what, tl_plan_saving saving) {
 }
 
 /* Steps of each FMU in the proof: the start, one excursion and the middle; then each excursion and the start after it, and each
- * excursion again. A Boolean has one excursion, a Real one up and down by 1, 4 and 16 steps, and all have one together. */
+ * excursion again. A Boolean has one excursion, a Real one up and down by 1 and 4 steps, and all have one together. */
 static uint64_t count_proof_steps(void) {
     uint64_t excursions = 1;
     for (size_t i = 0; i < plan.plan.adjust_count; i++) {
-        excursions += network.booleans ? 1 : 6;
+        excursions += network.booleans ? 1 : 4;
     }
     excursions = excursions < TL_PROOF_EXCURSIONS ? excursions : TL_PROOF_EXCURSIONS;
     return (3 + 3 * excursions) * TL_PROOF_STEPS - TL_PROOF_MIDST;
