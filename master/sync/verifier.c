@@ -314,7 +314,7 @@ static bool has_time(const tl_verifier *verifier, const tl_budget *budget, tl_ti
     }
     tl_time need = verifier->verified[verifier->component].there_and_back +
                    (steps == 0 ? 0 : tl_exchange_cost(verifier->exchange, steps));
-    return budget->now(budget->context) - budget->started + TL_VERIFIER_TEXT * need < budget->time;
+    return budget->now(budget->context) - budget->started + TL_VERIFIER_RESERVE * need < budget->time;
 }
 
 /* An excluded component, or one that a candidate has made fail, has no turn. */
@@ -399,15 +399,21 @@ static void complete_candidate(const tl_verifier *verifier) {
     }
 }
 
-/* A candidate twice, then the committed steps. An FMU may reject a candidate, then it says nothing.
- * A committed step that fails is a finding. */
-static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
+/* A candidate twice. An FMU may reject it, then it says nothing. */
+static tl_status execute_candidate(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
     complete_candidate(verifier);
     tl_status status = execute_from(verifier, TRIED, true, finding, found, error);
     if (status == TL_OK) {
         status = execute_from(verifier, TRIED, false, finding, found, error);
         *found = *found || status == TL_FMU_FAILED;
     }
+    return status;
+}
+
+/* A committed step that fails is a finding. */
+static tl_status execute_again(tl_verifier *verifier, bool with_candidate, tl_verifier_finding *finding, bool *found,
+                               tl_error *error) {
+    tl_status status = with_candidate ? execute_candidate(verifier, finding, found, error) : TL_OK;
     if (status != TL_FMU_FATAL && !*found) {
         status = execute_from(verifier, 0, false, finding, found, error);
         *found = *found || status == TL_FMU_FAILED;
@@ -445,7 +451,8 @@ static tl_status repeat_steps(tl_verifier *verifier, const tl_budget *budget, tl
     tl_component *component = present_component(verifier);
     uint64_t executions = component->executions;
     bool is_kept = false;
-    if (!has_time(verifier, budget, TL_VERIFIED_EXECUTIONS)) {
+    bool with_candidate = has_time(verifier, budget, TL_VERIFIED_EXECUTIONS);
+    if (!with_candidate && !has_time(verifier, budget, TL_VERIFIED_STEPS)) {
         return TL_OK;
     }
     tl_status status = keep_present(verifier, &is_kept, error);
@@ -454,7 +461,7 @@ static tl_status repeat_steps(tl_verifier *verifier, const tl_budget *budget, tl
     }
     tl_ports_read(&component->inputs, inputs_of(verifier, PRESENT));
     tl_ports_read(&component->outputs, verifier_outputs(verifier, PRESENT));
-    status = execute_again(verifier, finding, found, error);
+    status = execute_again(verifier, with_candidate, finding, found, error);
     status = status == TL_OK ? restore_present(verifier, is_kept, error) : status;
     if (status == TL_OK && *found && finding->port == NULL) {
         finding->cause = TL_CAUSE_REFUSES;

@@ -54,12 +54,13 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          is rolled back, executes the steps of a candidate twice and the committed ones once,
  *          each from the same state, and is restored to where it was. The candidate comes from the
  *          searches of these steps; if there was none, the committed inputs are changed by a
- *          twentieth. It shows an FMU whose states lack what only a candidate changes.
+ *          twentieth. It shows an FMU whose states lack what only a candidate changes, and is left
+ *          out if there is time for the committed steps only.
  * No harm: if there is a full copy besides its own states (tl_fmi2_fallback) of at most 16 MiB, it
  *          is restored from that copy, not from a state of the kind in question. Values, caches and
  *          counts of executions are unchanged; these executions are counted separately.
  * Time:    the work of a turn is done between two ticks, whole or not at all: it needs
- *          TL_VERIFIER_TEXT times its expected duration.
+ *          TL_VERIFIER_RESERVE times its expected duration.
  * Not for: a twin that adjusts nothing, since it never rolls back; an event horizon, which holds
  *          states of its own.
  * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, created at its
@@ -69,7 +70,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 enum {
     TL_VERIFIED_STEPS = 3, /* an internal solver that restarts shows it in the second */
     TL_VERIFIED_EXECUTIONS = 3 * TL_VERIFIED_STEPS,
-    TL_VERIFIER_TEXT = 2
+    TL_VERIFIER_RESERVE = 2
 };
 
 /* A finding: an output that differs. */
