@@ -290,7 +290,7 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
         .active_hash = copy_active_hash,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
-        .judge_by = set_tolerances,
+        .use_tolerances = set_tolerances,
         .tune = write_tuning,
         .tuning_result = poll_tuning,
         .begin_shadow = order_shadow,

@@ -118,14 +118,14 @@ static void end_trial(tl_saved_states *states, tl_worker_state state) {
 }
 
 static void report_wait(tl_saved_states *states) {
-    if (!states->is_told) {
+    if (!states->is_reported) {
         tl_log(
             TL_LOG_NOTICE,
             "saved states: testing, once for these FMU files, if another process can load the states that they save; "
             "the twin starts after that, within %.0f s; the plant is read meanwhile",
             tl_seconds(LIMIT));
     }
-    states->is_told = true;
+    states->is_reported = true;
 }
 
 tl_wait tl_saved_states_check(tl_saved_states *states) {

@@ -42,8 +42,8 @@ typedef struct tl_saved_states {
     char path[PATH_MAX];
     bool is_due; /* the test is to be done, or is running */
     tl_worker worker;
-    tl_time begun; /* start of the test */
-    bool is_told;  /* the long test was logged */
+    tl_time begun;    /* start of the test */
+    bool is_reported; /* the long test was logged */
 } tl_saved_states;
 
 /* Identifies the FMU files and loads the saved result. `folder` NULL: nothing is tested. The

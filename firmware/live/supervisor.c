@@ -218,14 +218,14 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
-/* Logs a failure; if `is_told`, also records it as an event. */
+/* Logs a failure; if `is_reported`, also records it as an event. */
 static void log_failure(supervisor *self, tl_member which, const char *when, const char *reason, bool is_followed,
-                        bool is_told) {
+                        bool is_reported) {
     char text[TL_RESTARTS_REASON + 128];
     (void)snprintf(text, sizeof text, "%s failed%s: %s%s", member_names[which], when, reason,
                    is_followed ? "; it is restarted" : "");
     tl_log(TL_LOG_ERROR, "%s", text);
-    if (is_told) {
+    if (is_reported) {
         self->settings->tell(self->settings->context, text);
     }
 }
@@ -354,19 +354,19 @@ static void report_failure(supervisor *self, tl_member which, const char *reason
  * everything. If the run is not supervised, an FMU that ends its process decides the exit code. */
 static void set_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which]->child;
-    bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
+    bool is_reported = self->settings->alone && which == TL_MEMBER_TWIN;
     if (was_asked_early(self, which)) {
         end_all(self, 0);
         return;
     }
     if (child->killed || child->end.announced_cause == TL_END_CAUSE_NONE) {
         report_failure(self, which, reason, false);
-        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
+        end_all(self, which == TL_MEMBER_IO ? 0 : is_reported && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_ended_as_asked(child)) {
         tl_log(TL_LOG_WARNING, "%s failed after it had finished its work: %s", member_names[which], reason);
-        end_all(self, is_told ? FMU_FAILED : 0);
+        end_all(self, is_reported ? FMU_FAILED : 0);
     }
     end_all(self, child->end.code);
 }
@@ -479,7 +479,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
 /* ---- monitoring ---- */
 
 /* The user who asks again does not want to wait: a hung FMU call is not waited for either. */
-static void hurry_end(supervisor *self, int signal) {
+static void shorten_end(supervisor *self, int signal) {
     self->hurries = true;
     tl_log(TL_LOG_NOTICE, "asked again to end: processes that still run after %.0f s are killed",
            tl_seconds(GRACE_AGAIN));
@@ -502,7 +502,7 @@ static void stop_run(supervisor *self, int signal) {
             tl_child_request_end(&twin_of(self)->child, signal);
         }
     } else if (now - self->stopped >= AGAIN && !self->hurries) {
-        hurry_end(self, signal);
+        shorten_end(self, signal);
     }
 }
 

@@ -19,11 +19,11 @@ static void assess_stay(tl_bound_stay *stay) {
         there += stay->there[i];
     }
     stay->share = steps == 0 ? 0.0 : (double)there / (double)steps;
-    if (!stay->is_told && stay->passed == TL_BOUND_BLOCKS && stay->share > MOST) {
-        stay->is_told = true;
+    if (!stay->is_reported && stay->passed == TL_BOUND_BLOCKS && stay->share > MOST) {
+        stay->is_reported = true;
         stay->turn = TL_BOUND_REACHED;
-    } else if (stay->is_told && stay->share < LITTLE) {
-        stay->is_told = false;
+    } else if (stay->is_reported && stay->share < LITTLE) {
+        stay->is_reported = false;
         stay->turn = TL_BOUND_REMAINING;
     }
 }

@@ -38,7 +38,7 @@ typedef struct tl_bound_stay {
     uint32_t steps[TL_BOUND_BLOCKS];
     uint32_t there[TL_BOUND_BLOCKS]; /* of these steps: at a bound */
     bool has_begun;
-    bool is_told;
+    bool is_reported;
     tl_bound_turn turn; /* set by the last step */
     double share;       /* as computed last, 0 … 1 */
 } tl_bound_stay;

@@ -186,8 +186,8 @@ void tl_noise_meter_get(const tl_noise_meter *meter, tl_noise_found *found) {
 }
 
 bool tl_noise_exceeds(const tl_noise_found *found, double tolerance) {
-    bool is_told = found->is_enough && !found->is_too_fast;
-    return is_told && tolerance < TOLERANCES * ACCURACY * found->sigma;
+    bool is_reported = found->is_enough && !found->is_too_fast;
+    return is_reported && tolerance < TOLERANCES * ACCURACY * found->sigma;
 }
 
 /* ---- noise watch ---- */
@@ -209,7 +209,7 @@ void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
         watch->signal[i] = i < config->match_count ? readings_of(config, i) : SIZE_MAX;
         watch->newest[i] = TL_TIME_NEVER;
-        watch->is_told[i] = false;
+        watch->is_reported[i] = false;
         tl_noise_meter_init(&watch->meters[i], TL_NOISE_WATCH_MOST);
     }
 }
@@ -221,12 +221,12 @@ static tl_noise_turn assess_noise(tl_noise_watch *watch, size_t match, double *s
     tl_noise_meter_get(meter, &found);
     *sigma = found.sigma;
     bool is_polled = (double)meter->repeats > REPEATED * (double)meter->readings;
-    if (!watch->is_told[match] && !is_polled && tl_noise_exceeds(&found, tolerance)) {
-        watch->is_told[match] = true;
+    if (!watch->is_reported[match] && !is_polled && tl_noise_exceeds(&found, tolerance)) {
+        watch->is_reported[match] = true;
         return TL_NOISE_IS_LARGE;
     }
-    if (watch->is_told[match] && tolerance >= TOLERANCES * found.sigma) {
-        watch->is_told[match] = false;
+    if (watch->is_reported[match] && tolerance >= TOLERANCES * found.sigma) {
+        watch->is_reported[match] = false;
         return TL_NOISE_IS_SMALL;
     }
     return TL_NOISE_AS_BEFORE;

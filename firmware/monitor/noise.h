@@ -123,7 +123,7 @@ typedef struct tl_noise_watch {
     const tl_config *config;
     size_t signal[TL_MAX_MATCH]; /* whose readings are used; SIZE_MAX: none */
     tl_time newest[TL_MAX_MATCH];
-    bool is_told[TL_MAX_MATCH];
+    bool is_reported[TL_MAX_MATCH];
     tl_noise_meter meters[TL_MAX_MATCH];
 } tl_noise_watch;
 

@@ -484,7 +484,7 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
 /* ---- JSON output ---- */
 
 static void add_signal(tl_json_writer *json, const char *name, const tl_survey_signal *signal) {
-    bool is_told = signal->noise.is_enough && !signal->is_switched;
+    bool is_reported = signal->noise.is_enough && !signal->is_switched;
     tl_json_open_object(json, name);
     tl_json_add_count(json, "readings", signal->good);
     tl_json_add_count(json, "bad", signal->bad);
@@ -498,8 +498,8 @@ static void add_signal(tl_json_writer *json, const char *name, const tl_survey_s
     tl_json_add_truth(json, "switched", signal->is_switched);
     tl_json_add_number(json, "counted_in", signal->quantum > 0.0 ? signal->quantum : (double)NAN);
     tl_json_add_count(json, "outliers", signal->outliers);
-    tl_json_add_number(json, "noise", is_told ? signal->sigma : (double)NAN);
-    tl_json_add_truth(json, "too_fast", is_told && signal->noise.is_too_fast);
+    tl_json_add_number(json, "noise", is_reported ? signal->sigma : (double)NAN);
+    tl_json_add_truth(json, "too_fast", is_reported && signal->noise.is_too_fast);
     tl_json_close(json);
 }
 

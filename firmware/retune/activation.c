@@ -74,7 +74,7 @@ static bool is_unfinished(const tl_activation *self) {
 static void pass_tolerances(const tl_activation *self) {
     static const tl_lock_tolerances none;
     const tl_activation_host *host = self->settings.host;
-    host->judge_by(host->context, is_on_probation(self) ? &self->probation.account.tolerances : &none);
+    host->use_tolerances(host->context, is_on_probation(self) ? &self->probation.account.tolerances : &none);
 }
 
 static void end_shadow(tl_activation *self) {

@@ -97,7 +97,7 @@ typedef struct tl_activation_host {
 
     /* Passes a second set of tolerances to the run's twin. From one of its next ticks on, it also
      * evaluates its lock by these (run status: lock_before). Zeroed: no second evaluation. */
-    void (*judge_by)(void *context, const tl_lock_tolerances *tolerances);
+    void (*use_tolerances)(void *context, const tl_lock_tolerances *tolerances);
 
     /* Sends a version's tuning, and its text with a final NUL, to the run's twin. Returns false if
      * the recorder has not recorded the previous one yet; then the caller retries. */

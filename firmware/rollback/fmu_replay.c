@@ -284,9 +284,9 @@ bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept) {
 
 /* ---- restore ---- */
 
-bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew) {
+bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *restarted) {
     *first = NONE;
-    *anew = false;
+    *restarted = false;
     if (tl_fmu_history_is_at(history, kept)) {
         return true;
     }
@@ -304,7 +304,7 @@ bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_
         *first = call;
         call = parent;
     }
-    *anew = call != history->at;
+    *restarted = call != history->at;
     return true;
 }
 
@@ -529,8 +529,8 @@ static fmi2Status reset_instance(tl_fmu_replay *replay) {
     return status;
 }
 
-static fmi2Status replay_calls(tl_fmu_replay *replay, uint32_t first, bool anew) {
-    fmi2Status status = anew ? reset_instance(replay) : fmi2OK;
+static fmi2Status replay_calls(tl_fmu_replay *replay, uint32_t first, bool restarted) {
+    fmi2Status status = restarted ? reset_instance(replay) : fmi2OK;
     for (uint32_t at = first; at != TL_FMU_HISTORY_NONE && status <= fmi2Warning;) {
         const tl_fmu_history_call *call;
         const void *values;
@@ -542,12 +542,13 @@ static fmi2Status replay_calls(tl_fmu_replay *replay, uint32_t first, bool anew)
 
 fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state) {
     uint32_t first = TL_FMU_HISTORY_NONE;
-    bool anew = false;
-    if (replay->phase != TL_FMU_REPLAY_NOTES || !tl_fmu_history_find_path(&replay->history, state, &first, &anew)) {
+    bool restarted = false;
+    if (replay->phase != TL_FMU_REPLAY_NOTES ||
+        !tl_fmu_history_find_path(&replay->history, state, &first, &restarted)) {
         return fmi2Error;
     }
     replay->phase = TL_FMU_REPLAY_PLAYS;
-    fmi2Status status = replay_calls(replay, first, anew);
+    fmi2Status status = replay_calls(replay, first, restarted);
     replay->phase = TL_FMU_REPLAY_NOTES;
     if (status > fmi2Warning) {
         tl_fmu_history_lose(&replay->history);

@@ -134,9 +134,9 @@ void tl_fmu_history_restore(tl_fmu_history *history, void *kept);
 bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
 
 /* Finds the path to a saved position. *first: the first call to be repeated (TL_FMU_HISTORY_NONE:
- * none); tl_fmu_history_follow() returns the next. `anew`: true if the path begins at the root,
- * after a reset; else at the present position. Returns false if there is no path. */
-bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
+ * none); tl_fmu_history_follow() returns the next. `restarted`: true if the path begins at the
+ * root, after a reset; else at the present position. Returns false if there is no path. */
+bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *restarted);
 
 /* Yields a call of the path and the values that it set. Returns the next call, or
  * TL_FMU_HISTORY_NONE. */

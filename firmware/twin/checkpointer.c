@@ -106,8 +106,8 @@ static bool has_time(const tl_checkpointer *self, int64_t tick, const tl_budget 
 }
 
 static void report_late(tl_checkpointer *self, int64_t tick) {
-    if (!self->has_told && is_late(self, tick)) {
-        self->has_told = true;
+    if (!self->has_reported && is_late(self, tick)) {
+        self->has_reported = true;
         tl_journal_event(self->journal, tick, TL_EVENT_WARNING, "checkpoint",
                          "none was saved for %lld ticks, because no step had %.3g ms left for it",
                          (long long)(tick - self->next), tl_seconds(self->cost) * 1e3);

@@ -37,7 +37,7 @@ typedef struct tl_checkpointer {
     bool is_ready;   /* memory is allocated and the cost is known */
     bool only_marks; /* nothing can be saved: only the mark from which inputs are kept moves forward */
     bool is_off;     /* this run will never be resumed */
-    bool has_told;
+    bool has_reported;
 } tl_checkpointer;
 
 /* Bytes to reserve for each checkpoint of a twin that takes `size` bytes now. More than `size`,

@@ -216,12 +216,12 @@ fmi2Status fmi2Reset(fmi2Component component) {
         return fmi2Error;
     }
     if (instance->outside) {
-        tl_fmu_outside *anew = MODEL.open();
-        if (!anew) {
+        tl_fmu_outside *opened = MODEL.open();
+        if (!opened) {
             return tl_fmu_refuse(instance, "fmi2Reset: out of memory");
         }
         MODEL.close(instance->outside);
-        instance->outside = anew;
+        instance->outside = opened;
     }
     tl_fmu_set_defaults(instance);
     tl_fmu_log_event(instance, "reset");

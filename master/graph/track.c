@@ -148,7 +148,7 @@ static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_
 }
 
 /* Executes all components that take part, in a step that is not on the track. */
-static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+static tl_status step_whole(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
     tl_exchange *exchange = track->exchange;
     uint32_t *before = places_at(track, depth);
     uint32_t *after = places_at(track, depth + 1);
@@ -261,7 +261,7 @@ tl_status tl_track_try(tl_track *track, int64_t step, uint32_t depth, tl_error *
         return tl_exchange_try(track->exchange, step, depth, error);
     }
     bool known = depth < track->depth;
-    tl_status status = known ? step_changed(track, step, depth, error) : step_anew(track, step, depth, error);
+    tl_status status = known ? step_changed(track, step, depth, error) : step_whole(track, step, depth, error);
     if (status == TL_OK) {
         track->walked = depth + 1;
     }

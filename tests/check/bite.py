@@ -92,6 +92,7 @@ BROKEN = [
     ("names", "master/base/b.c", "int x; \n", "spaces at the end"),
     ("words", "master/base/b.c", "/* Nob" + "ody knows. */\n", "in a comment: write"),
     ("words", "master/base/b.c", 'const char tl_a[] = "nob' + 'ody knows";\n', "in a message: write"),
+    ("words", "master/base/b.c", "int tl_a_new" + "s;\n", "write outcome"),
     ("words", "README.md", "# A\nNob" + "ody knows.\n", "in a document: write"),
     ("words", "README.md", "# A\n" + "One" + " more word" * 20 + ".\n", "sentences are too long"),
     ("sentences", "tests/unit/test_a.c", 'const char tl_a[] = "7: the value is too large";\n', "holds a sentence of the program"),

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Whether what people read is plain: no phrase of words.txt in comments, messages and documents, comments within 100 columns, and
-short sentences in public headers and in documents."""
+"""Whether what people read is plain: no phrase of words.txt in comments, messages and documents, no word of names.txt in names,
+comments within 100 columns, and short sentences in public headers and in documents."""
 import os
 import re
 
@@ -27,6 +27,19 @@ def read_phrases():
     return found
 
 
+def read_names():
+    """{word of a name: what to write in its place}"""
+    with open(os.path.join(HERE, "names.txt"), encoding="utf-8") as file:
+        return dict(line.rstrip("\n").split(": ", 1) for line in file if not line.startswith("#"))
+
+
+def check_names(path, names, text):
+    code = TEXT.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+    for match in re.finditer(r"[A-Za-z_]\w*", code):
+        for word in set(match[0].lower().split("_")) & names.keys():
+            tree.finding(path, code.count("\n", 0, match.start()) + 1, f'"{match[0]}": write {names[word]} for {word}')
+
+
 def sentences(text):
     text = re.sub(r"^\s*[*>]? ?", "", text, flags=re.M)
     for part in re.split(r"(?<=[.;:!?])\s|\n\s*\n|\n(?=[A-Z][A-Za-z ]*: )|\n(?=[*0-9|#])", text):
@@ -41,8 +54,9 @@ def check_phrases(path, phrases, text, first, where):
             tree.finding(path, first + text.count("\n", 0, found.start()), f'"{found[0]}" in {where}: write {better}')
 
 
-def check_source(path, phrases, lengths):
+def check_source(path, phrases, names, lengths):
     text = tree.text(path)
+    check_names(path, names, text)
     for match in TEXT.finditer(text):
         first = text.count("\n", 0, match.start()) + 1
         if match[1] is not None:
@@ -72,11 +86,11 @@ def check_lengths(what, lengths):
 
 
 def main():
-    phrases, headers, documents = read_phrases(), [], []
+    phrases, names, headers, documents = read_phrases(), read_names(), [], []
     sources = [path for path in tree.files(".c", ".h") if PRODUCT.match(path)]
     pages = tree.files(".md")
     for path in sources:
-        check_source(path, phrases, headers)
+        check_source(path, phrases, names, headers)
     for path in pages:
         check_document(path, phrases, documents)
     check_lengths("headers", headers)

@@ -28,7 +28,7 @@ static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
     memcpy(hash, run->active_hash, sizeof run->active_hash);
 }
 
-static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
+static void use_tolerances(void *context, const tl_lock_tolerances *tolerances) {
     (void)context;
     run->tolerances = *tolerances;
 }
@@ -150,7 +150,7 @@ static const tl_activation_host host = {.look = look,
                                         .active_hash = tell_in_force,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
-                                        .judge_by = judge_by,
+                                        .use_tolerances = use_tolerances,
                                         .tune = tune,
                                         .tuning_result = tuning_result,
                                         .begin_shadow = begin_shadow,

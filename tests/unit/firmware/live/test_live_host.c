@@ -116,7 +116,7 @@ static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
     TEST_ASSERT_TRUE(begin("{ \"a\": 1 }", OTHER));
     TEST_ASSERT_EQUAL_DOUBLE(0.5, tolerances_in(1).match[1].tolerance);
-    functions.judge_by(functions.context, &(tl_lock_tolerances){.match[0] = {3.0, 1.0}});
+    functions.use_tolerances(functions.context, &(tl_lock_tolerances){.match[0] = {3.0, 1.0}});
     TEST_ASSERT_EQUAL_DOUBLE(3.0, tolerances_in(0).match[0].tolerance);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, tolerances_in(1).match[0].tolerance);
     TEST_ASSERT_EQUAL_UINT32(1, live_status.order.number);

@@ -59,11 +59,11 @@ static void give(void) {
 /* Replays to a kept state. Returns false if no path leads there. */
 static bool go(void *kept) {
     uint32_t at;
-    bool anew;
-    if (!tl_fmu_history_find_path(&history, kept, &at, &anew)) {
+    bool restarted;
+    if (!tl_fmu_history_find_path(&history, kept, &at, &restarted)) {
         return false;
     }
-    if (anew) {
+    if (restarted) {
         fmu = (model){.sum = 1};
     }
     while (at != TL_FMU_HISTORY_NONE) {
@@ -109,19 +109,19 @@ static void test_back_and_on(void) {
 /* The path starts at the present state if that state lies on it. */
 static void test_shortest_path(void) {
     uint32_t first;
-    bool anew;
+    bool restarted;
     give();
     void *near = tl_fmu_history_save(&history);
     give();
     void *far = tl_fmu_history_save(&history);
-    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &anew));
-    TEST_ASSERT_TRUE(first == TL_FMU_HISTORY_NONE && !anew);
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &restarted));
+    TEST_ASSERT_TRUE(first == TL_FMU_HISTORY_NONE && !restarted);
     TEST_ASSERT_TRUE(go(near));
-    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &anew));
-    TEST_ASSERT_TRUE(first != TL_FMU_HISTORY_NONE && !anew);
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &restarted));
+    TEST_ASSERT_TRUE(first != TL_FMU_HISTORY_NONE && !restarted);
     TEST_ASSERT_TRUE(go(far));
-    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, near, &first, &anew));
-    TEST_ASSERT_TRUE(anew);
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, near, &first, &restarted));
+    TEST_ASSERT_TRUE(restarted);
 }
 
 typedef struct place {

@@ -94,8 +94,8 @@ static void put_start(const tl_resumption *resumption) {
 }
 
 static void begin_run(void) {
-    const tl_resumption anew = {.from = TL_RESUMED_NOT, .start = course.start, .started = 1700000000000};
-    put_start(&anew);
+    const tl_resumption restarted = {.from = TL_RESUMED_NOT, .start = course.start, .started = 1700000000000};
+    put_start(&restarted);
 }
 
 static void put_checkpoint(int64_t tick, const unsigned char *bytes, size_t size) {

@@ -106,7 +106,7 @@ static void expect_unknown(void) {
     TEST_ASSERT_TRUE(found.confidence < 0.7);
 }
 
-static void anew(void) {
+static void restarted(void) {
     tearDown();
     setUp();
 }
@@ -117,7 +117,7 @@ static void delays_of_both_signs_and_parts_of_a_step(void) {
         s.delay = delay;
         play(&s, plant, 0.0, true);
         expect_delay(delay, 0.3 * STEP);
-        anew();
+        restarted();
     }
 }
 
@@ -128,7 +128,7 @@ static void readings_at_any_rate(void) {
         s.period = periods[i];
         play(&s, plant, 0.0, true);
         expect_delay(10, 0.5 * STEP);
-        anew();
+        restarted();
     }
 }
 
@@ -154,7 +154,7 @@ static void noise(void) {
         expect_delay(s.delay, STEP);
         double off = (double)tl_delay_meter_get(meter).newest / 1e6 - s.delay;
         squares += off * off;
-        anew();
+        restarted();
         chance.state = state + i;
     }
     TEST_ASSERT_TRUE(sqrt(squares / (double)count) < 0.5 * STEP);
@@ -172,7 +172,7 @@ static void nothing_that_moves_tells_nothing(void) {
 /* y moves, and what is measured is something else. */
 static void what_does_not_belong_together_is_not_taken_for_it(void) {
     for (uint64_t seed = 1; seed <= 20; seed++) {
-        anew();
+        restarted();
         chance.state = seed;
         for (int64_t tick = 1; tick <= 2000; tick++) {
             tl_delay_meter_see(meter, tick * STEP * MS, normal(), true);
