@@ -110,9 +110,8 @@ typedef struct tl_record {
     uint32_t flags;      /* tl_flag */
     uint32_t held;       /* bit v: adjusted variable v was not identifiable and was held at nominal */
     /* Bit k: output k of an FMU was not finite at t_(i+1); for the first step after an
-     *        initialisation
-     * also at t_i. The outputs are those of `match`, then the sources of `connections` of the plan;
-     * the last bit stands for any further one. */
+     * initialisation also at t_i. The outputs are those of `match`, then the sources of
+     * `connections` of the plan; the last bit stands for any further one. */
     uint64_t bad_outputs;
     tl_record_refused refused;
     tl_time used;           /* ns by the budget's clock, 0 without one; set by tl_twin_step */
