@@ -39,6 +39,7 @@ NAME = re.compile(rf"(?<![^\W_])({'|'.join(sorted(NAMES, key=len, reverse=True))
 # Values of the page of `check` that differ in each call: measured times, and the growth of the heap.
 CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
+    (re.compile(r"\S+ \u00b5s (to save, step and restore; by its own state) \S+ \u00b5s"), r"* \1 *"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
     (re.compile(r"(?:tested|looked at) \d+ times?, \S+ \u2026 \S+ s from the start"), "tested * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
