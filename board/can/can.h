@@ -5,12 +5,13 @@
  * Listens: no object of this driver uses a symbol that can send (tests/check/symbols.py). The CAN
  *          controller still acknowledges frames, unless the interface is configured with
  *          `listen-only on`.
- * Link:    up while the interface is up, with or without frames; the age of a value is checked
- *          elsewhere. Down if the interface is absent, down, removed or bus-off. Then the driver
+ * Link:    up while the interface is up, with or without frames. The reader checks the age of
+ *          values. Down if the interface is absent, down, removed or bus-off. Then the driver
  *          retries with back-off (from 0.1 s, doubling, to at most 2 s).
- * Reports: by link(), once: error warning, error passive, error active again; frames too short for
- *          their signals. At most once per second, with their number: frames for which the kernel
- *          had no room, frames that the controller lost, and bus errors.
+ * Reports: once, when it begins and when it ends: error warning, error passive, frames too short
+ *          for their signals. At most once per second, with a count: frames that the kernel
+ *          dropped, overflows of the controller, bus errors. While the link is up, a problem goes
+ *          to part_failed() and its end to link(); while it is down, both go to link().
  * Bound:   a poll waits at most 50 ms for a frame and receives at most 512 frames.
  * Stamp:   time of reception by the kernel, on CLOCK_MONOTONIC, independent of changes of the wall
  *          clock (can_link.h).
@@ -23,7 +24,7 @@
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
-enum { TL_CAN_INTERFACE = 15 }; /* most characters of an interface name */
+enum { TL_CAN_INTERFACE = 15 }; /* longest interface name, without the NUL */
 
 typedef struct tl_can_settings {
     const char *interface; /* "can0" */
@@ -34,8 +35,9 @@ typedef struct tl_can_settings {
 extern const tl_plant_io_driver tl_can_driver;
 extern const tl_plant_access tl_can_access;
 
-/* Copies the settings that it needs and opens no socket yet. Errors: TL_BAD_DATA for a setting out
- * of range or bits beyond the frame; TL_TRY_AGAIN if a resource is missing. */
+/* Creates a driver for one interface. Copies the settings; opens no socket yet. The caller closes
+ * it by tl_can_driver.close(). Errors: TL_BAD_DATA if a setting is out of range or a signal has
+ * bits beyond its frame; TL_TRY_AGAIN if memory or a descriptor is missing. */
 tl_status tl_can_open(const tl_can_settings *settings, tl_plant_io **io, tl_error *error);
 
 #endif

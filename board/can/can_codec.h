@@ -9,21 +9,21 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* ---- CAN signals: bits of a frame to values and back, as a DBC file describes them.
+/* ---- CAN signals: converts bits of a frame to values and back, as a DBC file describes them.
  *
  * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
- * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8. Intel: `start` is
- *          the least significant
- *          bit of the value, the others follow upwards. Motorola: `start` is its most significant
- *          bit, the others follow
- *          downwards within a byte, then from bit 7 of the next byte on.
- * Values:  value = raw·scale + offset; raw is carried through 64 bits.
+ * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8.
+ *          Intel: `start` is the least significant bit of the value; the other bits follow upwards.
+ *          Motorola: `start` is its most significant bit; the other bits follow downwards in the
+ *          byte, then from bit 7 of the next byte.
+ * Values:  value = raw·scale + offset, in the signal's unit. raw has at most 64 bits; as a double
+ *          it is exact up to 2^53.
  * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).
  */
 
 enum {
-    TL_CAN_BYTES = 64,     /* of the longest frame (CAN FD); a classic frame has 8 */
-    TL_CAN_CONDITIONS = 4, /* nested multiplexors */
+    TL_CAN_BYTES = 64,     /* data bytes of the longest frame (CAN FD); a classic frame has 8 */
+    TL_CAN_CONDITIONS = 4, /* most multiplexors of one signal */
     TL_CAN_CONDITION_VALUES = 16,
     TL_CAN_MULTIPLEXOR_BITS = 32
 };
@@ -39,50 +39,54 @@ typedef struct tl_can_field {
     tl_can_order order;
 } tl_can_field;
 
-/* A multiplexor, and its raw values (unsigned) with which the signal is in the frame. */
+/* A multiplexor: a frame contains the signal only if this field has one of these raw values. */
 typedef struct tl_can_condition {
-    tl_can_field field; /* of at most TL_CAN_MULTIPLEXOR_BITS */
+    tl_can_field field; /* at most TL_CAN_MULTIPLEXOR_BITS long; unsigned */
     uint32_t values[TL_CAN_CONDITION_VALUES];
-    size_t value_count; /* 1 or more */
+    size_t value_count; /* 1..TL_CAN_CONDITION_VALUES */
 } tl_can_condition;
 
 /* Position and meaning of one signal on the bus. */
 typedef struct tl_can_channel {
-    uint32_t id; /* 11 or 29 bits */
+    uint32_t id; /* 11 bits; 29 bits if extended */
     bool extended;
-    bool fd;       /* format that the emulated plant sends; the driver accepts both */
-    uint8_t bytes; /* of the whole frame */
+    bool fd;       /* the emulated plant sends CAN FD frames; the driver accepts both formats */
+    uint8_t bytes; /* data bytes of the whole frame, see tl_can_is_length() */
     tl_can_field field;
     tl_can_type type; /* a float's field has 32 or 64 bits */
     double scale;     /* not 0 */
     double offset;
-    tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must hold */
+    tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must be true; without any, always present */
     size_t condition_count;
 } tl_can_channel;
 
 /* True for a possible frame length: 0 to 8; with CAN FD also 12, 16, 20, 24, 32, 48, 64. */
 bool tl_can_is_length(unsigned bytes);
 
-/* Smallest frame length with all bits of a field; more than TL_CAN_BYTES if none is long enough. */
+/* Number of data bytes up to the last bit of a field; it need not be a possible frame length. More
+ * than TL_CAN_BYTES if the field fits into no frame. */
 size_t tl_can_field_bytes(const tl_can_field *field);
 
-/* The same for a channel with its multiplexors. */
+/* The largest of these numbers for a channel's field and its multiplexors. */
 size_t tl_can_channel_bytes(const tl_can_channel *channel);
 
-/* Reads and writes the bits of a field, most significant first; put does not change other bits of
+/* Reads or writes a field as an unsigned number: the lowest `length` bits of a uint64_t. `data` has
+ * at least tl_can_field_bytes(). tl_can_put() ignores higher bits and changes no other bit of
  * `data`. */
 uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data);
 void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data);
 
-/* True if the values of all multiplexors select this signal. */
+/* True if the values of all multiplexors select this signal; `data` has at least
+ * tl_can_channel_bytes(). */
 bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
 
-/* Reads the signal's value; `data` has at least tl_can_channel_bytes(). Returns false, and 0, if it
- * is not finite. */
+/* Reads the signal's value in its unit; `data` has at least tl_can_channel_bytes(). If it is not
+ * finite, returns false and sets *value to 0. */
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
 
-/* Writes the bits of a value and of its multiplexors (the first value of each). Rounds to the
- * nearest integer; values out of range saturate; NaN as an integer is 0. */
+/* Writes a value to its field, and the first value of each multiplexor; `data` has at least
+ * tl_can_channel_bytes(). Rounds to the nearest integer. Finite values out of range saturate. An
+ * integer field gets 0 for NaN. */
 void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
 
 /* ---- Map from CAN ids to channels. Private to the CAN driver.
@@ -92,37 +96,39 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
  *          channels.
  */
 
-/* One id, and its slots. */
+/* One id; its channels are consecutive slots of the map. */
 typedef struct tl_can_id {
     uint32_t id;
     bool extended;
-    size_t first; /* of its slots */
-    size_t slots;
-    bool too_short; /* the last frame was too short; used by the driver */
+    size_t first;   /* index of its first slot */
+    size_t slots;   /* number of its slots */
+    bool too_short; /* the driver's note: the last frame was too short */
 } tl_can_id;
 
+/* One channel in the map. */
 typedef struct tl_can_slot {
     tl_can_channel channel;
-    size_t index; /* of the channel in the list */
-    size_t bytes; /* shortest frame */
+    size_t index; /* of the channel in the caller's list */
+    size_t bytes; /* tl_can_channel_bytes() */
 } tl_can_slot;
 
-/* Placed by the owner; fields are private. */
+/* The caller owns the struct. Only the CAN driver uses its fields. */
 typedef struct tl_can_map {
     tl_can_slot *slots; /* sorted by id */
     size_t slot_count;
-    tl_can_id *ids; /* in the same order */
+    tl_can_id *ids; /* sorted in the same way */
     size_t id_count;
 } tl_can_map;
 
-/* Overwrites the map. Copies the channels, which must be valid. Returns false if memory is out;
- * then the map is empty. */
+/* Initialises the map without freeing an old one. Copies the channels, which must be valid
+ * (tl_can_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
-/* NULL if no channel has that id. A standard and an extended id of the same number are different.
- */
+/* Returns the entry of an id, owned by the map; NULL if no channel has it. A standard and an
+ * extended id with the same number are different. */
 tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
 
+/* Frees the content. Allowed twice. */
 void tl_can_map_release(tl_can_map *map);
 
 #endif

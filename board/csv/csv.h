@@ -1,11 +1,13 @@
-/* CSV: reads rows of numbers by time stamp; and the plant driver that uses it.
+/* CSV files of time-stamped rows: a reader of recordings, and a plant driver.
  *
- * Purpose: tl_csv_reader reads a recording row by row (replay, plant). tl_csv_driver reads a file
- *          or a FIFO while it is written (thesis 5.4.2) and maps row times to the cycle's clock.
+ * Purpose: tl_csv_reader reads a recording row by row (`twinlock replay`, `plant`). tl_csv_driver
+ *          plays a file in real time, or reads a FIFO while another program writes it (thesis
+ *          5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
  * Format:  see config/SPEC.md, "Recordings": a header row, comma separated. One column is the time
- *          in seconds, strictly increasing; empty cells mean "no new value". Cells may be quoted
+ *          in seconds, strictly increasing. An empty cell means "no new value". Cells may be quoted
  *          and have spaces around them; lines end with LF or CRLF. A UTF-8 byte order mark, blank
  *          lines and other columns are ignored. Numbers are decimal, with a point.
+ * Thread:  one per reader; for the driver see plant_io.h.
  */
 #ifndef TL_BOARD_CSV_CSV_H
 #define TL_BOARD_CSV_CSV_H
@@ -18,36 +20,39 @@
 
 typedef struct tl_csv_reader tl_csv_reader;
 
-/* Errors TL_BAD_DATA: the file is absent or empty, a column is missing (the text lists the existing
- * ones) or there twice, semicolons separate the cells, or there are more columns than
- * TL_MAX_SIGNALS. TL_TRY_AGAIN: out of memory or descriptors. Copies all settings. */
+/* Opens a file and reads its header. Copies all settings. The caller closes the reader.
+ * TL_BAD_DATA: the file is absent, empty or a device; a requested column is missing (the text lists
+ * the existing ones) or occurs twice; semicolons separate the cells; a quote is not closed; or more
+ * than TL_MAX_SIGNALS columns are requested. TL_TRY_AGAIN: out of memory or descriptors. */
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error);
 
-/* Reads the next row. At the end of the file it sets *end and leaves *row unchanged. Errors
- * TL_BAD_DATA with file and line: the time is no number or not increasing, wrong number of cells,
- * line longer than 64 KiB. */
+/* Reads the next row. At the end of the file it sets *end and leaves *row unchanged. Waits if the
+ * file is a FIFO. TL_BAD_DATA with file and line: the time is no number, beyond ±4.6e9 s or not
+ * increasing; the number of cells is wrong; a quote is not closed; or the line exceeds 64 KiB. */
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error);
 
-/* NULL is allowed. */
+/* Closes the file and frees the reader. NULL is allowed. */
 void tl_csv_close(tl_csv_reader *reader);
 
 /* ---- the driver ---- */
 
 extern const tl_plant_io_driver tl_csv_driver;
-extern const tl_plant_access tl_csv_access; /* only its files */
+extern const tl_plant_access tl_csv_access; /* nothing besides the files of its sources */
 
-/* Opens a file or FIFO for live reading without blocking. The path may not exist yet: then the link
- * is down.
- * Regular file: is played in its own time. The first row is posted when it is read, each further
- *               row when it is due. Its end is the end of the source; a malformed row is an error.
- * FIFO: rows are posted as they come; a poll without a row waits up to 50 ms. The link is down
- *       while no process writes to it.
- * Stamps follow the times of the rows. The first row anchors them to the clock; so does the first
- * row after a restart of the writer (it closed the FIFO, repeated its header, or its time went back
- * in two consecutive rows). No stamp is later than the arrival; if the clocks drift apart, the
- * anchor is corrected once a minute.
- * link(…) reports a malformed row of a FIFO, which is skipped, at most once per second; the same
- * for lines before a header and lines longer than 64 KiB. */
+/* Creates a driver that reads a file or FIFO live. Copies the settings; the first poll opens the
+ * path without blocking. If the path does not exist, the link is down and each poll tries again.
+ * Regular file: the driver posts the first row when it reads it, and each further row when it is
+ *               due by its time. At the end of the file, *finished is set. A malformed row is an
+ *               error of poll().
+ * FIFO: the driver posts rows as they arrive; a poll without a row waits up to 50 ms. The link is
+ *       down while no process writes to the FIFO.
+ * Stamp = row time + anchor. The first row sets the anchor so that its stamp is its time of
+ * arrival. The first row after a restart of the writer sets it again. A restart is: the writer
+ * closed the FIFO, repeated its header, or its time went back in two consecutive rows. No stamp is
+ * later than the arrival. If the clocks drift apart, the driver corrects the anchor once a minute.
+ * The driver skips malformed rows of a FIFO, lines before a header, and lines longer than 64 KiB.
+ * It reports them to part_failed() (or link(), while the link is down), at most once per second.
+ * Errors: TL_BAD_DATA for too many columns; TL_TRY_AGAIN if memory or a descriptor is missing. */
 tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl_error *error);
 
 #endif

@@ -1,5 +1,10 @@
-/* CSV rows from a FIFO, while they are written.
+/* Anchor of a live CSV stream: converts row times to stamps of CLOCK_MONOTONIC.
  *
+ * Purpose: stamp = row time + base. If a row arrives earlier than its stamp, base is lowered. After
+ *          each window, base is raised by the least delay in it, so that slow clock drift is
+ *          corrected.
+ * Units:   ns. `time` is a row's time by its time column, `arrival` its arrival on CLOCK_MONOTONIC.
+ * Owner:   the caller owns the struct; no allocation, no clock is read.
  * Thread:  the one that reads the source.
  */
 #ifndef TL_BOARD_CSV_CSV_LIVE_H
@@ -9,20 +14,22 @@
 
 #include "master/base/simtime.h"
 
+/* Time between two corrections of clock drift. */
 #define TL_CSV_DRIFT_WINDOW (60 * TL_SECOND)
 
-/* Starts as zeros: not set. */
+/* Initialise it with zeros: not set. */
 typedef struct tl_csv_anchor {
     bool set;
-    tl_time base;     /* stamp of row time 0 */
-    tl_time quickest; /* least delay within the window */
-    tl_time window;   /* its end */
+    tl_time base;     /* stamp of row time 0, ns */
+    tl_time quickest; /* least arrival − stamp in this window, ns */
+    tl_time window;   /* end of this window, CLOCK_MONOTONIC */
 } tl_csv_anchor;
 
-/* Anchors rows to a row that arrived at `arrival`. */
+/* Sets the anchor so that the stamp of this row is its arrival; begins a window. */
 void tl_csv_anchor_set(tl_csv_anchor *anchor, tl_time time, tl_time arrival);
 
-/* Stamp of a row; the anchor must be set. */
+/* Returns the stamp of a row, never later than `arrival`. May correct the anchor, which must be
+ * set. */
 tl_time tl_csv_anchor_stamp(tl_csv_anchor *anchor, tl_time time, tl_time arrival);
 
 #endif

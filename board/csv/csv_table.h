@@ -16,21 +16,21 @@
 /* ---- Columns and one row of a CSV stream.
  *
  * Purpose: shared by the reader, the driver and the table below.
- * Units:   times in ns, from the time column; values as in the cells.
- * Owner:   the caller places rows and owns the texts of the settings.
+ * Units:   times in ns, converted from the seconds of the time column; values as in the cells.
+ * Owner:   the caller owns rows and the texts of the settings.
  */
 
 typedef struct tl_csv_settings {
     const char *path;
     const char *time_column;
-    const char *const *columns; /* one per channel, in channel order */
+    const char *const *columns; /* name of each channel's column, in channel order */
     size_t column_count;
 } tl_csv_settings;
 
-/* One row. An empty cell leaves `present` false; a cell that is no finite number has quality
- * TL_NOT_A_NUMBER and value 0. */
+/* One row; the arrays are indexed by channel. An empty cell has `present` false. Any cell that is
+ * no finite number has quality TL_NOT_A_NUMBER and value 0. */
 typedef struct tl_csv_row {
-    tl_time time; /* as in the time column */
+    tl_time time; /* ns, by the time column */
     bool present[TL_MAX_SIGNALS];
     double values[TL_MAX_SIGNALS];
     tl_quality quality[TL_MAX_SIGNALS];
@@ -40,38 +40,42 @@ typedef struct tl_csv_row {
  *
  * Purpose: tl_csv_lines splits incoming bytes into lines; tl_csv_table finds the columns from the
  *          header line and converts each further line to a row.
- * Owner:   the caller places the structures. No allocation after the header.
+ * Owner:   the caller owns the structs. Only make and header allocate.
  */
 
 /* ---- lines ---- */
 
-enum { TL_CSV_LINE = 64 * 1024 }; /* longest line in bytes, with its end */
+enum { TL_CSV_LINE = 64 * 1024 }; /* longest line in bytes, with its line end */
 
 typedef enum tl_csv_found { TL_CSV_NOTHING, TL_CSV_A_LINE, TL_CSV_TOO_LONG } tl_csv_found;
 
-/* Starts as zeros: empty. */
+/* Buffer that splits a stream into lines. Initialise it with zeros: empty. */
 typedef struct tl_csv_lines {
-    size_t begin, end; /* of the bytes not taken yet */
-    int64_t number;    /* of the line taken last, from 1 */
-    bool skipping;     /* skipping the rest of a line that is too long */
+    size_t begin, end; /* offsets of the bytes that are not returned yet */
+    int64_t number;    /* number of the last line, from 1; counts blank lines too */
+    bool skipping;     /* dropping the rest of a line that is too long */
     char bytes[TL_CSV_LINE + 1];
 } tl_csv_lines;
 
-/* Buffer for the next bytes, and its size: never 0 after take() has returned TL_CSV_NOTHING. */
+/* Returns where to write the next bytes, and sets *room to the size there. *room is never 0 after
+ * tl_csv_lines_take() has returned TL_CSV_NOTHING. */
 char *tl_csv_lines_room(tl_csv_lines *lines, size_t *room);
+
+/* Adds the `count` bytes that the caller has written there. */
 void tl_csv_lines_added(tl_csv_lines *lines, size_t count);
 
-/* The next whole line without its end, valid until the next call; blank lines are skipped. `last`:
- * no more bytes will come, so the rest is a line too. A line that is too long is reported once. */
+/* Finds the next complete line that is not blank. TL_CSV_A_LINE: *line is the line without its end,
+ * valid until the next call. TL_CSV_TOO_LONG: a line is too long and is skipped; returned once per
+ * line. TL_CSV_NOTHING: add more bytes. `last`: no more bytes follow, so the rest is a line too. */
 tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line);
 
-/* Drops the remaining bytes; keeps the line number. */
+/* Drops all bytes in the buffer; keeps the line number. */
 void tl_csv_lines_drop(tl_csv_lines *lines);
 
 /* ---- files ---- */
 
-/* True if the path is a device, which must not be read: opening one may act, for example on a
- * watchdog. Call before opening. */
+/* True if the path is a device. Call it before opening: opening a device may have an effect, for
+ * example start a watchdog. */
 bool tl_csv_is_device(const char *path);
 
 /* ---- cells ---- */
@@ -81,22 +85,25 @@ typedef struct tl_csv_table {
     char *time_column;
     char **columns;
     size_t column_count;
-    size_t cell_count; /* of each row; 0: no header yet */
-    size_t time_cell;
-    size_t cell_of[TL_MAX_SIGNALS];
-    const char **cells; /* of one row */
+    size_t cell_count;              /* cells of each row; 0: no header yet */
+    size_t time_cell;               /* index of the time cell in a row */
+    size_t cell_of[TL_MAX_SIGNALS]; /* index of each channel's cell in a row */
+    const char **cells;             /* cells of the current row */
 } tl_csv_table;
 
-/* Copies the settings. After an error nothing needs to be released. */
+/* Initialises the table; copies the settings. After an error nothing needs to be released. Errors:
+ * TL_BAD_DATA for more than TL_MAX_SIGNALS columns; TL_TRY_AGAIN if memory is out. */
 tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings, tl_error *error);
 
-/* Finds the columns; modifies `line`. After an error the table is unchanged. */
+/* Finds the columns in the header line; modifies `line`. `number`: of the line, for error texts.
+ * After an error the columns are as before. Errors: as tl_csv_open(). */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
 
-/* Modifies `line`. After an error *row is undefined. */
+/* Converts a line to a row, after a header; modifies `line`. Does not compare the time with earlier
+ * rows. After an error (TL_BAD_DATA) *row is undefined. */
 tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error);
 
-/* Error of a line that was TL_CSV_TOO_LONG. */
+/* Sets the error of a line that was TL_CSV_TOO_LONG, and returns its status. */
 tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error);
 
 void tl_csv_table_release(tl_csv_table *table);

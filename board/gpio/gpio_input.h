@@ -1,5 +1,7 @@
-/* Level of a GPIO line: debouncing and counting of edges.
+/* Level of a GPIO line: debouncing, and counting of missed edges.
  *
+ * Owner:   the caller owns the structs; no allocation, no clock is read. Stamps are ns of
+ *          CLOCK_MONOTONIC.
  * Thread:  the one that reads the source.
  */
 #ifndef TL_BOARD_GPIO_GPIO_INPUT_H
@@ -14,64 +16,67 @@
 /* ---- Debouncing: a level is valid after it has been stable for a time. Private to the GPIO
  * driver; pure.
  *
- * Purpose: converts stamped edges to stable changes. A change has the exact stamp of the edge after
- *          which the line was stable, however late it is evaluated.
- * Limits:  a line that is never stable keeps its last level, and `pending` stays true.
+ * Purpose: converts stamped edges to stable changes of the level. A change has the stamp of the
+ *          edge after which the line was stable. A late evaluation does not change this stamp.
+ * Limits:  a line that is never stable keeps its last valid level, and `pending` stays true.
  */
 
 typedef struct tl_gpio_debounce {
-    tl_time time;  /* ns; 0: every edge counts */
+    tl_time time;  /* a level is valid after it was stable for so long, ns; 0: at once */
     bool level;    /* valid level */
     bool newest;   /* level after the last edge */
-    bool pending;  /* it has not been stable for long enough */
+    bool pending;  /* `newest` has not been stable for long enough yet */
     tl_time since; /* stamp of the last edge, if pending */
 } tl_gpio_debounce;
 
 /* ---- Input: converts edges and levels to readings. Private to the GPIO driver; pure.
  *
- * Purpose: an edge gives the time, a level shows whether an edge was missed. A level that differs
- *          from the last edge is accepted when it is read a second time, because the edge may still
- *          be queued.
- * Missed:  two consecutive edges to the same level, and a level without an edge, count as one
- *          missed edge each.
- * Stamps:  never decrease. Edges older than an accepted level are dropped.
+ * Purpose: an edge gives the time of a change. A level, read once per poll, shows whether an edge
+ *          was missed. If a level differs from the last edge, its edge may still be in the queue.
+ *          So this level is accepted only if it is read a second time.
+ * Missed:  an edge to the level that the line has already counts as one missed edge. So does an
+ *          accepted level that differs from the last edge.
+ * Stamps:  never decrease. Edges older than the last edge or accepted level are dropped.
  */
 
 typedef struct tl_gpio_input {
     tl_gpio_debounce debounce;
     bool level;      /* after the last edge, or the accepted level */
-    bool doubtful;   /* another level was read since */
-    tl_time seen;    /* stamp of that edge or level */
+    bool doubtful;   /* a different level was read once since then */
+    tl_time seen;    /* stamp of the last edge or accepted level */
     tl_time posted;  /* stamp of the last reading */
-    uint64_t missed; /* edges, at least */
+    uint64_t missed; /* number of missed edges, a lower bound */
 } tl_gpio_input;
 
 /* Initial settings of an input. */
 typedef struct tl_gpio_input_settings {
-    tl_time debounce; /* ns; 0: every edge counts */
-    bool level;       /* the first, */
-    tl_time stamp;    /* when it was read */
+    tl_time debounce; /* as tl_gpio_debounce.time */
+    bool level;       /* first level of the line */
+    tl_time stamp;    /* when this level was read */
     uint64_t missed;  /* edges missed before the line was lost and found again; 0 at first */
 } tl_gpio_input_settings;
 
-/* Initialises the input. *reading is the first level. */
+/* Initialises the input. Sets *reading to the first level, for posting. */
 void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *settings, tl_reading *reading);
 
-/* Each of these returns true if there is a reading to post, in *reading. */
+/* Each of the following functions returns true if the caller must post *reading (value 0 or 1).
+ * Otherwise *reading is undefined. */
 
-/* Adds an edge. `now`: when it was read; no stamp is later. */
+/* Adds an edge to `level`. `now`: when it was read; a later `stamp` is replaced by `now`. */
 bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time now, tl_reading *reading);
 
-/* Adds a level read at `stamp` or later. */
+/* Adds a level that was read at `stamp` or shortly after it. A level that differs from the last
+ * edge is only noted (`doubtful`), and accepted at the second call in a row. */
 bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* The same; the level is accepted at once and earlier edges are dropped. */
+/* Adds a level and accepts it at once, for use after too many edges. Edges that are older are
+ * dropped from now on. */
 bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* Evaluates debouncing at a time. */
+/* Completes debouncing up to `now`. First add all edges before `now`. */
 bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading);
 
-/* Latest time to call the function above; INT64_MAX: not needed. */
+/* Returns when to call tl_gpio_input_pass() next; INT64_MAX: no call is needed. */
 tl_time tl_gpio_input_due(const tl_gpio_input *input);
 
 #endif

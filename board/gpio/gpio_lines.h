@@ -13,7 +13,7 @@
 /* ---- Configuration of a GPIO line.
  *
  * Purpose: shared by the driver, the search for lines and the libgpiod part.
- * Units:   seconds. Owner: the name belongs to the caller.
+ * Units:   seconds. Owner: the caller owns the name.
  */
 
 typedef enum tl_gpio_bias {
@@ -24,41 +24,43 @@ typedef enum tl_gpio_bias {
 } tl_gpio_bias;
 
 typedef struct tl_gpio_channel {
-    const char *line; /* its name; NULL: identified by `offset` */
-    unsigned offset;  /* within its chip */
-    bool active_low;  /* 1 is the low level */
+    const char *line; /* name of the line; NULL: `offset` identifies it */
+    unsigned offset;  /* number of the line on its chip, from 0; not used with a name */
+    bool active_low;  /* the low level is 1, the high level is 0 */
     tl_gpio_bias bias;
-    double debounce_s; /* a level is valid after so long; 0: at once */
+    double debounce_s; /* a level is valid after it was stable for so long, 0 … 60; 0: at once */
 } tl_gpio_channel;
 
 /* ---- Chips and lines by libgpiod, either version. Private to the GPIO driver.
  *
- * Purpose: all that the driver needs from libgpiod. gpio_lines_1.c is for 1.6, gpio_lines_2.c for
- *          2.x; the build uses the one for the installed version.
+ * Purpose: wraps the functions of libgpiod that the driver needs. gpio_lines_1.c is for 1.6,
+ *          gpio_lines_2.c for 2.x; the build uses the one for the installed version.
  * Thread:  one.
- * Errors:  errno.
+ * Errors:  values of errno.
  */
 
-/* ---- a chip, to look for lines ---- */
+/* ---- a chip, to search for lines ---- */
 
 typedef struct tl_gpio_chip tl_gpio_chip;
 
-/* NULL with errno: ENOTTY or ENODEV if it is no GPIO chip. */
+/* Opens a chip; the caller closes it. Returns NULL with errno on failure: ENOTTY or ENODEV if it is
+ * no GPIO chip. */
 tl_gpio_chip *tl_gpio_chip_open(const char *path);
 
+/* Name, label and number of lines. The texts are valid while the chip is open. */
 const char *tl_gpio_chip_name(const tl_gpio_chip *chip); /* "gpiochip0" */
 const char *tl_gpio_chip_label(const tl_gpio_chip *chip);
 unsigned tl_gpio_chip_lines(const tl_gpio_chip *chip);
 
 /* State of a line in the kernel. */
 typedef struct tl_gpio_line_state {
-    char name[48]; /* empty: none */
-    char consumer[48];
-    bool used;
-    bool output;
+    char name[48];     /* empty: none */
+    char consumer[48]; /* name of the program that uses it; may be empty */
+    bool used;         /* another program or the kernel uses it */
+    bool output;       /* it is an output at this time */
 } tl_gpio_line_state;
 
-/* 0, or errno. */
+/* Reads the state of a line without requesting it. Returns 0 or errno. */
 int tl_gpio_chip_read_line(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state);
 
 void tl_gpio_chip_close(tl_gpio_chip *chip);
@@ -68,23 +70,23 @@ void tl_gpio_chip_close(tl_gpio_chip *chip);
 typedef struct tl_gpio_line tl_gpio_line;
 
 typedef struct tl_gpio_edge {
-    bool level; /* after the edge, with active_low applied */
-    tl_time stamp;
+    bool level;    /* after the edge, with active_low applied */
+    tl_time stamp; /* the kernel's, ns */
 } tl_gpio_edge;
 
-/* Requests the line at `offset` of the chip at `path` as an input with the options of `channel`:
- * with edges, or without if the chip has none. Returns 0 or errno: EBUSY if another process uses
- * it. */
+/* Requests the line at `offset` of the chip at `path` as an input, with bias and active_low of
+ * `channel`. Enables edge detection, unless the chip has no interrupt for the line. The caller
+ * releases the line. Returns 0 or errno: EBUSY if another process uses the line. */
 int tl_gpio_line_request(const char *path, unsigned offset, const tl_gpio_channel *channel, tl_gpio_line **line);
 
-/* Descriptor to wait for edges; −1: there are none. */
+/* Returns the descriptor to wait for edges; −1: the line has no edge detection. */
 int tl_gpio_line_descriptor(const tl_gpio_line *line);
 
-/* Reads the level. Returns 0 or errno: ENODEV if the chip is gone. */
+/* Reads the level, with active_low applied. Returns 0 or errno: ENODEV if the chip is gone. */
 int tl_gpio_line_level(tl_gpio_line *line, bool *level);
 
-/* Reads at most `room` queued edges without waiting. Returns 0 or errno: EAGAIN if there is none.
- */
+/* Reads at most `room` queued edges without waiting; the line must have edge detection. Sets
+ * *count. Returns 0 or errno: EAGAIN if there is no edge. */
 int tl_gpio_line_edges(tl_gpio_line *line, tl_gpio_edge *edges, size_t room, size_t *count);
 
 /* NULL is allowed. */
@@ -93,18 +95,18 @@ void tl_gpio_line_release(tl_gpio_line *line);
 /* ---- Search for a GPIO line: its chip and offset. Private to the GPIO driver.
  *
  * Purpose: finds a line by name on one or all chips, or by offset on one chip. A chip is given by
- *          name, label or path. An ambiguous line is rejected; the text names both.
+ *          name, label or path; NULL: all chips. If two lines fit, both are rejected.
  */
 
 typedef struct tl_gpio_found {
-    char path[64]; /* of the chip */
-    char chip[96]; /* for messages: "gpiochip0 (label)" */
-    unsigned offset;
+    char path[64];   /* of the chip */
+    char chip[96];   /* for messages: "gpiochip0 (label)" */
+    unsigned offset; /* of the line on its chip */
     tl_gpio_line_state state;
 } tl_gpio_found;
 
-/* Returns false if there is no line or more than one: `text` has what was searched and what exists.
- */
+/* Returns false if no line fits, or more than one. Then `text` (`size` bytes) has the reason and
+ * the chips that were searched. */
 bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *found, char *text, size_t size);
 
 #endif

@@ -1,7 +1,8 @@
-/* Bits of a number as a device sends them, and the number. Pure arithmetic for the drivers' codecs.
+/* Converts numbers between the bits that a device sends and a double. Used by the drivers' codecs.
  *
- * Purpose: two's complement and IEEE 754, independent of the machine.
- * Bits:    the lowest bits of 64; higher bits are 0 and are ignored.
+ * Purpose: two's complement and IEEE 754, independent of the machine's byte order.
+ * Bits:    a number of n bits is in the lowest n bits of a uint64_t. Functions that read bits
+ *          ignore higher bits; functions that return bits set them to 0.
  * Thread:  any. Errors: none.
  */
 #ifndef TL_BOARD_IO_BITS_H
@@ -9,13 +10,15 @@
 
 #include <stdint.h>
 
-/* Two's complement of `width` bits, 1 to 64; above 53 the value is rounded to a double. */
+/* Reads a two's complement number of `width` bits, 1 to 64. If |value| > 2^53, it is rounded to the
+ * nearest double. */
 double tl_bits_to_signed(uint64_t bits, unsigned width);
 
 double tl_bits_to_float32(uint64_t bits);
 double tl_bits_to_float64(uint64_t bits);
 
-/* Nearest value for a finite number: out of range saturates. Infinities and NaN are kept. */
+/* Rounds to the nearest float32. Finite values out of range saturate at ±FLT_MAX; infinities and
+ * NaN are kept. */
 uint64_t tl_bits_of_float32(double value);
 
 uint64_t tl_bits_of_float64(double value);

@@ -10,6 +10,7 @@
 
 #include "master/base/simtime.h"
 
+/* Returns the time in ns. Its zero is arbitrary, for example the boot. */
 tl_time tl_monotonic_now(void);
 
 #endif

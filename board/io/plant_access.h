@@ -1,8 +1,9 @@
-/* Kernel access that a plant driver needs, as data: its process is allowed this and nothing else.
+/* List of the kernel's functions that a plant driver needs in addition to those of each io process.
  *
- * Purpose: the confinement of a driver stands beside its code; firmware/process/filter.c builds the
- *          system call filter from it. The filter itself handles TCP and host name resolution,
- *          because they depend on arguments.
+ * Purpose: each driver defines its list beside its code. firmware/process/filter.c builds the
+ *          system call filter of the driver's process from it; all other calls are denied. filter.c
+ *          itself has the rules for TCP and for resolving host names, because these check
+ *          arguments.
  * Owner:   constants.
  */
 #ifndef TL_BOARD_IO_PLANT_ACCESS_H
@@ -12,20 +13,20 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A socket that it may open, by the arguments of socket(); flags of `type` are ignored. */
+/* Arguments of socket() for a socket that the driver may open; flags in `type` are not compared. */
 typedef struct tl_plant_socket {
     int family, type, protocol;
 } tl_plant_socket;
 
 typedef struct tl_plant_access {
-    bool tcp;          /* connects by TCP to the ports of its sources */
-    const char *calls; /* further system calls with any arguments, separated by spaces; NULL: none */
+    bool tcp;          /* may connect by TCP to the ports of its sources */
+    const char *calls; /* names of further system calls, separated by spaces; any arguments; NULL: none */
     const tl_plant_socket *sockets;
     size_t socket_count;
-    uint32_t address_bytes;   /* bind() to an address of this length; 0: no bind() */
-    const uint32_t *commands; /* of ioctl() */
+    uint32_t address_bytes;   /* length of the address that bind() may have; 0: no bind() */
+    const uint32_t *commands; /* that ioctl() may have */
     size_t command_count;
-    const char *read, *write; /* a folder besides the files of its sources; NULL: none */
+    const char *read, *write; /* folder that it may read, or read and write, besides its sources' files; NULL: none */
 } tl_plant_access;
 
 #endif

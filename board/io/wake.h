@@ -1,12 +1,12 @@
-/* Wake-up call: from any thread to the one that waits in a driver's poll.
+/* Wake-up call: any thread ends the wait of the thread that polls a driver.
  *
- * Purpose: implements a driver's interrupt(). The waiting thread also polls `descriptor`, which is
- *          readable from a call until it is answered. A call without a waiting thread ends the next
- *          wait at once. Several calls count as one.
- * Owner:   the owner places, makes and releases it. It is an eventfd to which only a number is
- *          written, so that a driver that cannot send can still be interrupted
+ * Purpose: implements a driver's interrupt(). The waiting thread also polls `descriptor`. It
+ *          becomes readable by a call, and stays readable until the call is answered. If no thread
+ *          waits at the call, the next wait returns at once. Several calls count as one.
+ * Owner:   the driver owns the struct and releases it.
+ * Method:  an eventfd, because a driver without any sending function can write to it
  *          (tests/check/can_symbols.txt).
- * Thread:  tl_wake_call() from any thread; all else from one.
+ * Thread:  tl_wake_call() from any thread; all else from the thread that polls.
  */
 #ifndef TL_BOARD_IO_WAKE_H
 #define TL_BOARD_IO_WAKE_H
@@ -14,22 +14,23 @@
 #include <stdbool.h>
 
 typedef struct tl_wake {
-    int descriptor; /* −1: none */
+    int descriptor; /* to poll for POLLIN; −1: not made */
 } tl_wake;
 
-/* Returns false with errno if a resource is missing; then nothing needs to be released. */
+/* Creates the descriptor. Returns false with errno if a resource is missing; then nothing needs to
+ * be released. */
 bool tl_wake_make(tl_wake *wake);
 
-/* Any thread. */
+/* Ends the present or the next wait. Any thread. */
 void tl_wake_call(const tl_wake *wake);
 
-/* True if there is a call that was not answered; does not answer it. */
+/* Returns whether a call is waiting for an answer; does not answer it. */
 bool tl_wake_is_called(const tl_wake *wake);
 
-/* The same, and answers the call. */
+/* Returns whether a call was waiting, and answers it. */
 bool tl_wake_answer(const tl_wake *wake);
 
-/* Also allowed after a failed make, and twice. */
+/* Closes the descriptor. Allowed twice, and after tl_wake_make() has failed. */
 void tl_wake_release(tl_wake *wake);
 
 #endif

@@ -1,4 +1,4 @@
-/* Connection to a Modbus server by TCP or serial line: frames and their answers.
+/* Connection to a Modbus server by TCP or serial line: requests and answers.
  *
  * Thread:  the one that reads the source.
  */
@@ -16,22 +16,23 @@
  *
  * Purpose: the parameters that all devices of the line share, and their valid values. Always 8 data
  *          bits.
- * Owner:   the device's name belongs to the caller. Thread: any.
+ * Owner:   the caller owns the text `device`. Thread: any.
  * Source:  MODBUS over Serial Line 1.02, section 2.5.1.
  */
 
 typedef struct tl_modbus_line {
-    const char *device; /* a path, preferably a stable one: /dev/serial/by-id/… */
-    uint32_t baud;      /* one of tl_modbus_bauds */
+    const char *device; /* a path, preferably one that does not change: /dev/serial/by-id/… */
+    uint32_t baud;      /* bit/s, one of tl_modbus_bauds */
     char parity;        /* 'N', 'E', 'O' */
     uint8_t stop_bits;  /* 1, 2 */
-    bool rs485;         /* the kernel's driver switches between sending and receiving (TIOCSRS485) */
+    bool rs485;         /* true: the port's kernel driver switches the direction (TIOCSRS485) */
 } tl_modbus_line;
 
-/* Valid speeds in increasing order, ended by a 0. */
+/* Valid speeds in bit/s, in increasing order; a 0 ends the list. */
 extern const uint32_t tl_modbus_bauds[];
 
-/* TL_BAD_DATA for an invalid line or a device without a name. Opens nothing. */
+/* Checks the parameters; opens nothing. Errors: TL_BAD_DATA for an invalid parameter or an empty
+ * `device`. */
 tl_status tl_modbus_line_check(const tl_modbus_line *line, tl_error *error);
 
 /* ---- Modbus requests and answers as bytes. Private to the Modbus driver.
@@ -44,14 +45,14 @@ tl_status tl_modbus_line_check(const tl_modbus_line *line, tl_error *error);
  */
 
 enum {
-    TL_MODBUS_BODY_REQUEST = 6,    /* unit, function; two bytes each: address, count */
+    TL_MODBUS_BODY_REQUEST = 6,    /* one byte each: unit, function; two bytes each: address, count */
     TL_MODBUS_TCP_PREFIX = 6,      /* two bytes each: transaction, protocol, length of what follows */
     TL_MODBUS_TCP_REQUEST = 6 + 6, /* prefix, body */
     TL_MODBUS_TCP_ANSWER = 6 + 3 + TL_MODBUS_MAX_REGISTERS * 2, /* the longest valid answer */
-    TL_MODBUS_TCP_FIRST = 6 + 3 /* the shortest: up to the exception code or the number of bytes */
+    TL_MODBUS_TCP_FIRST = 6 + 3 /* the shortest: ends with the exception code or the number of bytes */
 };
 
-/* Values of an answer; large enough for any. */
+/* Values of an answer, bits or registers by its table; large enough for any answer. */
 typedef struct tl_modbus_values {
     uint8_t bits[TL_MODBUS_MAX_BITS];
     uint16_t registers[TL_MODBUS_MAX_REGISTERS];
@@ -61,71 +62,75 @@ typedef struct tl_modbus_values {
 typedef struct tl_modbus_question {
     const tl_modbus_read *read;
     uint16_t transaction;
-    bool any_unit_id; /* the answer may have another unit */
+    bool any_unit_id; /* accept an answer with another unit */
 } tl_modbus_question;
 
-/* Bytes of values in the answer to a request. */
+/* Returns the number of value bytes in the answer to a request. */
 size_t tl_modbus_value_bytes(const tl_modbus_read *read);
 
-/* The request without the parts that TCP or a line adds. */
+/* Writes a request without its TCP prefix or check sum. */
 void tl_modbus_put_body(const tl_modbus_read *read, uint8_t request[TL_MODBUS_BODY_REQUEST]);
 
+/* Writes a whole request for TCP. */
 void tl_modbus_put_request(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]);
 
-/* Checks the first `size` bytes from TCP. *missing: bytes needed before the check can continue;
- * never beyond the end of the answer, nor beyond TL_MODBUS_TCP_ANSWER bytes in all. 0: the outcome
- * is final. */
+/* Checks the first `size` bytes of an answer from TCP. Sets *missing to the number of bytes to
+ * receive before the next check; 0: the outcome is final. These bytes never exceed the end of the
+ * answer or TL_MODBUS_TCP_ANSWER bytes in all. */
 tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
                                       size_t *missing);
 
-/* Checks a whole answer from a line: unit, function and so on, without check sum, at least 3 bytes.
- */
+/* Checks a whole answer from a line, without its check sum: unit, function and number of bytes.
+ * `size` is at least 3. */
 tl_modbus_outcome tl_modbus_check_rtu(const tl_modbus_read *asked, const uint8_t *answer, size_t size);
 
-/* Decodes `bytes`, tl_modbus_value_bytes() of them. */
+/* Converts the value bytes of a correct answer. `bytes` has tl_modbus_value_bytes(). */
 void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_modbus_values *values);
 
 /* ---- Transport below the Modbus driver: TCP (modbus_tcp.c) or serial line (modbus_rtu.c). Private
  * to the driver.
  *
  * Purpose: sends one request and waits for its response; any thread can end the wait.
- * Owner:   one thread makes, connects, checks, asks, closes, releases; any thread may call `wake`.
- * Failures: done() reports a failed request before the next one, so that late bytes are not taken
- *           for another answer: TCP opens a new connection, a serial line is read until it is
- *           quiet.
+ * Thread:  one thread calls all functions; any thread may call tl_wake_call() for `wake`.
+ * Failures: after a failed request the driver calls failed() before the next request, so that late
+ *           bytes are not taken for another answer. TCP then closes the connection. A serial line
+ *           is read until it is quiet.
  */
 
-enum { TL_MODBUS_LINK_NAME = 160 }; /* bytes, with the end */
+enum { TL_MODBUS_LINK_NAME = 160 }; /* bytes, including the NUL */
 
 typedef struct tl_modbus_link tl_modbus_link;
 
-/* Events on an open link since the last request. */
+/* What has happened on an open link since the last request. */
 typedef enum tl_modbus_health {
-    TL_MODBUS_SOUND,
+    TL_MODBUS_SOUND,    /* nothing */
     TL_MODBUS_CLOSED,   /* closed by the other end */
-    TL_MODBUS_TALKATIVE /* more bytes came than were asked for */
+    TL_MODBUS_TALKATIVE /* more bytes came than requested */
 } tl_modbus_health;
 
+/* Functions of one kind of link. */
 typedef struct tl_modbus_link_kind {
-    /* All devices share one line: after a timeout the next unit may be asked at once on the same
-     * link. */
+    /* True for a serial line, which all its units share. After a timeout the driver may ask another
+     * unit on the same link. */
     bool is_line;
 
-    /* Waits at most the link's timeout. Otherwise returns false, and `cause` has the reason;
-     * undefined if interrupted. */
+    /* Connects, or opens the serial line. Waits at most the link's timeout, and to resolve a host
+     * name. Returns false on failure: `cause` has the reason, but not after an interruption. */
     bool (*connect)(tl_modbus_link *link, char *cause, size_t cause_size);
 
-    /* A link with an event must be closed before the next request, because its bytes could be taken
-     * for an answer. */
+    /* Checks an open link without waiting. If the result is not TL_MODBUS_SOUND, close the link
+     * before the next request, because its bytes could be taken for an answer. */
     tl_modbus_health (*look)(const tl_modbus_link *link);
 
-    /* `values` are those of the answer if the outcome is TL_MODBUS_VALUES, else undefined. */
+    /* Sends a request on an open link and waits for the answer. *values has the answer's values if
+     * the outcome is TL_MODBUS_VALUES; else it is undefined. */
     tl_modbus_outcome (*ask)(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values);
 
-    /* The last request failed, without values or exception: closes the link or prepares it for the
-     * next request. */
+    /* Call it if the outcome of ask() is neither values nor an exception. Closes the link, or
+     * prepares it for the next request. */
     void (*failed)(tl_modbus_link *link, const tl_modbus_outcome *outcome);
 
+    /* Closes the link, which can connect again. Allowed if it is not connected. */
     void (*close)(tl_modbus_link *link);
 
     /* Closes and frees the link. */
@@ -135,31 +140,34 @@ typedef struct tl_modbus_link_kind {
 struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
     char name[TL_MODBUS_LINK_NAME]; /* for messages: "Modbus server HOST:PORT" */
-    tl_time timeout;                /* ns; of one response */
+    tl_time timeout;                /* ns; longest wait for a connection, and for a response */
     int descriptor;                 /* −1: not connected */
-    tl_wake wake;                   /* of the thread that connects or asks */
+    tl_wake wake;                   /* ends the wait of connect() or ask() */
 };
 
-/* Makes a TCP link to an address or name; NULL with errno if a resource is missing. Does not
- * connect. any_unit_id: answers may have another unit than the request. */
+/* Creates a TCP link to an address or host name; does not connect. The caller frees it by
+ * kind->release(). `any_unit_id`: accept answers with another unit than the request. Returns NULL
+ * with errno if a resource is missing. */
 tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout);
 
-/* Makes a serial link in the same way. */
+/* Creates a serial link in the same way. */
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
-/* For both kinds: settings of the common part. */
+/* Settings of the part that both kinds have. */
 typedef struct tl_modbus_link_settings {
     const tl_modbus_link_kind *kind;
-    tl_time timeout;  /* ns; of one response */
+    tl_time timeout;  /* ns */
     const char *name; /* for messages; copied */
 } tl_modbus_link_settings;
 
-/* Not connected. Returns false with errno if a resource is missing; then done() is not needed. */
+/* Initialises and releases the part of a link that both kinds have; the link is not connected. init
+ * returns false with errno if a resource is missing; then do not call done. */
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings);
 void tl_modbus_link_done(tl_modbus_link *link);
 
-/* Waits for one of `events` (of poll()) on `descriptor`, or its end. Returns 0 or errno: ETIMEDOUT,
- * EINTR after a `wake` call. */
+/* Waits until poll() reports `events`, an error or a hang-up for `descriptor`. `deadline` is on
+ * CLOCK_MONOTONIC. Returns 0 or errno: ETIMEDOUT; EINTR after a `wake` call, which it does not
+ * answer. */
 int tl_modbus_link_await(const tl_modbus_link *link, int descriptor, short events, tl_time deadline);
 
 #endif

@@ -1,4 +1,4 @@
-/* Signals in Modbus registers: types, read requests, and the outcome of an answer for each signal.
+/* Signals in Modbus registers: types, read requests, and the outcome of a request.
  *
  * Thread:  any; pure.
  */
@@ -15,48 +15,49 @@
 /* ---- Outcome of a Modbus request, and its description. Private to the Modbus driver.
  *
  * Purpose: an answer is right, is an exception, is wrong, or is missing. The driver derives the
- *          link state from the kind; people read the sentence.
+ *          link state from the kind of the outcome; messages contain the description.
  */
 
 typedef enum tl_modbus_kind {
     TL_MODBUS_VALUES,    /* the answer is right in every byte that can be checked */
     TL_MODBUS_EXCEPTION, /* the device answers with an exception; found: its code, 0 to 255 */
-    /* no complete answer; found: errno, also of libmodbus. ETIMEDOUT: none in time, EPROTO: it is
-     * incomplete, EBUSY: the line is never quiet, EINTR: interrupted */
+    /* No complete answer. found: errno, also of libmodbus. ETIMEDOUT: no answer in time; EPROTO:
+     * the answer is incomplete; EBUSY: the line is never quiet; EINTR: interrupted. */
     TL_MODBUS_FAILED,
-    /* Wrong answers, which are not used; found and wanted: the wrong number and the right one. */
+    /* Wrong answers, which are not used. found: the number in the answer; wanted: the right one. */
     TL_MODBUS_WRONG_TRANSACTION,
     TL_MODBUS_WRONG_PROTOCOL,
-    TL_MODBUS_WRONG_LENGTH, /* by its header */
+    TL_MODBUS_WRONG_LENGTH, /* in bytes, by the header or as received */
     TL_MODBUS_WRONG_UNIT,
     TL_MODBUS_WRONG_FUNCTION,
     TL_MODBUS_WRONG_BYTES /* number of value bytes */
 } tl_modbus_kind;
 
-/* Starts as zeros: TL_MODBUS_VALUES. */
+/* All zeros: TL_MODBUS_VALUES. */
 typedef struct tl_modbus_outcome {
     tl_modbus_kind kind;
-    int found;
-    int wanted;
+    int found;  /* see tl_modbus_kind */
+    int wanted; /* see tl_modbus_kind */
 } tl_modbus_outcome;
 
-/* True if the second outcome need not be reported after the first: all wrong answers count as one
- * problem, and so do exceptions. */
+/* True if both outcomes are the same problem, so that the second one need not be reported. All
+ * wrong answers are the same problem; all exceptions too; failures only with the same errno. */
 bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outcome *b);
 
-/* Describes what was wrong and what to do. Not for TL_MODBUS_VALUES. */
+/* Writes to `text` what was wrong and what to do. `timeout`: ns, for the text. Not for
+ * TL_MODBUS_VALUES. */
 void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl_time timeout, char *text, size_t size);
 
 /* ---- Modbus channels: position of a value in a device's registers, and conversion.
  *
  * Purpose: pure arithmetic for the driver, the emulated plant and tests.
- * Values:  value = raw·scale + offset; raw is carried through 64 bits. A bit is one register, 0 or
- *          1.
- * Thread:  any. Errors: none; tl_modbus_open() has checked that a channel fits its table.
+ * Values:  value = raw·scale + offset, in the signal's unit. raw has at most 64 bits. In arrays of
+ *          registers, a bit is one register with the value 0 or 1.
+ * Thread:  any. Errors: none, because tl_modbus_open() has checked that a channel fits its table.
  * Source:  MODBUS Application Protocol 1.1b3, section 4.3.
  */
 
-/* Also the function code that reads the table. */
+/* The table in the device. Its number is the function code that reads it. */
 typedef enum tl_modbus_table {
     TL_MODBUS_COIL = 1,
     TL_MODBUS_DISCRETE = 2,
@@ -65,7 +66,7 @@ typedef enum tl_modbus_table {
 } tl_modbus_table;
 
 typedef enum tl_modbus_type {
-    TL_MODBUS_BIT, /* coil and discrete only */
+    TL_MODBUS_BIT, /* the only type in coil and discrete; no other table has it */
     TL_MODBUS_INT16,
     TL_MODBUS_UINT16,
     TL_MODBUS_INT32,
@@ -78,33 +79,33 @@ typedef enum tl_modbus_type {
 typedef struct tl_modbus_channel {
     uint8_t unit_id; /* 0..247, 255; on a line 1..247 */
     tl_modbus_table table;
-    uint16_t address; /* 0-based, of the first register or bit */
+    uint16_t address; /* of the first register or bit, counted from 0 */
     tl_modbus_type type;
     bool words_little; /* several registers: least significant word first; default: most significant first */
     bool bytes_little; /* within a register: least significant byte first; default: most significant first */
-    double scale;      /* value = raw·scale + offset */
+    double scale;      /* value = raw·scale + offset; not 0 */
     double offset;
 } tl_modbus_channel;
 
-/* Coils and discrete inputs hold bits, nothing else; the other tables hold registers. */
+/* True for coils and discrete inputs, which contain bits. The other tables contain registers. */
 bool tl_modbus_is_bit_table(tl_modbus_table table);
 
-/* Registers (or bits: 1) of a value of that type. */
+/* Returns the number of registers of a value of this type; 1 for a bit. */
 size_t tl_modbus_registers(tl_modbus_type type);
 
-/* Converts raw registers to a value and back.
- * decode: returns false, and 0, if the value is not finite.
- * encode: rounds to the nearest integer; out-of-range integers and floats saturate; NaN as an
- *         integer is 0. */
+/* Converts raw registers to a value and back. `registers` has tl_modbus_registers() elements.
+ * decode: if the value is not finite, returns false and sets *value to 0.
+ * encode: rounds integers to the nearest; finite values out of range saturate. An integer or bit is
+ *         0 for NaN. */
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value);
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers);
 
 /* ---- Read requests for a list of Modbus channels: as few as possible. Private to the Modbus
  * driver.
  *
- * Purpose: channels of one unit and table that are close together share a request. If a server
- *          rejects such a request, it is split: first without unused registers, then value by
- *          value.
+ * Purpose: channels of one unit and table with near addresses share a request. If a server rejects
+ *          such a request, the driver splits it: first into requests without unused registers, then
+ *          into one request per value.
  * Limits:  125 registers or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
  *          A value is never split over two requests, so it is always consistent.
  * Bound:   make O(n log n), split O(n); only make allocates. There are never more requests than
@@ -114,36 +115,38 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
 enum {
     TL_MODBUS_MAX_REGISTERS = 125,
     TL_MODBUS_MAX_BITS = 2000,
-    TL_MODBUS_GAP_REGISTERS = 16, /* up to so many unused registers cost less than one more request */
-    TL_MODBUS_GAP_BITS = 256
+    TL_MODBUS_GAP_REGISTERS = 16, /* so many unused registers cost less than another request */
+    TL_MODBUS_GAP_BITS = 256      /* the same for unused bits */
 };
 
-/* Sharing of requests, from coarse to fine. */
+/* Which channels share a request: with unused registers between them; without; none. */
 typedef enum tl_modbus_grain { TL_MODBUS_GAPS, TL_MODBUS_NO_GAPS, TL_MODBUS_SINGLE } tl_modbus_grain;
 
-/* One request. */
+/* One request; its channels are consecutive slots of the map. The driver uses the fields after
+ * `grain`; for it a request is silent if its answer is missing or wrong. */
 typedef struct tl_modbus_read {
     uint8_t unit_id;
     tl_modbus_table table;
     uint16_t address;
     uint16_t count; /* registers or bits */
-    size_t first;   /* of its slots */
-    size_t slots;
+    size_t first;   /* index of its first slot */
+    size_t slots;   /* number of its slots */
     tl_modbus_grain grain;
-    tl_modbus_outcome trouble; /* last reported problem; TL_MODBUS_VALUES: none. For the driver, as the following */
-    tl_backoff backoff;        /* set while it is silent and others answer */
-    tl_time hold;    /* ns; not to be asked earlier, because its unit still owes an answer to another request */
-    uint64_t polled; /* last poll that has handled it */
-    uint64_t silent; /* last poll in which it was silent or its answer was wrong */
-    tl_modbus_outcome failure; /* outcome in that poll */
+    tl_modbus_outcome trouble; /* last reported problem; TL_MODBUS_VALUES: none */
+    tl_backoff backoff;        /* on while this request is silent and others are answered */
+    tl_time hold;    /* CLOCK_MONOTONIC, ns; earliest next request: a late answer of its unit may still come */
+    uint64_t polled; /* number of the last poll in which it was answered */
+    uint64_t silent; /* number of the last poll in which it was silent */
+    tl_modbus_outcome failure; /* its outcome in that poll */
 } tl_modbus_read;
 
+/* One channel in the map. */
 typedef struct tl_modbus_slot {
     tl_modbus_channel channel;
-    size_t index; /* of the channel in the list */
+    size_t index; /* of the channel in the caller's list */
 } tl_modbus_slot;
 
-/* Placed by the owner; fields are private. */
+/* The caller owns the struct. Only the Modbus driver uses its fields. */
 typedef struct tl_modbus_map {
     tl_modbus_slot *slots; /* sorted by unit, table, address */
     size_t slot_count;
@@ -151,17 +154,18 @@ typedef struct tl_modbus_map {
     size_t read_count;
 } tl_modbus_map;
 
-/* Overwrites the map. Copies the channels, which must be valid. Returns false if memory is out;
- * then the map is empty. */
+/* Initialises the map without freeing an old one. Copies the channels, which must be valid
+ * (tl_modbus_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count);
 
-/* Returns to the coarsest requests and drops all problems. */
+/* Groups the channels into as few requests as at first, and clears the driver's fields of all. */
 void tl_modbus_map_reset(tl_modbus_map *map);
 
-/* Splits one request; the parts start at the same index. Returns their number; 1: it cannot be
- * split. */
+/* Splits the request at index `read`. Its parts replace it from this index on; later requests move
+ * up. Returns the number of parts; 1: the request cannot be split. */
 size_t tl_modbus_map_split(tl_modbus_map *map, size_t read);
 
+/* Frees the content. Allowed twice. */
 void tl_modbus_map_release(tl_modbus_map *map);
 
 #endif

@@ -1,7 +1,7 @@
 /* Kind, right and origin of a configuration change, with their names in text.
  *
- * Formats: stored versions and replies on a control socket contain the names. Requests on it
- *          contain the numbers of rights and origins, so those must not change.
+ * Formats: stored versions, and replies on a control socket, contain the names. Requests on that
+ *          socket contain the numbers of rights and origins. So do not change these numbers.
  * Thread:  pure functions.
  */
 #ifndef TL_FIRMWARE_BASE_CHANGE_H
@@ -11,35 +11,38 @@
 
 /* How a change takes effect, from the smallest effect to the largest. */
 typedef enum tl_change_kind {
-    TL_CHANGE_NONE,     /* the values are the same */
-    TL_CHANGE_IN_PLACE, /* the twin applies it at the start of a tick, and keeps its state and all it has learned */
-    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections or search: builds another twin for the same samples */
-    TL_CHANGE_RESTART,  /* everything else: sources, signals, cycle, database */
+    TL_CHANGE_NONE,     /* all values are the same */
+    TL_CHANGE_IN_PLACE, /* the twin applies it at the start of a tick, and keeps its state and learned values */
+    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections or search: a second twin takes over */
+    TL_CHANGE_RESTART,  /* everything else restarts the run: sources, signals, cycle, database */
     TL_CHANGE_KINDS
 } tl_change_kind;
 
 /* What a user may do, and what a change needs. Each right includes those before it.
- * TL_RIGHT_COMMISSION: a change that names a host, port, device, interface or component; acts on
- * the electrical side of a line; may remove recorded runs; changes how the process is scheduled; or
- * changes what the twin is checked against (measurements, strokes, step; for a wider tolerance see
- * retune/worker.h).
- * TL_RIGHT_BOX: a change that names a new library or file, or removes the confinement of FMUs. It
- * is not allowed over the network, and no request can claim it. */
+ * TL_RIGHT_COMMISSION is needed for a change that does one of these:
+ * - names a host, port, device, interface or component;
+ * - changes electrical settings of a line, for example a pull-up resistor;
+ * - may remove recorded runs;
+ * - changes how the process is scheduled;
+ * - changes what the twin is compared with: measurements, strokes (the intervals of an event
+ *   horizon), macro step. For a wider tolerance see retune/worker.h.
+ * TL_RIGHT_BOX is needed for a change that names a new library or file, or removes the confinement
+ * of FMUs. Requests over the network, and those with `--right`, cannot make such a change. */
 typedef enum tl_change_right {
     TL_RIGHT_READ,       /* no change */
-    TL_RIGHT_RETUNE,     /* values only; names no other host, device, file or component */
+    TL_RIGHT_RETUNE,     /* a change of values that names no other host, device, file or component */
     TL_RIGHT_COMMISSION, /* see above */
     TL_RIGHT_BOX,        /* see above */
     TL_RIGHTS
 } tl_change_right;
 
-/* Origin of a configuration. A request has one of the first three. */
+/* Origin of a configuration version. A request has one of the first three. */
 typedef enum tl_change_origin {
-    TL_ORIGIN_RELOAD,  /* `twinlock reload`; of a version: with the run's own file */
+    TL_ORIGIN_RELOAD,  /* `twinlock reload`; a version has it only if its text is that of the run's own file */
     TL_ORIGIN_NETWORK, /* twinlock-serve */
-    TL_ORIGIN_LIMITED, /* `twinlock reload --right`: the caller claims less than TL_RIGHT_BOX */
-    TL_ORIGIN_START,   /* the run's own file, which had changed when the run started */
-    TL_ORIGIN_HAND,    /* another file, by `twinlock reload` */
+    TL_ORIGIN_LIMITED, /* `twinlock reload --right`: the caller limits itself to a lower right than TL_RIGHT_BOX */
+    TL_ORIGIN_START,   /* the run's own file, if it had changed before the run started */
+    TL_ORIGIN_HAND,    /* a text by `twinlock reload` that is not in the run's own file */
     TL_ORIGINS
 } tl_change_origin;
 
@@ -47,8 +50,8 @@ extern const char *const tl_change_kinds[TL_CHANGE_KINDS]; /* "none", "in place"
 extern const char *const tl_change_rights[TL_RIGHTS];      /* "read", "retune", "commission", "on the box" */
 extern const char *const tl_change_origins[TL_ORIGINS];    /* "reload", "network", "limited", "start", "hand" */
 
-/* Parses a right that a user may claim, so not TL_RIGHT_BOX. Returns false, without changing
- * `right`, if `word` is no such right. */
+/* Parses the name of a right that a user may claim: every right except TL_RIGHT_BOX. For another
+ * `word` returns false and does not change *right. */
 bool tl_change_right_of(const char *word, tl_change_right *right);
 
 #endif

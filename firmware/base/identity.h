@@ -1,4 +1,4 @@
-/* Identities: SHA-256 of bytes and files.
+/* Identities: SHA-256 of bytes and files; IDs of open files, of the boot, and of the program.
  *
  * Thread:  any.
  */
@@ -11,8 +11,8 @@
 
 /* ---- SHA-256: ties a recording to the configuration that it was made with.
  *
- * Purpose: the libraries that the program with FMUs links do not offer SHA-256. GnuTLS does, but
- *          only network programs link it.
+ * Purpose: no library that `twinlock` links offers SHA-256. GnuTLS does, but only network programs
+ *          link it.
  * Source:  FIPS 180-4, section 6.2.
  * Thread:  pure function.
  */
@@ -22,38 +22,39 @@ enum { TL_SHA256_TEXT = 65 }; /* 64 hexadecimal digits and NUL */
 /* Computes the digest of `size` bytes, in lower-case hexadecimal. */
 void tl_sha256(const void *data, size_t size, char text[TL_SHA256_TEXT]);
 
-/* ---- What must be unchanged to resume a run: the FMUs, the boot of the system, and the program
- * that reads a checkpoint.
+/* ---- What must be unchanged to resume a run: the FMUs, the boot of the system, and the program,
+ * which must be able to read the checkpoint.
  *
  * Thread:  any.
  */
 
 enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
 
-/* Computes SHA-256 over the digests of files, in their order; at most TL_IDENTITY_FILES. Sets "" if
- * a file cannot be read. */
+/* Computes SHA-256 over the digests of files, in their order. `count` is at most TL_IDENTITY_FILES.
+ * Sets "" if a file cannot be read or is empty. */
 void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
 
-/* Computes SHA-256 of a file that is open for reading. Returns false and sets "" if it cannot be
- * read. */
+/* Computes SHA-256 of a file that is open for reading; its offset does not change. Returns false
+ * and sets "" if it cannot be read, is empty, or memory is out. */
 bool tl_identity_open_file(int descriptor, char text[TL_SHA256_TEXT]);
 
 /* As tl_identity_files(), for files that are open for reading. Their offsets do not change. */
 void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_SHA256_TEXT]);
 
-/* Returns a number for a set of open files. It changes if one of them is replaced or written. Never
- * 0. */
+/* Returns a number for a list of open files, never 0. It changes if a file is replaced or written:
+ * it depends on inode, size and time of modification, and not on the content. */
 uint64_t tl_identity_number_of_open_files(const int *descriptors, size_t count);
 
-/* Returns whether a text from another process has the form of these digests: "" or digits. */
+/* Returns whether a text from another process has the form of a digest: "" or 64 hexadecimal
+ * digits. The text may have no NUL. */
 bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]);
 
-/* Sets an ID that changes at each boot; "" if the kernel has none. Times of CLOCK_MONOTONIC are
- * only valid within one boot. */
+/* Sets the kernel's ID of this boot; "" if there is none. Purpose: times of CLOCK_MONOTONIC are
+ * valid within one boot only. */
 void tl_identity_boot(char text[TL_IDENTITY_TEXT]);
 
-/* Sets program version, machine and pointer size. A checkpoint can only be read if they are the
- * same. */
+/* Sets a text of program version, machine and pointer size. A checkpoint can be read only if this
+ * text is the same as when it was written. */
 void tl_identity_format(char text[TL_IDENTITY_TEXT]);
 
 #endif

@@ -18,19 +18,21 @@
  * Purpose: cJSON accepts 01, 1e999, invalid UTF-8, a byte order mark and text after the end, and
  *          has no line numbers. This check rejects all of these, reports the position, and records
  *          the line of each value.
- * Stricter: additional rules to those of the RFC. No \u0000, because texts are C strings. No number
- *           that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a number,
- *           because cJSON would truncate it, and TL_JSON_MAX_DEPTH levels. Duplicate keys are
- *           detected by json_document.h, after decoding.
- * Bound:   time O(size), no recursion. The lines need 4 bytes for each of the characters [ , : and
- *          4 more.
- * Memory:  the arena.
+ * Stricter: rules in addition to those of the RFC. No \u0000, because texts are C strings. No
+ *           number that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a
+ *           number, because cJSON would truncate a longer one. At most TL_JSON_MAX_DEPTH levels of
+ *           brackets. This check does not find duplicate keys; json_document.h does, after
+ *           decoding.
+ * Bound:   time O(size), no recursion. `lines` needs 4 bytes for each of the characters [ , : and 4
+ *          bytes more.
+ * Memory:  all in the caller's arena.
  * Thread:  no shared state.
  */
 
 enum { TL_JSON_MAX_DEPTH = 32, TL_JSON_NUMBER_CHARS = 63 };
 
-/* Line (from 1) of each value, in the order in which the values begin. Keys are no values. */
+/* Line number (from 1) of each value, in the order in which the values begin. A key is not a value.
+ */
 typedef struct tl_json_lines {
     uint32_t *line;
     size_t count;
@@ -41,12 +43,13 @@ typedef struct tl_json_lines {
  *         characters, from 1); TL_TRY_AGAIN if memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
 
-/* Returns whether all of `text` can be displayed unchanged: valid UTF-8 without control characters,
- * direction marks and invisible characters (text.h). */
+/* Returns whether all of `text` can be displayed unchanged: valid UTF-8 without control characters
+ * (also tabs), direction marks and invisible characters (text.h). */
 bool tl_text_is_plain(const char *text);
 
-/* Copies `text` for display. Characters that cannot be displayed become \x1B or \u{202E} (text.h).
- * A text that does not fit is truncated between two characters and ends in "…". `size` ≥ 8. */
+/* Copies `text` for display. Characters that cannot be displayed become escapes: \t, or for example
+ * \x1B or \u{202E} (text.h). A text that does not fit is truncated between two characters and ends
+ * in "…". `size`: bytes of `copy`, at least 8. */
 void tl_text_for_people(const char *text, char *copy, size_t size);
 
 /* ---- Reader of a small JSON object that this program has written earlier; treats it as untrusted.
@@ -54,9 +57,9 @@ void tl_text_for_people(const char *text, char *copy, size_t size);
  * Purpose: reads a few members by their keys. To report the position of an error in a file, use
  *          firmware/config/json_document.h.
  * Use:     check `right` after all members are read.
- * Errors:  if a member is missing or has another type, `right` becomes false and the member reads
- *          as a harmless value.
- * Owner:   the caller, which frees it; texts live until then.
+ * Errors:  if a member is missing or has another type, `right` becomes false and its value is 0,
+ *          false or "".
+ * Owner:   the caller frees the reader; the texts are valid until then.
  * Thread:  one thread.
  */
 
@@ -64,7 +67,7 @@ struct cJSON;
 
 typedef struct tl_json_reader {
     struct cJSON *root; /* NULL: the text is no JSON object */
-    bool right;
+    bool right;         /* no error so far */
 } tl_json_reader;
 
 /* Parses `text` (no NUL needed) after tl_json_text_check(). If it is rejected or memory is out,
@@ -74,9 +77,10 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size);
 /* Parses a file of at most 16 KiB. If it cannot be read, `right` is false. */
 tl_json_reader tl_json_file_read(const char *path);
 
-/* Read the first member with this key. A count is a number from 0 to below 9e15, rounded down. */
+/* Each of these reads the first member with this key. A count is a number ≥ 0 and < 9e15, rounded
+ * down. tl_json_has() returns whether the key exists; it ignores the case of letters. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
-bool tl_json_has(const tl_json_reader *reader, const char *key); /* an older version may not have written it */
+bool tl_json_has(const tl_json_reader *reader, const char *key); /* for members that older versions do not write */
 double tl_json_number(tl_json_reader *reader, const char *key);
 bool tl_json_truth(tl_json_reader *reader, const char *key);
 const char *tl_json_text(tl_json_reader *reader, const char *key);
@@ -85,12 +89,12 @@ void tl_json_reader_free(tl_json_reader *reader);
 
 /* ---- Writer: builds one JSON object in memory and writes it completely or not at all.
  *
- * Purpose: all JSON is written by this writer. Values are added to the innermost open object or
- *          array, in the order of the calls. `key` is NULL in an array.
- * Numbers: 15 digits, or 17 if 15 are less exact than one part in 2^52. A number that is not finite
- *          becomes null, because JSON has neither NaN nor infinity.
- * Errors:  a lack of memory is reported once, when the object is written.
- * Owner:   the caller, which frees it.
+ * Purpose: this writer writes all JSON of the program. Each call adds a value at the end of the
+ *          innermost open object or array. `key` is NULL in an array.
+ * Numbers: 15 digits; 17 if the relative error of 15 digits exceeds 2^-52. A number that is not
+ *          finite becomes null, because JSON has neither NaN nor infinity.
+ * Errors:  if memory is out, only the functions that write the object report it.
+ * Owner:   the caller frees the writer; keys and texts are copied.
  * Thread:  one thread.
  */
 
@@ -100,18 +104,18 @@ struct cJSON;
 
 typedef struct tl_json_writer {
     struct cJSON *open[TL_JSON_WRITER_DEPTH]; /* open objects and arrays, outermost first; NULL: memory was out */
-    size_t depth;
-    bool failed;
+    size_t depth;                             /* number of open objects and arrays */
+    bool failed;                              /* memory was out */
 } tl_json_writer;
 
-/* Starts with the outermost object open. */
+/* Initialises the writer and opens the outermost object. */
 void tl_json_writer_begin(tl_json_writer *writer);
 
 void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth);
 void tl_json_add_number(tl_json_writer *writer, const char *key, double number);
 void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count);
 
-/* UTF-8; NULL becomes null. */
+/* `text` must be UTF-8; NULL becomes null. */
 void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text);
 
 /* Opens an object or array inside the innermost one; at most TL_JSON_WRITER_DEPTH levels, including
@@ -123,14 +127,14 @@ void tl_json_open_array(tl_json_writer *writer, const char *key);
 void tl_json_close(tl_json_writer *writer);
 
 /* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; then nothing
- * is printed. */
+ * is printed. The caller checks `file` for write errors. */
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error);
 
 /* Writes the object to a file, completely or not at all (tl_new_file). Errors: TL_TRY_AGAIN. */
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error);
 
-/* Writes the object as one line without newline, with a NUL. Returns its length, or 0 if it does
- * not fit into `room` bytes or memory was out. */
+/* Writes the object as one line without a newline, and a NUL. Returns its length; 0 if memory was
+ * out or it does not fit into `room` bytes. cJSON needs a few bytes more than the line has. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);
 
 void tl_json_writer_free(tl_json_writer *writer);

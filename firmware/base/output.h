@@ -15,17 +15,18 @@
 /* ---- Result of a verb on standard output, protected from the FMUs.
  *
  * Purpose: some vendors' FMUs print to standard output, which would corrupt a JSON object or a CSV
- *          file. While FMUs may be loaded, their output goes to standard error, and ours to the
- *          real standard output.
- * Thread:  call once, before FMUs are loaded.
+ *          file. After tl_output_claim(), what FMUs print goes to standard error. The program's
+ *          results go to the real standard output.
+ * Thread:  call tl_output_claim() once, before FMUs are loaded.
  */
 
-/* Returns the real standard output and redirects file descriptor 1 to standard error. Returns
- * stdout if that fails. */
+/* Returns the real standard output as a new stream, and redirects file descriptor 1 to standard
+ * error. If that fails, returns stdout and redirects nothing. */
 FILE *tl_output_claim(void);
 
-/* Call it after all is printed. Returns `status`. If that is TL_OK or TL_NOT_LOCKED and not
- * everything could be written, logs an error and returns TL_TRY_AGAIN. */
+/* Call it after the last output; it flushes `output` and leaves it open. Returns `status`. But if
+ * `status` is TL_OK or TL_NOT_LOCKED and a write has failed, it logs an error and returns
+ * TL_TRY_AGAIN. */
 tl_status tl_output_finish(FILE *output, tl_status status);
 
 /* ---- Progress of long work: one line on a terminal, redrawn a few times a second; nothing if
@@ -35,13 +36,16 @@ tl_status tl_output_finish(FILE *output, tl_status status);
  */
 
 typedef struct tl_progress {
-    const char *what;
-    int64_t total; /* 0: unknown */
-    bool shown;    /* stderr is a terminal */
-    int64_t drawn; /* time of the last drawing, ns of CLOCK_MONOTONIC */
+    const char *what; /* name of the work; must stay valid until the end */
+    int64_t total;    /* units of work, for a percentage; 0: unknown */
+    bool shown;       /* stderr is a terminal */
+    int64_t drawn;    /* time of the last drawing, ns of CLOCK_MONOTONIC */
 } tl_progress;
 
+/* Initialises the progress; draws nothing yet. */
 void tl_progress_begin(tl_progress *progress, const char *what, int64_t total);
+
+/* Redraws the line at most every 0.2 s. `done`: units of work so far. */
 void tl_progress_update(tl_progress *progress, int64_t done);
 
 /* Removes the line. */

@@ -2,9 +2,9 @@
  *               prints its help.
  *
  * Purpose: each program has one table of its verbs and options. The shell completion
- *          (board/debian/twinlock.bash) and the manual pages (tests/package) parse the help text,
- *          so its format must not change alone.
- * Owner:   texts point into the command line and live as long as it does.
+ *          (board/debian/twinlock.bash) and the manual pages (tests/package) parse the help text.
+ *          If you change its format, change them too.
+ * Owner:   values that are texts point into the command line and are valid as long as it is.
  * Thread:  one thread, at the start of the process.
  */
 #ifndef TL_FIRMWARE_BASE_PROGRAM_OPTIONS_H
@@ -15,30 +15,32 @@
 
 #include "master/base/status.h"
 
+/* Most options of one verb; most values of an option that may be given several times. */
 enum { TL_OPTIONS_MOST = 64, TL_OPTION_LIST = 8 };
 
+/* A verb: the first word of the command line. */
 typedef struct tl_verb_row {
     const char *name;
     const char *usage;       /* for example "CONFIG [options]" */
-    const char *noun;        /* "configuration": the single argument; NULL: the caller checks the arguments */
-    const char *purpose;     /* half a line; NULL: the verb is in no list */
-    const char *description; /* is wrapped when printed */
-    const char *examples;    /* command lines; no newline after the last */
+    const char *noun;        /* what the only argument is: "configuration"; NULL: the caller checks the arguments */
+    const char *purpose;     /* for the list of verbs, half a line; NULL: not in the list */
+    const char *description; /* one paragraph, wrapped when printed */
+    const char *examples;    /* command lines; no newline after the last one */
 } tl_verb_row;
 
 typedef struct tl_option {
-    unsigned verbs; /* bit set of the verbs that have it: 1 << row */
+    unsigned verbs; /* verbs that have this option: bit 1 << index of the verb's row */
     const char *name;
     const char *value;                            /* name of its value in the help; NULL: no value */
-    bool (*read)(const char *text, void *target); /* false: the value is invalid; NULL: prints the help */
-    size_t offset;                                /* of the target in the settings of the verb */
+    bool (*read)(const char *text, void *target); /* stores a value; false: it is invalid; NULL: prints the help */
+    size_t offset;                                /* offset of `target` in the settings of the verb */
     const char *help;                             /* is wrapped when printed */
-    const char *expected;                         /* description of valid values; NULL: values are not checked */
-    const char *needs;                            /* name of another option that must be given too, or NULL */
-    bool rare;                                    /* listed below the common options */
-    bool alone;                                   /* at most one of the options with `alone` may be given */
-    bool changes;                                 /* defines a change, or gives the reason for it */
-    bool only;                                    /* makes no change, or a limited one: not allowed with `changes` */
+    const char *expected; /* description of valid values, for the error; NULL: `read` accepts all */
+    const char *needs;    /* name of an option of the same verb that must be given too, or NULL */
+    bool rare;            /* listed below the common options */
+    bool alone;           /* at most one of the options with `alone` may be given */
+    bool changes;         /* has an effect only with a change: not allowed with `only` */
+    bool only;            /* sends no change: not allowed with an option with `changes` */
 } tl_option;
 
 typedef struct tl_option_table {
@@ -46,11 +48,11 @@ typedef struct tl_option_table {
     size_t verb_count;
     const tl_option *options; /* in the order of the help, rare ones last */
     size_t option_count;
-    size_t widest; /* wider options are printed on a line of their own in the help */
+    size_t widest; /* columns; in the help, the text of a wider option begins on the next line */
 } tl_option_table;
 
 typedef enum tl_options_outcome {
-    TL_OPTIONS_READ,   /* the verb can run */
+    TL_OPTIONS_READ,   /* the options are valid: the verb can run */
     TL_OPTIONS_HELPED, /* help was requested and printed to standard output */
     TL_OPTIONS_WRONG   /* wrong usage; standard error has the message */
 } tl_options_outcome;
@@ -61,20 +63,20 @@ typedef struct tl_option_list {
     size_t count;
 } tl_option_list;
 
-/* Store a value: true in a bool, the text in a const char *, or one more text in a tl_option_list.
- */
+/* Values of tl_option.read. They store true in a bool, the text in a const char *, or append the
+ * text to a tl_option_list. tl_option_listed() returns false if the list is full. */
 bool tl_option_switch(const char *text, void *target);
 bool tl_option_text(const char *text, void *target);
 bool tl_option_listed(const char *text, void *target);
 
-/* Parses the words after argv[0] into `settings`, which contain the defaults. Options may be
- * abbreviated while they are unambiguous, and may be mixed with other words. Sets *words to the
- * other words, in their order; reorders `argv`. */
+/* Parses the words after argv[0] into `settings`, in which the caller has set the defaults. `verb`:
+ * index of its row. An option may be shortened if it stays unambiguous. Options and other words may
+ * be mixed. Reorders `argv`; sets *words to the `count` other words in it, in their order. */
 tl_options_outcome tl_program_options_read(const tl_option_table *table, size_t verb, int argc, char **argv,
                                            void *settings, char ***words, size_t *count);
 
-/* Prints to standard error that the command line is wrong. `format`: a sentence without a full
- * stop. */
+/* Prints to standard error that the command line is wrong, and the usage of the verb. `format`: a
+ * sentence without a full stop. Returns TL_OPTIONS_WRONG. */
 tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format, ...) TL_PRINTF(2, 3);
 
 /* Prints the text of `twinlock VERB --help` to standard output. */

@@ -8,9 +8,9 @@
  * Bounds:  one call reads at most TL_RELAY_DRAIN bytes, so that a process that never stops printing
  *          cannot block it. There is no limit per second: unread output stays in the pipe, and the
  *          printing process waits.
- * Owner:   the caller owns the struct; the relay owns the descriptor.
+ * Owner:   the caller owns the struct; the relay owns the descriptor and closes it.
  * Thread:  any thread may call tl_relay_drain(); a mutex serialises the calls. `pass` runs in the
- *          calling thread.
+ *          calling thread, with the mutex locked. Open and close it while no other thread uses it.
  */
 #ifndef TL_FIRMWARE_BASE_RELAY_H
 #define TL_FIRMWARE_BASE_RELAY_H
@@ -20,12 +20,13 @@
 #include <stddef.h>
 
 enum {
-    TL_RELAY_LINE = 4096,
-    TL_RELAY_DRAIN = 256 * 1024,
+    TL_RELAY_LINE = 4096,                  /* bytes of the longest line before it is divided */
+    TL_RELAY_DRAIN = 256 * 1024,           /* most bytes of one tl_relay_drain() */
     TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* bytes of a clean line, including its NUL */
 };
 
-/* Receives one clean line without its newline. It must not call tl_relay_*(). */
+/* Receives one line without its newline, with control characters escaped. `line` is valid during
+ * the call only. The function must not call tl_relay_*(). */
 typedef void tl_relay_line(void *context, const char *line);
 
 /* Fields are private. */

@@ -22,13 +22,13 @@
  * Thread:  pure; safe in a signal handler.
  */
 
-/* Cleans as much of `size` bytes as fits into `room` > 0 bytes with a NUL; characters and escapes
- * are not split. No other process may change `bytes` meanwhile: copy shared memory first. Returns
- * the length. */
+/* Cleans as many of `size` bytes as fit into `room` > 0 bytes with a NUL; splits no character and
+ * no escape. If `bytes` are in shared memory, copy them first, because no other process may change
+ * them during the call. Returns the length of `clean`. */
 size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room);
 
-/* Cleans a field in place, which may have no NUL. It is truncated to `room` bytes, at most
- * TL_CLEAN_FIELD. */
+/* Cleans a field in place; before the call it may have no NUL. `room`: bytes of the field, at most
+ * TL_CLEAN_FIELD. The result is truncated if it does not fit. */
 enum { TL_CLEAN_FIELD = 4096 };
 void tl_clean_field(char *field, size_t room);
 
@@ -42,7 +42,7 @@ void tl_clean_field(char *field, size_t room);
  * `indent`. */
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent);
 
-/* The same on a line that has `column` columns already. */
+/* The same if `column` columns of the first line are already printed. */
 void tl_wrapped_continue(FILE *file, const char *text, int column, int indent);
 
 /* ---- UTC for users and databases: "2026-11-21T10:02:03.456Z".
@@ -60,8 +60,9 @@ int64_t tl_utc_now(void);
 /* Formats a time. Times outside of the years 0 … 9999 are limited to this range. */
 void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]);
 
-/* Parses "2026-11-21", "2026-11-21T10:02", "… 10:02:03" or "….456"; 'T' or one blank between, an
- * optional 'Z' at the end. Returns false for any other text. */
+/* Parses "2026-11-21", "2026-11-21T10:02", "2026-11-21T10:02:03" or "2026-11-21T10:02:03.456" (1 to
+ * 9 digits, of which 3 are used). 'T' may be a blank; a 'Z' may follow. The time is UTC in each
+ * case. Returns false for any other text. */
 bool tl_utc_parse(const char *text, int64_t *milliseconds);
 
 /* ---- Display on a terminal: supported characters, columns, numbers, durations, small curves.
@@ -71,25 +72,26 @@ bool tl_utc_parse(const char *text, int64_t *milliseconds);
  * Thread:  pure; a table belongs to one thread.
  */
 
+/* What the output can display. All false: no terminal; then UTF-8 is printed without colours. */
 typedef struct tl_show_style {
     bool unicode; /* a terminal that displays UTF-8 */
-    bool colour;  /* a terminal that displays colours, which are not disabled */
+    bool colour;  /* a terminal that displays colours, and the user has not disabled them */
     bool ascii;   /* a terminal without UTF-8: print ASCII only */
 } tl_show_style;
 
 /* Detects the style from isatty(), LC_ALL, LC_CTYPE, LANG, TERM and NO_COLOR. */
 tl_show_style tl_show_style_of(FILE *file);
 
-/* Returns the bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that
- * starts none. Sets *is_control for such a byte, and for a character that controls a terminal,
- * changes the text direction or is invisible (master/base/text.h). */
+/* Returns the number of bytes of the UTF-8 character at `text`, which must not be the NUL; 1 for an
+ * invalid byte. Sets *is_control to true for an invalid byte, and for a character that controls a
+ * terminal, changes the text direction or is invisible (master/base/text.h). */
 size_t tl_show_character(const char *text, bool *is_control);
 
-/* Copies a text for printing: control characters become "?", and with `ascii` all other than ASCII
- * too. Truncates it to `size`. */
+/* Copies a text for printing. Control characters become "?"; with style.ascii, all characters that
+ * are not ASCII too. Truncates the copy to `size` bytes. */
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size);
 
-/* "0.0031", "1.2e-07", "0"; "-" if not finite. `sign`: all but 0 have a sign. */
+/* "0.0031", "1.2e-07", "0"; "-" if not finite. `sign`: write + before positive numbers. */
 void tl_show_number(double value, bool sign, char *text, size_t size);
 
 /* Writes the shortest text that parses to the same number. */
@@ -101,9 +103,11 @@ void tl_show_duration(double seconds, char *text, size_t size);
 /* "12.4 MB" */
 void tl_show_bytes(double bytes, char *text, size_t size);
 
-/* Draws one character per value, between the smallest and the largest value. NaN: blank. */
+/* Draws one character per value; its height is scaled between the smallest and the largest value. A
+ * value that is not finite is blank. A character needs 3 bytes with style.unicode, else 1. */
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size);
 
+/* Most columns of a table; bytes of a curve of 64 values. */
 enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 
 /* Table of cells, printed with columns as wide as necessary. */
@@ -112,21 +116,23 @@ typedef struct tl_show_table {
     const char *alignment; /* one letter per column */
     size_t columns;        /* at most TL_SHOW_COLUMNS */
     char **cells;
-    size_t count;
-    bool failed; /* memory is out */
+    size_t count; /* of cells, in all rows */
+    bool failed;  /* memory is out */
 } tl_show_table;
 
-/* `alignment`: one letter per column, "l" or "r"; it must stay valid. */
+/* Initialises a table. `alignment`: one letter per column, 'l' (left) or 'r' (right); it must stay
+ * valid until the end. */
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment);
 
-/* Adds the next cell, row by row; cleans the text. */
+/* Adds the next cell, row by row. Cleans the text (tl_show_clean()) and truncates it to 511
+ * bytes. */
 void tl_show_table_add(tl_show_table *table, const char *format, ...) TL_PRINTF(2, 3);
 
 /* Prints the table with two blanks before each row and between columns, and frees it. The first row
- * is the header. */
+ * is the header. Errors: TL_TRY_AGAIN if memory was out; then nothing is printed. */
 tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error);
 
-/* Returns the unit to display: "" for "1". */
+/* Returns the unit to display: "" for "1" (no unit), else `unit`. */
 const char *tl_show_unit(const char *unit);
 
 #endif

@@ -15,8 +15,8 @@
 
 /* ---- Seeded noise: the same numbers on every machine.
  *
- * Purpose: measurement noise and message times of an emulated plant. C's rand() is not used because
- *          it differs between libraries.
+ * Purpose: measurement noise and message times of an emulated plant. C's rand() is not used,
+ *          because its numbers depend on the C library.
  * Method:  SplitMix64 for uniform bits, Marsaglia's polar method for the normal distribution.
  * Thread:  one thread per generator.
  */
@@ -34,38 +34,41 @@ double tl_noise_normal(tl_noise *noise);
 
 /* ---- Emulated plant: rows of values over time, read from a recording or simulated by FMUs.
  *
- * Purpose: the rows that `twinlock plant` serves. With FMUs, the configuration's co-simulation runs
- *          free. Its `emulate` columns are read at random message times, with seeded noise added.
- * Time:    rows start at time 0. A row holds the plant's values at its time: those of the newest
- *          step at or before it.
+ * Purpose: supplies the rows that `twinlock plant` serves. With FMUs, the configuration's
+ *          co-simulation runs without corrections. Rows come at random message times; each has the
+ *          columns of `emulate`, with seeded noise added.
+ * Time:    the first row has time 0. With FMUs, a row has the values of the newest step at or
+ *          before its time.
  * Thread:  one thread.
  */
 
 typedef struct tl_emulation tl_emulation;
 
 typedef struct tl_emulation_row {
-    tl_time time;
-    double values[TL_MAX_SIGNALS];
-    bool present[TL_MAX_SIGNALS];
+    tl_time time;                  /* ns since the first row */
+    double values[TL_MAX_SIGNALS]; /* by column, in the column's unit */
+    bool present[TL_MAX_SIGNALS];  /* false: the recording's cell is empty or no number */
 } tl_emulation_row;
 
-/* Opens the rows of a CSV recording, with one column per signal of `config`. Errors: those of
- * tl_csv_open(), or TL_TRY_AGAIN if memory is out. */
+/* Opens the rows of a CSV recording, with one column per signal of `config`, which must outlive the
+ * emulation. Errors: those of tl_csv_open(). */
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
-/* Opens the rows that a built twin simulates as the plant. `model` has the configuration (with
- * `emulate`), the account and the process of the twin. `driving`: path of the recording that
- * supplies the inputs. `seed`: of the noise. */
+/* Opens the rows that a built twin simulates in place of the plant. `model`: set its config (with
+ * `emulate`), account and child; these must outlive the emulation. `driving`: path of the recording
+ * that supplies the inputs. `seed`: of noise and message times. Errors: those of
+ * tl_recording_open() and tl_twin_feed_open(). */
 tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);
 
-/* Number and names of the columns of a row. The names are valid as long as the configuration is. */
+/* Return the number and the names of the columns of a row. The names are valid as long as the
+ * configuration is. */
 size_t tl_emulation_column_count(const tl_emulation *emulation);
 const char *tl_emulation_column(const tl_emulation *emulation, size_t column);
 
-/* Reads or simulates the next row. *end is true if there is none. Errors: those of the recording or
- * of the FMUs. */
+/* Reads or simulates the next row. Sets *end to true if there is no further row. Errors: those of
+ * the recording or of the FMUs. */
 tl_status tl_emulation_next(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error);
 
 /* Closes the emulation and its recording. NULL is allowed. */

@@ -15,7 +15,7 @@
 /* ---- Types of the command line: verbs and the values of their options.
  *
  * Purpose: the table of options fills this struct; the verbs read it and do not need the table.
- * Owner:   the texts belong to the command line and are valid as long as it is.
+ * Owner:   the texts point into the command line and are valid as long as it is.
  * Thread:  plain data.
  */
 
@@ -33,38 +33,39 @@ typedef enum tl_verb {
 typedef struct tl_options_since {
     const char *text; /* as given; NULL: not given */
     bool is_date;
-    int64_t at;    /* if it is a date: ms since 1970, UTC */
-    double back_s; /* else: s before the end of the run, ≥ 0 */
+    int64_t at;    /* if is_date: ms since 1970, UTC */
+    double back_s; /* if not: s before the end of the run, ≥ 0 */
 } tl_options_since;
 
 enum { TL_OPTIONS_NO_TABLE = -1 };
 
-/* Options that were not given are NULL, 0 or false, or have the default stated here. */
+/* Parsed options; each member has the name of its option unless the comment names another. Options
+ * that were not given are NULL, 0 or false, or have the default stated here. */
 typedef struct tl_options {
     const char *subject; /* the only argument that is no option: a configuration; for `show` a database */
     bool variables;
-    double call_limit_s;       /* s; default 60 */
-    uint64_t memory_limit_mib; /* 0: the usual limit */
+    double call_limit_s;       /* longest call of an FMU, s; default 60 */
+    uint64_t memory_limit_mib; /* of the FMU process, MiB; 0: half of the machine's memory, at most 4096 MiB */
     bool unconfined;
     const char *recording;
-    uint64_t run; /* 0: the last run */
+    uint64_t run; /* number of a run in a database; 0: the last run */
     bool verbose;
     bool json;
-    const char *database;
+    const char *database;   /* --db FILE */
     const char *trajectory; /* --csv FILE */
     const char *report;
     bool realtime;
     bool plain;
     double duration_s;   /* s; 0: as configured */
-    double require_lock; /* percent; 0: any lock at all */
+    double require_lock; /* least share of the steps in lock, percent; 0: one step in lock is enough */
     bool status;
     bool supervise;
-    const char *state;
-    const char *control; /* path of a socket */
-    const char *allowed; /* path of a list of names; NULL: the usual path */
-    const char *watchdog;
-    double watchdog_s;    /* s, a whole number; default 30 */
-    const char *listener; /* --for */
+    const char *state;    /* path of a folder */
+    const char *control;  /* path of a socket */
+    const char *allowed;  /* path of a list of names; NULL: /etc/twinlock/allowed */
+    const char *watchdog; /* path of a device */
+    double watchdog_s;    /* --watchdog-timeout: whole s; default 30 */
+    const char *listener; /* --for: path of a configuration */
     const char *fifo;
     const char *record;
     bool real_bus;
@@ -80,18 +81,18 @@ typedef struct tl_options {
     bool rollback;
     uint64_t version; /* --version; 0: the version before the active one */
     bool versions;
-    bool show;
+    bool show; /* --state of reload */
     const char *why;
-    uint32_t right;     /* --right: a tl_change_right; TL_RIGHT_BOX: not given, so the rights of the box */
-    double shadow_s;    /* s, a whole number; 0: the usual time */
-    double probation_s; /* s, a whole number; 0: the usual time */
-    double keep_lock;   /* --require-lock of reload: percent; below 0: the usual value */
+    uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
+    double shadow_s;    /* whole s; 0: not given, so 60 s */
+    double probation_s; /* whole s; 0: not given, so 300 s */
+    double keep_lock;   /* --require-lock of reload: percent; 0: not given, so 95 % */
     int table;          /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
 } tl_options;
 
 /* ---- Table of verbs, options and exit codes, and the parsed options.
  *
- * Purpose: defines in one table all that the command line accepts. A verb receives parsed and
+ * Purpose: one table defines all options that the command line accepts. A verb receives parsed and
  *          checked values, not texts.
  * Thread:  one thread, at the start of the process.
  */
@@ -99,7 +100,8 @@ typedef struct tl_options {
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option_table tl_verb_table;
 
-/* Parses the arguments after the verb; argv[1] is the first. See tl_program_options_read(). */
+/* Sets the defaults and parses the arguments after the verb; the first of them is argv[1]. See
+ * tl_program_options_read(). */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
 
 /* The verbs. Each one runs with parsed and checked options and returns the exit code of the
@@ -111,10 +113,9 @@ int tl_verb_replay(const tl_options *options);
 int tl_verb_run(const tl_options *options);
 int tl_verb_show(const tl_options *options);
 
-/* Returns in `path` the path of the recording: the one given as an option, else the configured one.
- * Does not check that the file can be opened; the caller that opens it reports that. Errors:
- * TL_BAD_USAGE if there is neither; TL_BAD_DATA if a file exists whose name differs only in upper
- * and lower case. */
+/* Sets `path` to the path of the recording: that of --recording, else that of the configuration.
+ * Does not check if the file can be opened. Errors: TL_BAD_USAGE if both are missing. TL_BAD_DATA
+ * if the file does not exist, but another one whose name differs only in upper and lower case. */
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],
                                     tl_error *error);
 

@@ -1,16 +1,16 @@
 /* Emulated plant on a CAN bus: sends frames with the values of signals.
  *
- * Purpose: the sender from which `twinlock plant` supplies a live CAN source. It emulates the
- *          plant, so it sends; the driver (board/can/can.h) cannot send. Both use the same codec,
- *          which is tested against cantools.
- * Frames:  one for each id, and one for each state of the multiplexors that a signal requires. A
- *          signal that belongs to several frames is in all of them. A row sends a frame if it has a
- *          new value for one of its signals, and once all of its signals have had a value. Bits
+ * Purpose: `twinlock plant` sends the frames that a live CAN source reads. The driver
+ *          (board/can/can.h) cannot send. Both use the same codec, which is tested against
+ *          cantools.
+ * Frames:  one frame per id, and one per state of the multiplexors that a signal requires. A signal
+ *          can be in several frames. A row sends a frame if two conditions are true: the row has a
+ *          new value for a signal of the frame, and each signal of the frame has had a value. Bits
  *          that belong to no signal are 0.
  * Safety:  an interface with hardware may be the bus of a real plant. It is rejected unless the
  *          settings permit hardware.
- * Bound:   no call waits. A frame that the interface does not accept is dropped and counted. If the
- *          interface was removed, each frame tries to open it again.
+ * Bound:   no call waits. A frame that the interface does not accept is dropped and counted. After
+ *          the interface was removed, each frame first tries to open the socket again.
  * Thread:  one thread at a time.
  */
 #ifndef TL_FIRMWARE_CLI_PLANT_BUS_H
@@ -38,9 +38,9 @@ typedef struct tl_plant_bus_counts {
 /* A frame to be sent, without the socket, so that tests can check its content. */
 typedef struct tl_plant_bus_frame {
     uint32_t id;
-    bool extended;
-    bool fd;
-    uint8_t bytes;
+    bool extended; /* 29-bit id */
+    bool fd;       /* CAN FD */
+    uint8_t bytes; /* length of the payload */
     uint8_t data[TL_CAN_BYTES];
     bool members[TL_MAX_SIGNALS]; /* channels in this frame */
 } tl_plant_bus_frame;
@@ -56,7 +56,8 @@ size_t tl_plant_bus_plan(const tl_can_channel *channels, size_t count, tl_plant_
  * interface does not support it, or if a resource is missing. */
 tl_status tl_plant_bus_open(const tl_plant_bus_settings *settings, tl_plant_bus **bus, tl_error *error);
 
-/* Sends one row: one value per channel; only those marked in `present` are new. */
+/* Sends the frames of one row. `values`: one per channel. `present` marks the channels with a new
+ * value and must not be NULL. Frames that are not sent are only counted. */
 void tl_plant_bus_row(tl_plant_bus *bus, const double *values, const bool *present);
 
 /* Returns the counts of frames since open(). */

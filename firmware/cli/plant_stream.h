@@ -1,9 +1,8 @@
 /* Emulated plant stream: writes CSV rows into a file or a FIFO.
  *
- * Purpose: the file or FIFO from which a live CSV source reads what `twinlock plant` writes.
+ * Purpose: `twinlock plant` writes the rows that a live CSV source reads.
  * FIFO:    rows are dropped while there is no reader. Each new reader first gets the header. Limit:
- *          if another reader replaces the first one between two rows, that is not detected, and it
- *          gets no header.
+ *          a reader that replaces another one between two rows is not detected and gets no header.
  * File:    must not exist yet, so that no recording is overwritten.
  * Bound:   a row takes at most 50 ms. If it cannot be written by then, the whole row is dropped and
  *          counted.
@@ -21,7 +20,7 @@
 
 typedef struct tl_plant_stream_settings {
     const char *path;
-    bool make_fifo; /* if the path does not exist: create a FIFO, else a file */
+    bool make_fifo; /* if the path does not exist: true creates a FIFO, false a file */
     const char *time_column;
     const char *const *columns;
     size_t column_count; /* at most TL_MAX_SIGNALS */
@@ -39,12 +38,14 @@ typedef struct tl_plant_stream tl_plant_stream;
  * full. */
 tl_status tl_plant_stream_open(const tl_plant_stream_settings *settings, tl_plant_stream **stream, tl_error *error);
 
-/* Writes one row: a value per column. A cell is empty if `present` is false for it or its value is
- * not finite; `present` may be NULL: all are present. Returns false if the row was dropped. */
+/* Writes one row: `time` (ns; the cell is in s), and a value per column. A cell is empty if
+ * `present` is false for it or its value is not finite. `present` NULL: all values are present.
+ * Returns false if the row was dropped. */
 bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present);
 
-/* Reports a failed write. Errors: TL_TRY_AGAIN if a file could not be written, for example because
- * the disk is full. Dropped rows of a FIFO without a reader are not an error. */
+/* Returns an error if an earlier write has failed. Errors: TL_TRY_AGAIN if a file could not be
+ * written, for example because the disk is full. Dropped rows of a FIFO without a reader are not an
+ * error. */
 tl_status tl_plant_stream_check(const tl_plant_stream *stream, tl_error *error);
 
 /* Returns the counts of rows since open(). */

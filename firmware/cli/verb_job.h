@@ -1,7 +1,7 @@
-/* Verb that needs FMUs: its configuration, and the FMU process (twin_child.h).
+/* Command (verb) that needs FMUs: its configuration and its FMU process (twin_child.h).
  *
- * Purpose: the common part of check, replay and plant. These verbs own files, sockets and the
- *          terminal; the FMUs run in another process.
+ * Purpose: the common part of check, replay and plant. The process of the command owns files,
+ *          sockets and the terminal. The FMUs run in another process, the FMU process.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_CLI_VERB_JOB_H
@@ -18,23 +18,24 @@ typedef struct tl_verb_job {
     const tl_options *options;
     FILE *output;         /* result of tl_output_claim(); NULL: the verb prints no result */
     bool counts_problems; /* logs the number of problems in the configuration */
-    tl_config config;     /* of the subject */
+    tl_config config;     /* of the file options->subject */
     tl_twin_job order;    /* for the FMU process; tl_verb_job_read() fills in path, text and options */
     tl_twin_child *child;
-    tl_error error; /* why the verb fails; "": already logged */
+    tl_error error; /* why the verb fails; "": the reason was logged */
 } tl_verb_job;
 
-/* Installs the signal handlers and reads the configuration. Problems are logged. */
+/* Installs the signal handlers and reads the configuration. Problems are logged. The caller has set
+ * the options and the task of the order. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
-/* Rejects an output file of option `option` that this run also reads or writes: the configuration,
- * an FMU, the recording, the database or the file of --csv. NULL: there is no such file. Errors:
- * TL_BAD_USAGE. */
+/* Checks the output file `path` that the command-line option `option` names. It must not be a file
+ * that this run also reads or writes: the configuration, an FMU, `recording`, the database or the
+ * file of --csv. `path` or `recording` NULL: there is no such file. Errors: TL_BAD_USAGE. */
 tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, const char *path, const char *recording,
                                    tl_error *error);
 
-/* Starts the FMU process. `page`: stream for the page of a check, else NULL. Errors: TL_TRY_AGAIN,
- * with the reason in job->error. */
+/* Starts the FMU process. `page`: stream for the results of a check (check_page.h), else NULL.
+ * Errors: TL_TRY_AGAIN, with the reason in job->error. */
 tl_status tl_verb_job_start(tl_verb_job *job, FILE *page);
 
 /* Returns the settings of an FMU process for this configuration. `page`: as for

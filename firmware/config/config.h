@@ -30,7 +30,7 @@ enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 /* A file or folder that an array names. */
 typedef struct tl_config_name {
     const char *where; /* JSON path */
-    const char *name;  /* as written; path: tl_config_library_path(), of others tl_config_file_path() */
+    const char *name;  /* as written; path of a library: tl_config_library_path(), else tl_config_file_path() */
 } tl_config_name;
 
 typedef struct tl_config_component {
@@ -38,17 +38,17 @@ typedef struct tl_config_component {
     const char *name;
     const char *fmu;           /* as written; its path: tl_config_fmu_path() */
     const char *sha256;        /* expected SHA-256 of that file, 64 digits; NULL: not checked */
-    tl_config_name *libraries; /* shared libraries that the FMU expects in the program */
+    tl_config_name *libraries; /* shared libraries that are opened before the FMU (fmu_binary.h) */
     size_t library_count;
     tl_config_name *reads; /* files and folders that the FMU may read */
     size_t read_count;
     bool unconfined; /* the FMU has all rights of the user, and so do all FMUs in its process */
     bool logging;    /* debug logging of the FMU */
     tl_rollback rollback;
-    uint32_t replay_steps; /* rollback by replay is possible up to this step, counted from the start */
-    tl_plan_set *set;
+    uint32_t replay_steps; /* rollback by replay is possible up to this step, counted from the FMU's start */
+    tl_plan_set *set;      /* values that are set before the FMU is initialised */
     size_t set_count;
-    tl_keep keep;
+    tl_keep keep; /* what is saved of each executed step (plan.h) */
 } tl_config_component;
 
 struct tl_driver; /* a row of the table in drivers.h */
@@ -62,38 +62,41 @@ typedef struct tl_config_source {
     void *settings; /* the driver's settings as its row reads them; names of files and devices as written */
 } tl_config_source;
 
-/* Suffix of the name of a look-up that shows the readings of another one. A configuration cannot
- * define such a name. */
+/* Suffix of the name of a look-up. A look-up takes one value from the readings of a signal, for a
+ * given instant (tl_plant_lookup in plant_input.h). Each signal of the file is one look-up. A
+ * signal may have further ones: NAME@match if it is matched and also feeds an input; NAME@reading
+ * if it is matched with a condition or interpolation. NAME@reading shows the readings unchanged.
+ * The file cannot define such names. */
 #define TL_CONFIG_READING "@reading"
 
 typedef struct tl_config_signal {
     tl_plan_signal plan;
-    double minimum, maximum; /* ∓infinity: no limit; in use: also those that FMUs declare */
-    double below, above;     /* a value so far beyond them is moved to the limit; 0: none is */
+    double minimum, maximum; /* ∓infinity: no limit; FMUs may narrow them: tl_config_use_bounds() */
+    double below, above;     /* a value at most this far beyond a limit is moved to it; 0: no value is moved */
     uint64_t items;          /* bit k: minimum + k is permitted; 0: all values */
     bool is_declared;        /* a limit in use is declared by an FMU */
-    double stale_s;          /* 0: never stale */
+    double stale_s;          /* a reading older than this is stale; 0: never */
     const char *column;      /* column in a recording or CSV source; default: the signal's name */
     size_t source;           /* index of its live source; SIZE_MAX: none, the signal comes from recordings only */
-    void *channel;           /* of the source's driver; NULL without a source */
-    tl_time look_back;       /* ns; how far a sample looks back: see tl_plant_lookup (plant_input.h) */
-    bool next;               /* if there is no reading at that instant: take the next one */
-    tl_between between;      /* value between two readings, when it is looked up */
-    bool feeds;              /* the signal feeds an input of an FMU, or starts a stroke */
+    void *channel;           /* settings of this signal for the driver of its source; NULL without a source */
+    tl_time look_back;       /* ns; the value is taken this long before the instant of the sample */
+    bool next;               /* if there is no reading at that instant: prefer the next one to the one before */
+    tl_between between;      /* how a value between two readings is computed */
+    bool feeds;              /* the signal feeds an input of an FMU, or starts an event horizon (tl_plan_event) */
     bool is_matched;
     tl_between as_input, as_output; /* `between` as configured: for an input; for a matched output */
     tl_condition matched_condition; /* `condition` as configured */
-    tl_time every;                  /* usual longest time between two readings, ns; 0: not given */
-    tl_condition condition;         /* conditioning of its readings before the look-up, if this look-up is matched */
-    size_t of;                      /* own index; for a further look-up: index of its signal */
-    bool is_reading;                /* NAME@reading: shows the readings of another look-up as they come, */
-    size_t shows;                   /* namely of this one */
+    tl_time every;                  /* ns; longest usual time between two readings; 0: not given */
+    tl_condition condition;         /* in use: conditions readings before a matched look-up; all 0: none */
+    size_t of;                      /* index of its signal in the file; own index if it is no further look-up */
+    bool is_reading;                /* this is NAME@reading: it shows the unchanged readings of another look-up, */
+    size_t shows;                   /* which has this index */
 } tl_config_signal;
 
 /* `emulate`: values that `twinlock plant` serves when it simulates the true plant with FMUs. */
 typedef struct tl_config_emulated {
     const char *where;
-    const char *column; /* of the recording that it writes, as the `column` of a signal that reads it */
+    const char *column; /* its column in the written recording; a signal that reads it has this `column` */
     const char *from;   /* "component.variable" or "plant.signal" */
     double noise;       /* standard deviation, in the variable's unit; 0: none */
 } tl_config_emulated;
@@ -103,7 +106,8 @@ enum {
     TL_CONFIG_LONGEST_SHIFT = 1000 /* macro steps */
 };
 
-/* A chain of `delays`, and the probability density of its delay. */
+/* A chain of `delays`: the participants that pass a signal on, in their order, and the probability
+ * density of the delay of the chain. */
 typedef struct tl_config_chain {
     size_t length;
     size_t parts[TL_DELAY_CHAIN]; /* indices of participants */
@@ -127,7 +131,7 @@ typedef struct tl_config_delays {
     bool next;     /* if there is no reading at the instant of ŷ: take the next one, else the newest before */
     tl_config_pair input, output;
     tl_time shift; /* ns; the ŷ of y_j is looked up this long after t_j: Δi − Δo; Δi is 0 without `input` */
-    tl_time wait;  /* ns; longest wait for the next reading: the cycle in which ŷ is renewed; 0: no wait */
+    tl_time wait;  /* ns; longest wait for the next reading: the cycle in which the plant renews ŷ; 0: no wait */
 } tl_config_delays;
 
 typedef struct tl_config {
@@ -159,29 +163,29 @@ typedef struct tl_config {
     size_t adjust_count;
     tl_plan_match *match;
     size_t match_count;
-    tl_between *matched_between; /* by match: last or line, */
-    tl_condition *conditions;    /* and the conditioning of the readings before */
-    const char **matched_as;     /* by match: `to`, or the second look-up of that signal, "plant.NAME@match", */
+    tl_between *matched_between; /* by index of the match: last or line, */
+    tl_condition *conditions;    /* and the conditioning of readings before the look-up */
+    const char **matched_as;     /* by match: `to`, or the further look-up of that signal, "plant.NAME@match", */
     const char **reading_as;     /* and "plant.NAME@reading"; NULL: none */
-    uint32_t prediction;
+    uint32_t prediction;         /* T_P, macro steps */
     tl_shape shape;
     tl_pairing measurements;
     tl_plan_event event;
     const char *algorithm; /* solver (master/solve/optimiser.h); NULL: secant for Real, boolean for Boolean variables */
     const char *fallback;  /* name of a solver; NULL: none */
-    uint32_t stagnation;   /* 0: never */
+    uint32_t stagnation;   /* evaluations without progress that stop a solver; 0: never */
     bool has_epsilon;      /* `epsilon` is given: every tolerance is its square root, and no match has its own */
-    double noise_floor;
-    uint32_t verify_every;
-    bool free_twin;
-    double margin;
+    double noise_floor;    /* as in tl_plan (plan.h) */
+    uint32_t verify_every; /* as in tl_plan */
+    bool free_twin;        /* the free-run check is on */
+    double margin;         /* as in tl_plan */
     tl_plan_saving saving;
-    uint32_t saving_memory; /* MB for the FMUs' saved states */
+    uint32_t saving_memory; /* MiB for the saved states of all FMUs */
     uint32_t budget_evaluations;
     tl_time budget_time; /* ns; 0: no limit but the step itself */
 
     const tl_config_delays *delays;              /* NULL: none */
-    tl_delay_lookup input_lookup, output_lookup; /* of signals that feed an input; of matched signals */
+    tl_delay_lookup input_lookup, output_lookup; /* look-back of signals that feed an input; of matched signals */
 
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */
@@ -215,33 +219,35 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
  * `path`, which need not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
 
-/* Adds the limits that the inputs of FMUs declare, if narrower, to the signals that feed them. A
- * value at most a hundredth of the range beyond such a limit is noise; without a second
- * limit, a hundredth of the limit or of the nominal value. Signals of which no value would remain
- * stay as they are. `account`: of the built twin. */
+/* Narrows the limits of each signal that feeds FMU inputs to the limits that these inputs declare.
+ * A value beyond such a limit by at most 1 % of the range counts as noise and is moved to the
+ * limit. Without a second limit, it is 1 % of the limit or of the nominal value, whichever is
+ * larger. A signal keeps its limits if no value would remain. `account`: of the built twin. */
 void tl_config_use_bounds(tl_config *config, const tl_account *account);
 
-/* Describes for people why a value of a signal is not good: "18.55 m is outside 0 … 5". `age`: of
- * its reading, ns. */
+/* Writes for the user why a value of a signal is not good: "18.55 m is outside 0 … 5". `age`: age
+ * of its reading, ns. */
 enum { TL_CONFIG_DESCRIPTION = 256 };
 void tl_config_describe_quality(const tl_config *config, size_t signal, double value, tl_quality quality, tl_time age,
                                 char text[TL_CONFIG_DESCRIPTION]);
 
-/* What to do about it, for example "check scale, address, word order". */
+/* Returns what the user can do about this quality, for example "check scale, address, word
+ * order". */
 const char *tl_config_quality_remedy(tl_quality quality);
 
-/* Makes the further look-ups signals as well. For callers that take samples as `delays` require. */
+/* Includes the further look-ups in signal_count. Call it before samples are taken with delays,
+ * interpolation or conditions. */
 void tl_config_use_lookups(tl_config *config);
 
-/* Returns the steps after which a prediction no longer depends on the measurements at its start:
- * two messages and the memory of the filters, at least 2. Returns 0 if the free-run check is off.
- */
+/* Returns the number of steps after which a prediction no longer depends on the measurements at its
+ * start: the time of two messages plus the memory of the filters, at least 2 steps. Returns 0 if
+ * the free-run check is off. */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
 
-/* Outputs of FMUs by the bits of tl_record.bad_outputs: those of `match`, then the sources of
- * `connect`. The first function returns NULL beyond the last one; the last bit may stand for
- * several. The second one returns true if the output is in the set, and no earlier one has its
- * name. */
+/* Outputs of FMUs by bit number in tl_record.bad_outputs: first those of `match`, then the sources
+ * of `connect`. The last bit (63) stands for all further outputs. The first function returns the
+ * name, or NULL if there is no such output. The second one returns true if the bit is set and no
+ * output with a lower number has the same name. */
 enum { TL_CONFIG_OUTPUTS = 64 };
 
 const char *tl_config_output_name(const tl_config *config, size_t output);
@@ -255,7 +261,7 @@ bool tl_config_is_unconfined(const tl_config *config);
  * times. */
 bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal);
 
-/* Time in ns after a reading in which an equal polled value counts as that reading again
+/* Returns the time in ns after a reading in which an equal polled value is the same reading
  * (plant_reader.h). It is the shorter of `every_s` and half of `stale_s`, minus one poll period.
  * Returns 0 if every poll is a reading. */
 tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal);
@@ -264,17 +270,17 @@ tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signa
  * `reference` may be NULL. */
 size_t tl_config_signal_of(const tl_config *config, const char *reference);
 
-/* Longest delay in ns that `condition` adds to a measurement, if readings come every every_s
- * (default: step_s). */
+/* Returns the longest delay in ns that the condition of this match adds to a measurement. It
+ * assumes one reading every every_s (default: step_s). */
 tl_time tl_config_condition_lag(const tl_config *config, size_t match);
 
-/* Returns the look-up that shows the readings of a match as they come, "plant.NAME@reading".
- * Returns NULL if the matched signal itself shows them, and "" if there was no room for such a
- * look-up. Call it after tl_config_use_lookups(). */
+/* Returns the name of the look-up that shows the unchanged readings of a match,
+ * "plant.NAME@reading". Returns NULL if the matched look-up itself shows them, and "" if there was
+ * no room for such a look-up. Call it after tl_config_use_lookups(). */
 const char *tl_config_reading_of(const tl_config *config, size_t match);
 
-/* Removes all delays, look-ups and conditions. For a process that emulates the plant. Call it
- * before the functions above. */
+/* Removes all delays, further look-ups and conditions. For a process that emulates the plant. Call
+ * it before tl_config_use_lookups(). */
 void tl_config_forget_delays(tl_config *config);
 
 /* Frees the configuration. A zeroed one is allowed. */
@@ -285,8 +291,9 @@ void tl_config_free(tl_config *config);
 void tl_config_tuning(const tl_config *config, tl_tuning *tuning);
 void tl_config_retune(tl_config *config, const tl_tuning *tuning);
 
-/* Reads the tuning from the text of an earlier configuration of the same path as `own`. Its
- * problems are not reported. Checks the tuning, but not whether it fits. Errors: TL_BAD_DATA. */
+/* Reads the tuning from `text`, an earlier configuration. Relative file names in it start at the
+ * folder of `own`. Its problems are not reported. Checks the tuning, but not whether it fits.
+ * Errors: TL_BAD_DATA. */
 tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning *tuning, tl_error *error);
 
 /* Returns the line (from 1) of the item at a JSON path of this configuration. If there is no such
@@ -301,16 +308,16 @@ size_t tl_config_line(const tl_config *config, const char *where);
  *               found; `path` is then the first path that was tried. */
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size);
 
-/* Path of a file that the configuration names, relative to its folder. Returns false, and "", if it
- * does not fit. */
+/* Writes the path of a file that the configuration names; a relative name starts at its folder.
+ * Returns false, and "" in `path`, if the path does not fit. */
 bool tl_config_file_path(const tl_config *config, const char *file, char *path, size_t size);
 
-/* Name by which a library is opened. The loader searches a name without a slash; any other name is
- * a file as above. */
+/* Writes the name by which a library is opened. The loader searches for a name without a slash. Any
+ * other name is a file, as for tl_config_file_path(). */
 bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size);
 
-/* ---- Names of the modes of `synchronise.horizon.measurements`. The tick at which a step is
- * computed: tl_twin_facts.lead. */
+/* ---- Names of the modes of `synchronise.horizon.measurements`. The mode decides at which tick a
+ * step is computed: see tl_twin_facts.lead. */
 
 /* By tl_pairing, ended by NULL: "lag", "ahead", "hold". */
 extern const char *const tl_pairing_names[];
@@ -330,6 +337,7 @@ typedef struct tl_problems {
     const tl_config *config; /* NULL while the file is being read */
 } tl_problems;
 
+/* `file`: name for the log; it must outlive `problems`. */
 void tl_problems_init(tl_problems *problems, const char *file);
 
 /* Parses the line number with which a problem's text may start ("line 12: found …") and moves *text

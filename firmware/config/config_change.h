@@ -1,7 +1,7 @@
 /* Change of a configuration: finds the differences, the right that each key requires, and how it
  * takes effect.
  *
- * Errors: as each function says; no problem is logged here.
+ * Errors: each function states its own. Nothing is logged here.
  * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_CONFIG_CHANGE_H
@@ -22,7 +22,8 @@
  *           that every new key gets a rule. A key without a rule requires a restart and the right
  *           to commission.
  * Patterns: keys from the root, separated by dots. "*" is any key of an object of named entries,
- *           "[]" any element of an array, "**" at the end the part itself and all below.
+ *           "[]" is any element of an array. "**" at the end is the value itself and all values in
+ *           it.
  * Thread:   pure functions.
  */
 
@@ -37,14 +38,14 @@ typedef enum tl_change_named {
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right right; /* of a value that names something: the right if the name is not allowed */
-    tl_change_named names; /* in a rule: what the value names, if there is one */
+    tl_change_right right; /* required right; for a value that names a file: the right if the name is not allowed */
+    tl_change_named names; /* what the value of this key names */
 } tl_change_needs;
 
 typedef struct tl_change_rule {
     const char *pattern;
     tl_change_needs needs;
-    /* Raises the requirements for particular values; NULL: no value needs more. */
+    /* Raises the requirements for particular values. NULL: `needs` applies to all values. */
     void (*check)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
 } tl_change_rule;
 
@@ -102,8 +103,10 @@ tl_status tl_allowed_names_add_list(tl_allowed_names *allowed, const char *text,
  * TL_TRY_AGAIN. */
 tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const char *text, tl_error *error);
 
+/* Returns true if this name is allowed for this kind. */
 bool tl_allowed_names_have(const tl_allowed_names *allowed, tl_change_named kind, const char *name);
 
+/* Frees the names and empties the struct. */
 void tl_allowed_names_free(tl_allowed_names *allowed);
 
 /* ---- The change from one configuration to another, and its requirements.
@@ -137,15 +140,15 @@ typedef struct tl_config_barred {
 
 typedef struct tl_config_change {
     tl_change_needs needs; /* of all edits: the strictest kind, the highest right */
-    size_t count;          /* number of edits, */
-    size_t listed;         /* of which listed; if there are too many, those with the strictest requirements */
+    size_t count;          /* number of all edits */
+    size_t listed;         /* number of edits in the array; if not all fit, those with the strictest requirements */
     tl_config_edit edits[TL_CONFIG_EDITS];
-    size_t barred; /* number of values; the first ones are listed */
+    size_t barred; /* number of all barred values; `bar` contains the first ones */
     tl_config_barred bar[TL_CONFIG_BARRED];
 } tl_config_change;
 
 /* Finds all differences. `active_text` (the active configuration) and `candidate` are texts that
- * were read without a problem (config.h). `allowed`: names that need no right above commissioning.
+ * were read without a problem (config.h). `allowed`: names that need only TL_RIGHT_COMMISSION.
  * Errors: TL_BAD_DATA if a text is not JSON; TL_TRY_AGAIN if memory is out. `change` is empty then.
  */
 tl_status tl_config_change_find(const char *active_text, size_t active_size, const char *candidate,

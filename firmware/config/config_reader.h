@@ -54,9 +54,9 @@ typedef struct tl_config_reader {
 /* One object of the file. */
 typedef struct tl_config_object {
     tl_config_reader *reader;
-    const cJSON *json; /* NULL: absent or of a wrong type; then nothing is found or reported in it */
+    const cJSON *json; /* NULL: absent or of a wrong type; all its keys then count as absent, without a report */
     char path[TL_JSON_PATH];
-    const char *known[TL_CONFIG_KEYS];
+    const char *known[TL_CONFIG_KEYS]; /* keys that were requested */
     size_t known_count;
 } tl_config_object;
 
@@ -69,7 +69,7 @@ typedef enum tl_config_need {
 typedef struct tl_config_number {
     tl_config_need need;
     double minimum, maximum; /* ∓HUGE_VAL: no limit */
-    bool above, below;       /* excludes the minimum, the maximum */
+    bool above, below;       /* the value must be > minimum (not only ≥), < maximum (not only ≤) */
     bool whole;
     const char *expected; /* NULL: generated from the range */
     const char *example;
@@ -84,7 +84,11 @@ typedef struct tl_config_map {
 
 /* ---- objects ---- */
 
+/* Opens the root of the document. Reports a root that is no object. */
 void tl_config_root(tl_config_reader *reader, tl_config_object *root);
+
+/* Opens the object at a key. Returns false if it is absent (reported if required) or no object
+ * (reported). */
 bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                       tl_config_object *member);
 
@@ -102,7 +106,8 @@ void tl_config_each(const tl_config_object *map,
                     void (*read)(const tl_config_object *map, const cJSON *item, size_t index, void *context),
                     void *context);
 
-/* Opens one entry of such an object, or another member, as an object. */
+/* Opens `item`, an entry of `map` or a member of any object, as an object. Returns false if it is
+ * no object (reported). */
 bool tl_config_entry(const tl_config_object *map, const cJSON *item, const char *example, tl_config_object *entry);
 
 /* Reports all keys that were not requested, each with the nearest known key. */
@@ -113,7 +118,8 @@ void tl_config_done(const tl_config_object *object);
 bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value);
 bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value);
 
-/* The first reads a whole number of type uint32_t, from 0; the second a duration > 0, in ns. */
+/* The first function reads a whole number; `rule` must limit it to the range of uint32_t. The
+ * second one reads a duration > 0, in s, and sets *value in ns. */
 bool tl_config_get_count(tl_config_object *object, const char *key, const tl_config_number *rule, uint32_t *value);
 bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                             tl_time *value);
@@ -130,21 +136,21 @@ bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_nee
 bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_need need, const char *const *choices,
                           size_t *index);
 
-/* Returns the value of any type, or NULL if there is none (reported if it is required). */
+/* Returns the value at a key, of any type. Returns NULL if it is absent (reported if required). */
 const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_need need, const char *expected,
                            const char *example);
 
-/* Returns an array. Returns NULL if the key is absent or has another type (reported as not
- * `expected`). */
+/* Returns the array at a key. Returns NULL if it is absent, or no array (reported; the problem says
+ * what is `expected`). */
 const cJSON *tl_config_get_array(tl_config_object *object, const char *key, const char *expected, const char *example);
 
 /* ---- problems ---- */
 
-/* Reports a problem in the common form. `example` NULL: none. */
+/* Reports a problem in the common form. `line`: from 1. `example` NULL: no example. */
 void tl_config_problem(const tl_config_reader *reader, const char *path, size_t line, const char *found,
                        const char *expected, const char *example);
 
-/* Reports a problem at a key of an object. `found` NULL: the present value. */
+/* Reports a problem at a key of an object. `found` NULL: describes the value of the key. */
 void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
                      const char *example);
 
@@ -173,11 +179,12 @@ const char *tl_config_keep(tl_config_reader *reader, const char *path);
 /* Reports the key of an entry if it is not a valid name. */
 void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);
 
-/* Returns true if the entry has a member with a key of `kinds`, which end with NULL. */
+/* Returns true if the entry has a key that is in `kinds`. NULL ends the list `kinds`. */
 bool tl_config_is_of_kind(const cJSON *entry, const char *const *kinds);
 
-/* Writes "WHAT: one of a, b, c": the keys of a section, or with `kinds` the keys of its entries of
- * these kinds. Only WHAT if there are none; cut if it does not fit. */
+/* Writes "WHAT: one of a, b, c", where a, b, c are the names of the entries of a section. `kinds`
+ * not NULL: only entries of these kinds. Writes only WHAT if there is no name. Cut if it does not
+ * fit. */
 void tl_config_list_names(const char *what, const cJSON *section, const char *const *kinds, char *text, size_t size);
 
 /* Allowed targets of a reference. */
@@ -192,15 +199,16 @@ typedef enum tl_config_target {
 void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
                                tl_config_target target);
 
-/* As tl_config_check_reference(), for the text of a key, or a part of it. */
+/* As tl_config_check_reference(), at the path and line of a key of `object`. `text` is the value of
+ * the key, or a part of it. */
 void tl_config_check_reference_of(const tl_config_object *object, const char *key, const char *text,
                                   tl_config_target target);
 
 /* ---- The sections of a configuration: each function reads some keys of the root into the
  * configuration.
  *
- * Purpose: config.c calls these functions. If a section needs another one, that one was read
- *          before, or is searched in the JSON tree.
+ * Purpose: config.c calls these functions. If a section needs another section, config.c has read
+ *          that one before, or the function searches the JSON tree.
  * Errors:  reported; a value that cannot be read keeps its default.
  */
 
@@ -219,7 +227,7 @@ void tl_config_read_signals(tl_config_object *root, struct tl_config *config);
 /* delays */
 void tl_config_read_delays(tl_config_object *root, struct tl_config *config);
 
-/* Computes the look-up of each signal. Call it after all functions above. */
+/* Computes the look-ups of each signal (config.h). Call it after all functions above. */
 void tl_config_build_lookups(tl_config_object *root, struct tl_config *config);
 
 /* recording, record, realtime, emulate */

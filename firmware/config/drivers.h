@@ -5,7 +5,7 @@
  *          the rows and names no driver.
  * New row: a driver has a folder in board/, a file config_DRIVER.c here with its row, and a line in
  *          drivers.c.
- * Owner:   constants. Thread: any.
+ * Owner:   all rows are constants. Thread: any.
  */
 #ifndef TL_FIRMWARE_CONFIG_DRIVERS_H
 #define TL_FIRMWARE_CONFIG_DRIVERS_H
@@ -21,7 +21,7 @@ struct cJSON;
 /* Files, devices and connections that a source uses. */
 typedef struct tl_source_reach {
     const char *read;  /* file that it reads, relative to the configuration's folder; NULL: none */
-    const char *write; /* device that it opens for reading and writing, relative likewise; NULL: none */
+    const char *write; /* device that it opens for reading and writing, also relative; NULL: none */
     uint16_t port;     /* TCP port that it connects to; 0: none */
     bool names;        /* it resolves a host name */
     tl_time wait;      /* ns; longest time that a poll waits for its device without a reading; 0: one period */
@@ -38,19 +38,19 @@ typedef struct tl_driver {
 
     /* Reads `source->settings`. The caller reads the keys `period_s` and `source`. */
     void (*read_source)(struct tl_config_object *object, tl_config_source *source);
-    /* Reads `signal->channel`. `named`: its source in the file, or NULL. NULL: the row before reads
-     * it. */
+    /* Reads `signal->channel`. `named`: JSON object of its source; NULL: not found. The function is
+     * NULL if the row before reads such signals too. */
     void (*read_signal)(struct tl_config_object *object, const struct cJSON *named, tl_config_signal *signal);
     const struct tl_change_rule *rules; /* rules of all its keys; a rule without a pattern ends the list */
 
-    bool is_polled;         /* the driver is polled: it may read a value several times */
-    bool is_silent;         /* only the age of its values shows that a sender has stopped */
-    const char *not_played; /* "of GPIO lines": signals that `twinlock plant` cannot serve; NULL: it can */
+    bool is_polled;         /* the driver polls its device: it may read the same value several times */
+    bool is_silent;         /* the driver cannot detect that a sender has stopped; only the age of values shows it */
+    const char *not_played; /* "of GPIO lines": names signals that `twinlock plant` cannot serve; NULL: it can */
 
     const tl_plant_io_driver *io;
     const tl_plant_access *access;
     void (*reach)(const tl_config_source *source,
-                  tl_source_reach *reach); /* fills in a zeroed struct; NULL: the source uses nothing of this */
+                  tl_source_reach *reach); /* fills in a zeroed struct; NULL: it stays zeroed */
     /* Opens the source. `path`: reach.read or reach.write, joined with the configuration's folder,
      * or NULL. `channels`: `count` of them; they are copied. */
     tl_status (*open)(const tl_config_source *source, const char *path, const void *channels, size_t count,
@@ -59,14 +59,15 @@ typedef struct tl_driver {
 
 enum { TL_MAX_DRIVERS = 31 };
 
-/* Ended by NULL. */
+/* All rows; NULL ends the table. */
 extern const tl_driver *const tl_drivers[];
 
 /* The bit of a row in a set of drivers: 1 << its index. */
 unsigned tl_driver_bit(const tl_driver *driver);
 
-/* Copies the channels of `count` signals of a source of this driver into one array, for
- * tl_driver.open(). The caller frees it. Returns NULL if memory is out. */
+/* Copies the channels of `count` signals into one array, for tl_driver.open(). `signals`: their
+ * indices; all belong to one source of this driver. The caller frees the array. Returns NULL if
+ * memory is out. */
 void *tl_driver_gather(const tl_driver *driver, const tl_config *config, const size_t *signals, size_t count);
 
 #endif

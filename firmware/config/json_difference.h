@@ -1,13 +1,13 @@
 /* Difference of two JSON documents, path by path.
  *
  * Purpose:     two texts that json.h accepts are equal if they have equal values at equal paths.
- *              White space is ignored; 5, 5.0 and 5e0 are equal. A key that is left out differs
- *              from a key with any value. A different order of keys in an object is reported
- *              separately (`is_order`), for callers to which it matters.
- * Arrays:      equal elements at the start and at the end are paired, those between by their order.
- *              So an inserted or removed element is one difference. The index of an element is its
- *              new one, or the old one if it was removed.
- * Order:       keys of an object by their bytes, elements by their index.
+ *              White space is ignored; 5, 5.0 and 5e0 are equal, but 0 and -0 are not. An absent
+ *              key differs from a key with any value. A different order of keys in an object is
+ *              reported separately (`is_order`), for callers to which it matters.
+ * Arrays:      equal elements at the start and at the end are paired. The elements between them are
+ *              paired in their order. So one inserted or removed element is one difference. A path
+ *              contains the new index of an element, or the old index if it was removed.
+ * Order:       differences are reported by the bytes of their keys, and by index in arrays.
  * Whole parts: an object or array without a counterpart of the same type is one difference. Its
  *              parts follow as further differences with `within`.
  * Bound:       time O(n·log n) for each nesting level, no recursion.
@@ -24,21 +24,21 @@
 #include "master/base/status.h"
 
 typedef struct tl_json_difference {
-    const tl_json_step *way;     /* steps from the root, */
+    const tl_json_step *way;     /* steps from the root to the value, */
     size_t depth;                /* and their number; 0: the root itself */
     const cJSON *before, *after; /* NULL: absent */
-    bool within;                 /* part of the last difference that had `within` false */
-    bool is_order;               /* the common keys are in another order; all other differences are reported too */
+    bool within;                 /* this is part of the newest difference with `within` false */
+    bool is_order;               /* the common keys are in another order; other differences are reported separately */
 } tl_json_difference;
 
-/* A text; it need not be NUL-terminated. */
+/* A JSON text of `size` bytes; it need not be NUL-terminated. */
 typedef struct tl_json_source {
     const char *text;
     size_t size;
     const char *called; /* name in an error: "the configuration in use" */
 } tl_json_source;
 
-/* Calls `see` for each difference. All that it gets is valid only during the call.
+/* Calls `see` for each difference. A difference and its pointers are valid only during that call.
  * Errors: TL_BAD_DATA if a text is not JSON or has a key twice; TL_TRY_AGAIN if memory is out.
  *         `see` may have been called before an error; ignore these calls. */
 tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *after,

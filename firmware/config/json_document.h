@@ -18,8 +18,8 @@
  * Thread:  one thread.
  */
 
-/* The containers of the current item, outermost first; zeroed at the root. The parser has limited
- * the depth. */
+/* The objects and arrays around the current item, outermost first. Zero it before the walk starts.
+ * The parser has limited the depth. */
 typedef struct tl_json_walk {
     cJSON *around[TL_JSON_MAX_DEPTH];
     size_t depth;
@@ -35,11 +35,11 @@ cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item);
  * Thread: pure functions.
  */
 
-/* Size of a path, and of a key or text in a message. Longer ones are cut: see tl_text_for_people().
- */
+/* Bytes of a path, and of a key or text in a message. Longer ones are cut: see
+ * tl_text_for_people(). */
 enum { TL_JSON_PATH = 256, TL_JSON_SHOWN = 64 };
 
-/* One step down. */
+/* One step of a path: to a member of an object, or to an element of an array. */
 typedef struct tl_json_step {
     const char *key; /* key of a member; NULL: an element of an array */
     size_t index;    /* index of the element */
@@ -62,9 +62,9 @@ void tl_json_steps_path(char *path, const tl_json_step *way, size_t depth);
  */
 
 /* Parses the text. `scratch` is used only during the call.
- * Errors: reported. TL_BAD_DATA if json.h rejects the text, or TL_TRY_AGAIN: then *root is NULL. If
- *         an object has a key twice, all such keys are reported and TL_BAD_DATA is returned. *root
- *         is set then, so that the caller can report further problems. */
+ * Errors: all are reported. TL_BAD_DATA if json.h rejects the text, TL_TRY_AGAIN if memory is out:
+ *         *root is NULL then. TL_BAD_DATA also if an object has a key twice; all such keys are
+ *         reported. *root is set in this case, so that the caller can report further problems. */
 tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root);
 
 /* Returns the members of an object, sorted by key, equal keys by `valueint`. The caller frees the
@@ -74,8 +74,9 @@ cJSON **tl_json_sorted(const cJSON *object, size_t *count);
 /* Returns the line of an item of a parsed document. */
 size_t tl_json_line(const cJSON *item);
 
-/* Returns the item at a path, or the innermost existing item around it; NULL if not even the first
- * part exists. If several keys match, the longest is used. */
+/* Returns the item at a path, or the innermost existing item around it. Returns NULL if not even
+ * the first step exists. If several keys match, because keys contain dots, the longest one is used.
+ */
 const cJSON *tl_json_nearest(const cJSON *root, const char *path);
 
 #endif

@@ -3,14 +3,15 @@
  * Purpose: creates nothing outside of that folder, and leaves nothing behind if unpacking fails.
  *          The folder is a private folder (private_folder.h) of the kind "fmu". Each unpacking
  *          first removes the folders that terminated processes left behind.
- * Links:   of a symbolic link to a file of the archive, a copy of that file is written. No link is
- *          ever created.
+ * Links:   a symbolic link to a file of the archive becomes a copy of that file. No link is ever
+ *          created.
  * Limits:  see below. Bytes are counted while they are written; the sizes that the archive claims
  *          are ignored. Only stored and deflated entries are accepted, as FMI requires. Rejected:
  *          absolute paths, drive letters, "..", other symbolic links, devices, encrypted entries,
  *          duplicate names and control characters in names. A backslash counts as a separator.
- * Skipped: documentation/, sources/ and binaries for Windows and macOS would fill the memory of a
- *          small box. Their names are checked, but only their folders are created.
+ * Skipped: files in documentation/, sources/ and binaries for Windows and macOS are not written,
+ *          because they would fill the memory of a small box. Their names are checked, and their
+ *          folders are created.
  * Errors:  TL_BAD_DATA if the file is invalid; TL_TRY_AGAIN if disk, memory or descriptors are
  *          missing.
  * Thread:  one thread at a time for each folder.
@@ -29,16 +30,17 @@ enum {
     TL_FMU_ENTRIES = 10000,
     TL_FMU_ENTRY_PATH = 1024, /* bytes of an entry's path */
     TL_FMU_ENTRY_DEPTH = 64,  /* folders in an entry's path */
-    TL_FMU_LINKS = 8,         /* symbolic links from one to the next */
-    /* An archive that unpacks to more than TL_FMU_RATIO_FROM_BYTES may grow by this factor at most.
-     */
+    TL_FMU_LINKS = 8,         /* symbolic links in a chain */
+    /* If the unpacked size exceeds TL_FMU_RATIO_FROM_BYTES, it may be at most TL_FMU_RATIO times
+     * the size of the FMU file. */
     TL_FMU_RATIO_FROM_BYTES = 16 * 1024 * 1024,
     TL_FMU_RATIO = 200
 };
 
-/* `opened`: descriptor of the file if it is already open (for a process that may not open files any
- * more); -1: the file is opened by its path. `label` names the FMU in errors. On success the caller
- * removes the folder later. On failure there is no folder. */
+/* Unpacks the FMU file at `path` into a new folder. `opened`: descriptor of the file if it is
+ * already open (for a process that may not open files any more); -1: the file is opened by its
+ * path. `label` names the FMU in errors. On success the caller removes the folder later. On failure
+ * there is no folder. */
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error);
 

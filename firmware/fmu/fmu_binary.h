@@ -11,19 +11,19 @@
 
 /* ---- Shared libraries that an FMU's binary expects in the program.
  *
- * Purpose: some exporters leave symbols to the host program. For example, PythonFMU's binaries, and
- *          the extension modules that Python loads for them, use libpython of the host. So such a
- *          library is opened with global symbols before the FMU is opened.
+ * Purpose: the binaries of some exporters use symbols that the host program must provide. For
+ *          example, PythonFMU's binaries and the extension modules of Python use libpython. So such
+ *          a library is opened with global symbols before the FMU is opened.
  * Owner:   the process. A library is never closed, because an interpreter that has run cannot be
- *          unloaded safely. If a library is open, its exit handlers run at the end of the process
+ *          unloaded safely. The exit handlers of open libraries run at the end of the process
  *          (process_end.h).
  * Trust:   opening a library executes its code, as opening an FMU does.
  * Thread:  one thread at a time.
  */
 
 /* Opens a library; it may be open already. The loader searches for a `path` without a slash.
- * Errors:  TL_BAD_DATA if it cannot be opened, or if it is a second Python library: the symbols of
- *          the first one would hide its symbols, and all FMUs would run in the first one.
+ * Errors:  TL_BAD_DATA if it cannot be opened, or if it is a second Python library. The symbols
+ *          of the first one would hide those of the second one: all FMUs would use the first one.
  *          TL_TRY_AGAIN if memory or descriptors are missing. */
 tl_status tl_library_open(const char *path, tl_error *error);
 
@@ -39,11 +39,12 @@ tl_status tl_library_open(const char *path, tl_error *error);
  * Thread:  one: the thread that calls the FMU's functions.
  */
 
-/* `folder`: absolute path of the unpacked FMU. The whole folder of the binary must exist, because
- * the binary may load libraries from it. A library of another name than modelIdentifier is used,
- * and logged, if it is the only one of its folder, or differs only in letter case. Libraries that
- * share a name with those of another FMU are replaced by renamed copies first (own_copies.h).
- * Optional functions that the model does not claim are NULL in the table. */
+/* Opens the binary and fills the guard. `folder`: absolute path of the unpacked FMU. All files
+ * beside the binary must exist, because the binary may load libraries from its folder. A binary
+ * with another name than modelIdentifier is used, and logged, if it is the only one in its folder,
+ * or if only the letter case differs. Libraries that share a name with those of another FMU are
+ * replaced by renamed copies first (own_copies.h). Optional functions that the model does not claim
+ * are NULL in the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 

@@ -18,10 +18,10 @@
 
 /* ---- Last inputs of an FMU, saved with each of its states.
  *
- * Purpose: some exporters restore time and variables only, and their states do not contain the
- *          values that were set. After each restore such an FMU gets the values again that it had
- *          when the state was saved. This is done only if an FMU was shown to need it, because
- *          setting a value may have other effects in other FMUs.
+ * Purpose: FMUs of some exporters save and restore only time and variables, not the inputs that
+ *          were set. So after each restore the guard sets the inputs again that such an FMU had
+ *          when the state was saved. It does so only if the rollback proof (master/sync/proof.h)
+ *          has found that the FMU needs it. In other FMUs, setting a value may have side effects.
  * Thread:  the thread that calls the FMU.
  * Memory:  malloc().
  */
@@ -29,21 +29,21 @@
 /* Fields are private. */
 typedef struct tl_fmu_inputs {
     const tl_ports *ports; /* the ports that are set */
-    size_t bytes;          /* size of the last values: */
-    double values[];       /* reals, then integers, then Booleans */
+    size_t bytes;          /* size of `values` */
+    double values[];       /* the inputs set last: reals, then integers, then Booleans */
 } tl_fmu_inputs;
 
-/* A state, and the last values that were set before it. */
+/* A state of the FMU, and the inputs that were set last before it was saved. */
 typedef struct tl_fmu_inputs_state {
     fmi2FMUstate own; /* the FMU's own state; NULL: not saved yet */
     double values[];
 } tl_fmu_inputs_state;
 
-/* Takes the present values of the ports as those that were set last. `ports` must remain valid. The
- * caller frees the result. Returns NULL if memory is out. */
+/* Allocates the list of last inputs, with the present values of the ports. `ports` must outlive it.
+ * The caller frees it with free(). Returns NULL if memory is out. */
 tl_fmu_inputs *tl_fmu_inputs_open(const tl_ports *ports);
 
-/* Notes the values of a call if it sets all ports of one type; ignores all other calls. */
+/* Notes the values of an FMI call that sets all ports of one type. Ignores all other calls. */
 void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
                         const void *values);
 
@@ -51,8 +51,9 @@ void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const f
  * memory is out. */
 tl_fmu_inputs_state *tl_fmu_inputs_make_state(const tl_fmu_inputs *given);
 
-/* `keep` copies the present values into the state. `give_again` makes the values of the state the
- * present ones and sets them in the instance by `fmi`; it returns the status of the last call. */
+/* The first function copies the last inputs into `state`. The second one copies them back from
+ * `state` and sets them in the instance, by the functions in `fmi`. It returns the status of the
+ * last FMI call. Neither saves nor restores the FMU's own state. */
 void tl_fmu_inputs_save(const tl_fmu_inputs *given, tl_fmu_inputs_state *state);
 fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state *state, const tl_fmi2 *fmi,
                                  fmi2Component instance);
@@ -60,7 +61,8 @@ fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state
 /* ---- Data of the guard and of one instance. */
 
 /* The caller provides the memory. Fields are private, except the first two and those that are set
- * before the FMU is loaded (see tl_fmu_guard_open()). */
+ * before the FMU is loaded (see tl_fmu_guard_open()). "Proof" is the rollback proof before a run
+ * (master/sync/proof.h). "Copy" is a copy of the FMU's memory. */
 typedef struct tl_fmu_guard {
     tl_fmi2 functions; /* the table for callers; a function is NULL if the FMU lacks it or if twinlock never calls it */
     fmi2CallbackFunctions callbacks; /* to be passed to functions.instantiate; their environment is this guard */
@@ -68,17 +70,17 @@ typedef struct tl_fmu_guard {
     fmi2CallbackFunctions given;     /* callbacks that the FMU gets */
     tl_fmu_logger logger;
     tl_fmu_memory memory; /* zeroed: the FMU cannot be rolled back by memory */
-    bool by_memory;       /* the FMU is rolled back by memory; else memory may be the fallback for wrong states */
+    bool by_memory;       /* memory is the method in use; if not, it may be the fallback if own states are wrong */
     bool may_replay;      /* rollback by replay is allowed if no other method works */
     bool by_replay;       /* replay is the method in use */
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
-    uint32_t most; /* steps from the start that replay can roll back at most */
+    uint32_t most; /* replay can roll back at most this many steps after the start */
     bool gives_again; /* private: own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
     void *full_copy;             /* private: copy of the memory from the start of the proof; NULL: no copy */
     bool was_proved; /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
-    uint32_t name;   /* name of the file in fmu_call.h, for calls without an instance */
-    unsigned was_reported; /* changes of the process that were already logged for the file */
+    uint32_t name;   /* number of the FMU's name in fmu_call.h, for calls without an instance */
+    unsigned was_reported; /* bits: changes of process state that were already logged, for calls without an instance */
     tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
     bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;
@@ -90,25 +92,25 @@ typedef struct tl_fmu_guard {
 } tl_fmu_guard;
 
 /* One instance. Callers of the table get it instead of the FMU's own handle. The fields that a step
- * needs come first and fit into one cache line: with many small FMUs they are most of the cost of a
- * step. */
+ * needs come first and fit into one cache line. With many small FMUs, reading these fields is most
+ * of the cost of a step. */
 typedef struct tl_fmu_guarded {
     fmi2Component instance;
     fmi2SetRealTYPE *set_real;
     fmi2DoStepTYPE *do_step;
     fmi2GetRealTYPE *get_real;
     const unsigned short *const *characters; /* the C library's pointer to the character table of this thread */
-    const unsigned short *table;             /* its value at instantiation; a difference shows another locale */
+    const unsigned short *table;             /* its value at instantiation; if it differs, the locale was changed */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
     tl_fmu_inputs *given;                    /* notes the last inputs; NULL: not noted */
     tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
-    double shift;                            /* s: its time is less by this, because it accepts no other start than 0 */
+    double shift;                            /* s; the FMU's time is smaller by this: it accepts only start time 0 */
     uint32_t name;
     uint32_t control;
     const tl_fmi2 *own; /* all functions of the FMU */
     locale_t locale;
-    unsigned was_reported; /* changes that were already logged for this instance */
+    unsigned was_reported; /* bits: changes that were already logged for this instance */
     struct tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
     struct begun { /* arguments of its instantiation; the texts belong to the caller and must remain valid */
@@ -137,7 +139,7 @@ typedef struct tl_fmu_guarded {
  *              from its own heap, and saves and restores copies instead of calling the FMU's state
  *              functions;
  *            - if the FMU is rolled back by replay (rollback/fmu_replay.h): notes its inputs.
- *          A caller of the table sees no difference.
+ *          A caller uses the table as it would use the FMU's own functions.
  * Owner:   the caller provides the memory of a guard and must not move it before
  *          tl_fmu_guard_close(). The guard owns the instances created through it, and their states.
  * Thread:  the thread that calls the FMUs.
@@ -148,20 +150,20 @@ typedef struct tl_fmu_guarded {
  * allowed rollback methods. */
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
 
-/* Must enclose calls of the FMU that do not go through the table: opening its library, and reading
- * its version. */
+/* Call them before and after a call of the FMU that does not go through the table: opening its
+ * binary, and reading its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);
 void tl_fmu_guard_leave(tl_fmu_guard *guard);
 
-/* Fills the table once the FMU's functions are known. */
+/* Fills the table for callers. `own`: the functions of the FMU, which its binary exports. */
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
 
-/* Frees the guard. Call no instance afterwards; instances that were never freed are dropped without
- * calling the FMU. A zeroed guard is allowed. */
+/* Frees what the guard owns. Use no instance afterwards. Memory of instances that still exist is
+ * freed without a call of the FMU. A zeroed guard is allowed. */
 void tl_fmu_guard_close(tl_fmu_guard *guard);
 
-/* Once per tick: restores process state that any FMU may have changed. Logs each kind of change
- *                once per process. */
+/* Call it once per tick. Restores process state that any FMU may have changed. Logs each kind of
+ * change once per process. */
 void tl_fmu_guard_tick(void);
 
 #endif

@@ -59,13 +59,14 @@ typedef struct tl_fmu_logger {
 void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *generator);
 void tl_fmu_logger_close(tl_fmu_logger *logger);
 
-/* fmi2CallbackFunctions.logger; its environment is a tl_fmu_logger. */
+/* The callback fmi2CallbackFunctions.logger. `environment` should be a tl_fmu_logger; any other
+ * value counts as an unknown FMU. */
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
-/* Logs a line of twinlock about the FMU, within the same limit, because this may happen in every
- * cycle. The line begins with the name of the instance in the present call, or else of the file;
- * `text` continues it: "changed …". */
+/* Logs a line of twinlock itself about the FMU. The same limit applies, because a cause may recur
+ * in every cycle. The line begins with the name of the instance that is called now, or else with
+ * that of the FMU. `text` follows the name: "changed …". */
 void tl_fmu_logger_log(tl_fmu_logger *logger, tl_log_level level, const char *text);
 
 #endif

@@ -38,9 +38,9 @@ typedef struct tl_fmu {
     tl_private_folder folder; /* private: the folder with the unpacked FMU */
 } tl_fmu;
 
-/* `opened`: descriptor of the file if it is already open, which the caller keeps; -1: the file is
- * opened here. `rollback`: the wanted method. TL_ROLLBACK_AUTO takes the first possible one of
- * state, memory and replay.
+/* Loads the FMU file at `path`. `opened`: descriptor of the file if it is already open; the caller
+ * closes it. -1: the function opens the file. `rollback`: the requested method. TL_ROLLBACK_AUTO
+ * selects the first possible method of state, memory and replay.
  * Errors: TL_BAD_DATA if the file is invalid; TL_TRY_AGAIN if disk or memory is missing. On failure
  *         nothing is left behind and *fmu is zeroed. */
 tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu *fmu, tl_error *error);
@@ -49,26 +49,27 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
  * drops its privileges. */
 void tl_fmu_prepare(void);
 
-/* Bytes that FMUs have used in their own heaps. */
+/* Returns the bytes that all FMUs together have used in their own heaps (fmu_heap.h). */
 size_t tl_fmu_used(void);
 
-/* Sets how many steps after its start replay can roll back; default: TL_REPLAY_STEPS. Call it
- * before the FMU is instantiated. */
+/* Sets the number of steps after the start up to which replay can roll back. Default:
+ * TL_REPLAY_STEPS. Call it before the FMU is instantiated. */
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);
 
 /* Returns the rollback method in use, never TL_ROLLBACK_AUTO. It may differ from the first choice
  * if the FMU's own states were found wrong. */
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 
-/* Returns true if the FMU is rolled back by its own states and its last inputs are set again,
- * because its states do not contain them. */
+/* Returns true if the FMU's own states do not contain its inputs. Each restore of a state then also
+ * sets the last inputs again. */
 bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu);
 
-/* Returns the durations of both methods if memory is used because it is faster than the FMU's own
- * states, which are exact too. Else returns NULL. */
+/* Returns the measured durations of both methods if the FMU's own states are exact, but memory is
+ * used because it is faster. Else returns NULL. */
 const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu);
 
-/* Call it after all instances were freed. A zeroed tl_fmu is allowed. */
+/* Frees the FMU and removes its folder. Call it after all instances were freed. A zeroed tl_fmu is
+ * allowed. */
 void tl_fmu_unload(tl_fmu *fmu);
 
 #endif

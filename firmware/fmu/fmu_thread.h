@@ -1,14 +1,14 @@
-/* The FMU thread: it makes all calls of the FMUs, from loading to freeing.
+/* The FMU thread: the one thread that calls functions of the FMUs, from loading to freeing.
  *
- * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. The data
- *          that an FMU keeps in thread-local variables or in an interpreter's thread state must be
- *          there in its next call. FMUs also expect the stack that they were tested with:
- *          TL_FMU_THREAD_STACK, the usual size of a main thread.
- * Jobs:    the thread executes one job after the other. While it waits, the caller checks how long
- *          the current FMU call lasts, unless another process does.
+ * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. They
+ *          keep data in thread-local variables or in an interpreter's thread state. FMUs also
+ *          expect the stack size that they were tested with: TL_FMU_THREAD_STACK, the usual size of
+ *          a main thread.
+ * Jobs:    the thread executes one job after the other. While the caller waits for a job, it checks
+ *          how long the current FMU call lasts, unless another process checks it.
  * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.
  *          The main thread handles the signals that request termination. SIGUSR1 wakes the FMU
- *          thread from a sleep.
+ *          thread from a sleep; it is not sent during a call of an FMU.
  * Thread:  all functions are called by the main thread, or by the thread that started the FMU
  *          thread.
  */
@@ -36,28 +36,31 @@ typedef enum tl_fmu_watch {
 /* Starts the thread. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_error *error);
 
-/* Ends the thread after its present job. NULL is allowed. */
+/* Waits for the present job, ends the thread and frees it. NULL is allowed. */
 void tl_fmu_thread_end(tl_fmu_thread *thread);
 
-/* Starts a job and does not wait for it. The job before must be done. */
+/* Starts a job and does not wait for it. The previous job must be done. `context` must be valid
+ * until the job is done. */
 void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
 /* Starts a job and waits until it is done. If a signal requests termination, this function wakes
  * the thread, so that the job notices the request. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Wakes the thread from every sleep, so that the job notices a request to end. Returns when the job
- * is done. */
+/* Waits until the job is done. Meanwhile wakes the thread from every sleep, so that the job notices
+ * a request to end. */
 void tl_fmu_thread_set_short_wait(tl_fmu_thread *thread);
 
 /* Starts a thread, executes a single job and ends the thread; another process checks the duration.
  * Errors are logged. */
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 
-/* Checks the duration of the running job once, for a caller that does other work meanwhile. */
+/* Checks the duration of the current FMU call once. For a caller that does other work while a job
+ * runs: call it repeatedly. */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);
 
-/* The kernel's thread number, for scheduling. Valid after the first job is done. */
+/* Returns the thread id of the kernel (gettid), for scheduling. Valid after the first job is done.
+ */
 pid_t tl_fmu_thread_number(const tl_fmu_thread *thread);
 
 #endif

@@ -13,7 +13,7 @@
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 
-/* ---- XML attribute texts to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
+/* ---- Converts texts of XML attributes to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
  *
  * Purpose: converts strictly. White space around a value is allowed, as XML Schema says; any other
  *          extra character is an error.
@@ -37,17 +37,15 @@ bool tl_xml_boolean(const char *text, bool *value);
  *          inherited from their declared type, units, and capabilities. The parser enforces the
  *          parts of the schema that the twin relies on. It skips what it does not know:
  *          annotations, later additions, ModelStructure.
- * Limits:  TL_MODEL_DESCRIPTION_BYTES, of which a file is read in parts;
- *          TL_MODEL_DESCRIPTION_VARIABLES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so
- *          no entities.
+ * Limits:  TL_MODEL_DESCRIPTION_BYTES (a file is read in parts); TL_MODEL_DESCRIPTION_VARIABLES;
+ *          TL_MODEL_DESCRIPTION_DEPTH nested elements. A DTD is rejected, so there are no entities.
  * Encodings: UTF-8, UTF-16, ISO-8859-1, and those that iconv knows and that contain ASCII, such as
  *          windows-1252, windows-1251, GBK and Shift_JIS.
  * Tolerated: a variable without variability (default: fixed for parameters, else continuous for
  *            Real, else discrete); an `initial` of an input or independent variable (ignored); an
- *            undefined unit (it then has
- *            no base unit); nominal 0 (read as 1) or negative; a variable declared again with the
- *            same type, causality and value reference (dropped); several different variables of one
- *            name, which are then ambiguous.
+ *            undefined unit (it then has no base unit); nominal 0 (read as 1) or negative; a
+ *            variable declared twice with the same type, causality and value reference (the second
+ *            one is dropped); several different variables of one name (the name is ambiguous).
  * Errors:  TL_BAD_DATA with the line; TL_TRY_AGAIN if memory is out. `label` names the FMU in the
  *          text.
  * Owner:   the arena holds all data that the model points to, also after a failure.

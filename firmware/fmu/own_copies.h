@@ -11,8 +11,7 @@
 
 #include "master/base/status.h"
 
-/* ---- A shared library in memory as the loader reads it: its names and references, and how to
- * change them in place.
+/* ---- A shared library (ELF file) in memory: reads the names in it, which can be changed in place.
  *
  * Purpose: for the loader, two libraries with the same name are one library. So a copy gets new
  *          names. A name is only replaced by a name of the same length, so that nothing in the file
@@ -27,9 +26,9 @@
  */
 
 enum {
-    TL_ELF_SEGMENTS = 64,       /* program headers of a file; usual: about ten */
-    TL_ELF_ENTRIES = 4096,      /* entries of its dynamic section; usual: about thirty */
-    TL_ELF_VERSIONS = 16 * 1024 /* needed or defined symbol versions, and their names */
+    TL_ELF_SEGMENTS = 64,       /* most program headers of a file; usual: about ten */
+    TL_ELF_ENTRIES = 4096,      /* most entries of its dynamic section; usual: about thirty */
+    TL_ELF_VERSIONS = 16 * 1024 /* most needed or defined symbol versions, and most names of them */
 };
 
 /* The part of the file that holds `size` bytes of memory from `address` on. */
@@ -54,7 +53,8 @@ typedef struct tl_elf_file {
     size_t symbol_count;
 } tl_elf_file;
 
-/* Returns false if this is not a shared library, or if no loader could use it. */
+/* Opens a library of `size` bytes. `bytes` must outlive `file`. Returns false if this is not a
+ * shared library, or if no loader could use it. */
 bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size);
 
 typedef enum tl_elf_kind {
@@ -77,7 +77,8 @@ typedef bool tl_elf_visitor(void *context, tl_elf_reference reference);
 /* Visits all names that the file refers to; those of symbols come last. */
 void tl_elf_visit(const tl_elf_file *file, tl_elf_visitor *visitor, void *context);
 
-/* The text at an offset. Returns NULL if it has no end. */
+/* Returns the text at an offset of the string table. Returns NULL if its terminating 0 is missing.
+ */
 const char *tl_elf_text(const tl_elf_file *file, size_t offset);
 
 /* One symbol; `info` points into the file. */
@@ -122,13 +123,14 @@ typedef enum tl_elf_outcome {
 /* Renames all references to libraries with these names, and the library's own name. */
 tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *renames, size_t count);
 
-/* Changes symbols that are unique in the process (STB_GNU_UNIQUE) to STB_GLOBAL (C++ uses the
- * former for static variables of templates and inline functions). Symbols of the C++ standard
- * library stay unique: that library is shared, and some of its symbols are compared by address.
- * Returns the number of changed symbols. */
+/* Changes the binding of symbols from STB_GNU_UNIQUE (one in the process) to STB_GLOBAL. C++ uses
+ * unique symbols for static variables of templates and inline functions. Symbols of the C++
+ * standard library stay unique: that library is shared, and some of its symbols are compared by
+ * address. Returns the number of changed symbols. */
 size_t tl_elf_part_unique(tl_elf_file *file);
 
-/* Returns true if the library may open other libraries at run time. */
+/* Returns true if the library uses dlopen() or dlmopen(), so it may open other libraries at run
+ * time. */
 bool tl_elf_opens_libraries(const tl_elf_file *file);
 
 /* ---- Gives an unpacked FMU its own libraries, so that it shares no global variables with other
@@ -139,20 +141,19 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  *          variables. C++ also has symbols that are unique in the process. Both are changed in the
  *          files of the later FMU before the loader reads them.
  * Unchanged: the first FMU of the process, names that no other FMU uses, and libraries of the
- *            system.
- *            Compiler libraries that an FMU brings are recognised by name and stay shared too
+ *            system. Compiler libraries inside an FMU stay shared too; they are recognised by name
  *            (libc, libm, libgcc_s, libstdc++, libgfortran and similar).
  * Method:  a renamed library exists twice in the FMU's folder, under both names, so that it can
  *          still be opened by its old path.
- * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path is not
- *          detected. A warning is logged if that is possible.
+ * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path stays shared.
+ *          A warning is logged if an FMU uses dlopen() and another FMU has one of its libraries.
  * Owner:   the process. The loader never forgets a library, so the folders of all FMUs are
  *          remembered until the process ends.
  * Thread:  the thread that calls the FMUs.
  */
 
-/* `folder`: absolute path of an unpacked FMU of which nothing is loaded yet. `binary`: path of its
- * binary in that folder. `label` names the FMU in errors.
+/* Renames the libraries of one FMU. `folder`: absolute path of an unpacked FMU of which nothing is
+ * loaded yet. `binary`: path of its binary in that folder. `label` names the FMU in errors.
  * Errors: TL_TRY_AGAIN if memory, descriptors or disk are missing. TL_BAD_DATA if a name cannot be
  *         changed because another one is part of it, or because no new name is free. */
 tl_status tl_own_copies_make(const char *folder, const char *binary, const char *label, tl_error *error);

@@ -19,12 +19,13 @@
  *
  * Purpose: the final waitid() removes the process from /proc. There the kernel busy-waits while
  *          another thread (a dying thread of the child, or a reader of /proc) uses the same
- *          entries. A spin at real-time priority on the processor that the
- *          other thread needs lasts until the kernel throttles it, or for ever. So a thread of
- *          ordinary priority waits; it lives no longer than that.
- * Before:  the caller knows already how the child ended (waitid() with WNOWAIT). Memory, files,
+ *          entries. A busy-wait at real-time priority can keep that thread from its processor until
+ *          the kernel throttles the waiting thread, or for ever. So a thread of ordinary priority
+ *          calls waitid() and then ends.
+ * Before:  the caller already knows how the child ended (waitid() with WNOWAIT). Memory, files,
  *          locks and devices of the child are free by then.
- * fork():  only while the reaper is idle, because then the process has one thread.
+ * Restart: the next process of this child starts only when its reaper is idle. The supervisor may
+ *          have other threads when it forks (role.c).
  * Thread:  the supervisor's.
  */
 
@@ -42,7 +43,7 @@ void tl_reaper_start(tl_reaper *reaper, pid_t dead);
 /* Returns true if the reaper is idle. Does not wait. */
 bool tl_reaper_is_idle(tl_reaper *reaper);
 
-/* Detaches the thread, because this process ends. */
+/* Detaches the thread if it still runs. Call it before this process ends. */
 void tl_reaper_stop(tl_reaper *reaper);
 
 /* ---- Child: a process with a role, monitored by its heartbeats until it has ended.
@@ -57,7 +58,7 @@ void tl_reaper_stop(tl_reaper *reaper);
 
 /* How a child ended. */
 typedef struct tl_child_end {
-    bool known;
+    bool known; /* false: the kernel did not report the end */
     bool by_signal;
     int number; /* signal number, or exit code */
     tl_end_cause announced_cause;
@@ -69,11 +70,11 @@ typedef struct tl_child {
     tl_heartbeats *beats; /* in memory that the child writes */
     pid_t pid;            /* 0: none */
     tl_child_end end;     /* of the last process */
-    bool asked;           /* it was asked to end */
-    int signal;           /* by this signal */
-    bool killed;          /* by the supervisor */
+    bool asked;           /* the supervisor has asked it to end */
+    int signal;           /* with this signal */
+    bool killed;          /* the supervisor has killed it */
     tl_heartbeats_seen seen;
-    tl_reaper reaper; /* idle when the previous process is reaped */
+    tl_reaper reaper; /* idle: the previous process was reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed; /* ns; a running FMU call is reported as the cause if it lasted at least this long */
@@ -87,14 +88,15 @@ void tl_child_prepare(tl_child *child);
 bool tl_child_has_ended(tl_child *child);
 
 /* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor
- * waited; INT64_MAX: no FMU call caused it. The text gives the reason: what follows "the
- * twin failed: ". */
+ * waited for it. An FMU call that lasted at least half of this is reported as the cause. INT64_MAX:
+ * no call is reported. The text is the reason, as it follows "the twin failed: ". */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
 /* Resets the measured silence: the timeouts of all heartbeats start again. */
 void tl_child_release(tl_child *child);
 
-/* Sends `signal` to ask the child to end, also repeatedly, and restarts its grace period. */
+/* Asks the child to end by sending `signal`. May be called again; each call restarts the grace
+ * period (tl_child_kill_late()). */
 void tl_child_request_end(tl_child *child, int signal);
 
 /* Returns `passed` (ns), limited to TL_HEARTBEAT_POLL, so that the time in which this process was
@@ -105,11 +107,11 @@ tl_time tl_child_passed(tl_time passed);
  * the last call. */
 void tl_child_kill_late(tl_child *child, tl_time passed, tl_time grace);
 
-/* After its end: writes the reason, to follow "the twin failed: ". */
+/* Call it after the end of the child. Writes how it ended, as it follows "the twin failed: ". */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
-/* After its end: returns true if the child announced its end and then ended with the announced exit
- *                code. */
+/* Call it after the end of the child. Returns true if the child announced its end and then ended
+ * with the announced exit code. */
 bool tl_child_ended_as_asked(const tl_child *child);
 
 /* Gives the child to the reaper; its process id is 0 afterwards. */
@@ -117,8 +119,8 @@ void tl_child_reap(tl_child *child);
 
 /* ---- Debugger check: distinguishes a stopped or traced process from a hung one.
  *
- * Purpose: a debugger stops the process of an FMU for any time; so do Ctrl-Z and `kill -STOP`. The
- *          kernel reports for each thread if it is stopped, or traced by another process (gdb,
+ * Purpose: a debugger, Ctrl-Z or `kill -STOP` can stop an FMU process for any length of time. The
+ *          kernel reports for each thread whether it is stopped, or traced by another process (gdb,
  *          strace).
  * Cost:    reads a file of /proc for each thread. Call it only for a process that was found silent.
  * Limits:  the function cannot find out which process stopped it: an FMU may have stopped its own

@@ -1,18 +1,21 @@
 /* Handover control: the supervisor's part of a handover. Executes the config manager's orders and
  * writes the handover block (tl_handover).
  *
- * Purpose: decides which slot has the live twin, if the other slot has a shadow, when the two swap,
- *          and which of the two record queues the recorder reads. The supervisor executes that
- *          (tl_orders).
- * Orders:  one after the other. An order waits if the previous twin of the slot has not ended, the
- *          live twin is not ready, or the recorder is behind. After TL_HANDOVER_CONTROL_PATIENCE
- *          (30 s) it is rejected. The handover block reports the reason.
+ * Purpose: decides which slot has the live twin, whether the other slot has a shadow, when the two
+ *          swap, and which of the two record queues the recorder reads. The supervisor executes
+ *          these decisions (tl_orders).
+ * Orders:  one after the other. An order for a shadow waits if the previous twin of the slot has
+ *          not ended, the live twin is not ready, or the recorder is behind. It is rejected after
+ *          TL_HANDOVER_CONTROL_PATIENCE (30 s). All other orders are executed or rejected at once.
+ *          The handover block reports the reason.
  * Hold:    in safe hold there is no shadow, and no handover.
- * Handover: announced for a later tick; done when the live twin has reported its part, or has died.
- *           A live twin that has not reported it within tl_handover_ahead() after that tick is
- *           killed. If all processes end before that tick, there is no handover.
- * Recorder: a recorder is behind a handover until it has written the old record queue to the end.
- *           Then another one is started for the other queue. It may be two handovers behind.
+ * Handover: it is announced for a later tick. It is done when the live twin has reported that it
+ *           has handed over, or has died. A live twin that has not reported this within
+ *           tl_handover_ahead() after that tick is killed. If all processes end before that tick,
+ *           there is no handover.
+ * Recorder: after a handover the recorder is behind until it has written the old record queue to
+ *           the end. Then a new recorder is started for the other queue. A recorder may be two
+ *           handovers behind.
  * Trust:   orders and status blocks come from other processes: numbers are bounded, and each value
  *          is read once.
  * Memory:  the caller owns all blocks that the object points to.
@@ -37,28 +40,30 @@ typedef struct tl_handover_control {
     const tl_block *candidate;
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     tl_time step;                            /* of the run, ns; it does not change */
-    bool unconfined;                         /* FMUs have all rights of the user, if so configured */
+    bool unconfined;                         /* permits FMUs with all rights of the user, if a configuration has them */
     void *context;
     void (*tell)(void *context, const char *text); /* reports a handover: log and event */
-    bool holds;                                    /* set by the caller too: safe hold */
+    bool holds;                                    /* safe hold; set by the caller, also later */
     /* private */
     bool wants_shadow;
-    uint32_t done;               /* newest completed handover; during one it differs from `handover_block` */
-    tl_time until;               /* then a twin that has not done its part is killed */
+    uint32_t done;               /* newest completed handover; the handover block may be one ahead */
+    tl_time until;               /* ns; the live twin is killed if it has not handed over by then */
     uint32_t waiting;            /* number of the waiting order */
-    tl_time since;               /* start of its wait */
+    tl_time since;               /* ns; start of its wait */
     uint32_t recorder_place;     /* slot whose record queue is read */
     uint32_t recorder_handovers; /* handovers at which that recorder started */
 } tl_handover_control;
 
-/* Called in each loop of the supervisor. Executes orders and handovers, and sets `orders`. `ends`:
- * all processes are ending. */
+/* Called in each loop of the supervisor. Executes orders of the config manager and handovers. Sets
+ * `orders`: what the supervisor has to do. `now`: ns, monotonic clock. `ends`: all processes are
+ * ending. */
 void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders);
 
 /* Reports that the shadow has ended, or could not be started. */
 void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason);
 
-/* Called before a recorder is started: sets `recorder_place` and `recorder_handovers` for it. */
+/* Called before a recorder is started. Moves `recorder_place` and `recorder_handovers` to the other
+ * queue if the old one is fully recorded. */
 void tl_handover_control_begin_recorder(tl_handover_control *change);
 
 #endif

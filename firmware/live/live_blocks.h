@@ -4,7 +4,7 @@
  *          process maps its blocks and reads its job.
  * Memory:  the supervisor allocates all blocks; a block outlives each process that writes it.
  * Errors:  each function states its own.
- * Thread:  as each part says.
+ * Thread:  each part states its own.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_BLOCKS_H
 #define TL_FIRMWARE_LIVE_LIVE_BLOCKS_H
@@ -38,11 +38,11 @@
  *          file, and the twin to its FMUs.
  */
 
-/* Descriptor numbers of the blocks, the same in every process of the run that has the block.
+/* Descriptor numbers of the blocks. A block has the same number in each process that has it.
  * Descriptor 0 is /dev/null; 1 and 2 are the log. For processes with FMUs, twin_role.h gives the
  * numbers of job and start socket. */
 enum {
-    TL_LIVE_CLIENT = 3,            /* no block: control socket, of the config manager */
+    TL_LIVE_CLIENT = 3,            /* not a block: control socket of the config manager */
     TL_LIVE_JOB = 4,               /* tl_live_job */
     TL_LIVE_SAMPLES = 5,           /* sample memory, written by io (sample_buffer.h) */
     TL_LIVE_IO_BEATS = 6,          /* tl_heartbeats */
@@ -53,7 +53,7 @@ enum {
     TL_LIVE_CONFIG_MANAGER_EVENTS,
     TL_HANDOVER,       /* tl_handover, written by the supervisor */
     TL_LIVE_CANDIDATE, /* tl_live_candidate */
-    /* Of twin slot 0; the next number is of slot 1. */
+    /* Each name is the number for twin slot 0. The next number is that for slot 1. */
     TL_LIVE_TWIN_STATUS,                                  /* tl_live_twin_status */
     TL_LIVE_TUNING = TL_LIVE_TWIN_STATUS + TL_TWIN_SLOTS, /* tl_live_tuning */
     TL_LIVE_RESUME = TL_LIVE_TUNING + TL_TWIN_SLOTS,      /* resume block of a new twin (resume.h) */
@@ -63,7 +63,7 @@ enum {
 
 /* Indices of the record queues, for the recorder. */
 enum {
-    TL_LIVE_QUEUE_TWIN, /* of twin slot 0; the next index is of slot 1 */
+    TL_LIVE_QUEUE_TWIN, /* for twin slot 0; the next index is that for slot 1 */
     TL_LIVE_QUEUE_IO = TL_TWIN_SLOTS,
     TL_LIVE_QUEUE_SUPERVISOR,
     TL_LIVE_QUEUE_CONFIG_MANAGER,
@@ -75,7 +75,7 @@ enum {
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
 #define TL_LIVE_RESUME_BYTES TL_RESUME_MOST
 
-/* End of a run, written by the twin for the summary. */
+/* Results of a run, written by the twin at its end, for the summary. */
 typedef struct tl_live_end {
     uint32_t is_there; /* 1: all fields are valid */
     tl_summary summary;
@@ -90,32 +90,35 @@ static inline tl_live_request tl_live_request_of(uint32_t twin, uint32_t number)
     return (uint64_t)twin << 32 | number;
 }
 
-/* Why a twin process has no FMUs: safe hold, or the first twin of the run may not start yet. */
+/* Why a twin process has no FMUs: safe hold (HOLDS), or the first twin of the run may not start yet
+ * (WAITS). */
 enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 
-/* Status block of a twin. Heartbeats are the first field of every status block. */
+/* Status block of a twin. The twin writes all fields except those marked "by the supervisor". The
+ * next process in the slot uses the fields marked "kept"; the supervisor resets other fields before
+ * it starts. Heartbeats are the first field of every status block. */
 typedef struct tl_live_twin_status {
     tl_heartbeats beats;
-    uint32_t number;             /* of the twin process in this slot, from 1 */
-    uint32_t first;              /* number of the first process of its configuration */
-    uint32_t holds;              /* 0 or a value of above; all three set by the supervisor */
+    uint32_t number;             /* by the supervisor: number of the twin process in this slot, from 1; kept */
+    uint32_t first;              /* by the supervisor: the first such number; number - first counts failures; kept */
+    uint32_t holds;              /* by the supervisor: TL_LIVE_HOLDS, TL_LIVE_WAITS, or 0: it has FMUs */
     tl_latest figures;           /* tl_run_status; empty in safe hold */
     int32_t realtime;            /* thread that needs the configured priority; 0: none */
-    uint32_t begun;              /* 1: it needs no data to resume from any more */
-    uint64_t fmus;               /* number of its FMU files; kept for the next process; 0: none */
-    char digest[TL_SHA256_TEXT]; /* of the content of the FMU files; set before a request */
-    uint32_t loads;              /* 1: checkpoint loaded, too few steps since; kept */
-    uint64_t unreadable;         /* by the supervisor: `fmus` whose saved state ended a process */
-    tl_live_request resume;      /* request: 1 for the newest resume data, …; shadow: samples */
-    int64_t resumed_from;        /* shadow: first tick of the samples; written before `resume` */
+    uint32_t begun;              /* 1: it does not need resume data any more */
+    uint64_t fmus;               /* identity number of its FMU files (not their count); 0: none; kept */
+    char digest[TL_SHA256_TEXT]; /* SHA-256 of the content of the FMU files; set before a request; kept */
+    uint32_t loads;              /* 1: loads a checkpoint, or has made too few steps since; kept */
+    uint64_t unreadable;         /* by the supervisor: `fmus` of which a checkpoint ended a process; 0: none; kept */
+    tl_live_request resume;      /* newest request for resume data; of a shadow: for samples; 0: none */
+    int64_t resumed_from;        /* shadow: first tick of the requested samples; written before `resume` */
     tl_time start;               /* t_start of its run (CLOCK_MONOTONIC); 0: not known yet */
-    int64_t started;             /* the same in UTC, ms; both are set before it is ready */
+    int64_t started;             /* the same in UTC, ms since 1970; both are set before the twin is ready */
     uint32_t handed_over;        /* newest handover that this twin has completed */
     tl_live_tuning_answer tuned; /* answer to the newest tuning; kept for the config manager */
     tl_live_end end;
 } tl_live_twin_status;
 
-/* A message about resume data. */
+/* A message about resume data, to be logged by the twin. */
 typedef struct tl_live_resume_word {
     int32_t severity; /* tl_severity */
     char text[TL_RESUME_TEXT];
@@ -135,7 +138,7 @@ typedef struct tl_live_resume_answer {
 typedef struct tl_live_recorder_status {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
-    uint32_t drained;                /* newest handover whose old twin is fully recorded */
+    uint32_t drained;                /* newest handover before which all is recorded (old queue empty) */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_status;
@@ -148,7 +151,7 @@ typedef struct tl_live_config_manager_status {
     uint32_t handovers; /* private to the config manager: newest handover when it ordered one */
 } tl_live_config_manager_status;
 
-/* Settings of a record queue for events only. */
+/* Settings of a record queue that is used for events only. */
 static inline tl_record_queue_settings tl_live_event_queue(void) {
     return (tl_record_queue_settings){.ring_bytes = 0};
 }
@@ -172,28 +175,29 @@ static inline tl_record_queue_settings tl_live_twin_queue(const tl_config *confi
  * Thread:  plain data.
  */
 
-/* The same for all processes, except the fields of a start. Contains no pointers. */
+/* The first fields are the same for all processes; the last ones belong to the start of one
+ * process. Contains no pointers. */
 typedef struct tl_live_job {
     bool alone;                               /* the run is not supervised */
     bool unconfined;                          /* FMUs have all rights of the user */
-    tl_time duration;                         /* requested duration; 0: as configured */
+    tl_time duration;                         /* ns; duration of the command line; 0: as configured */
     char database[PATH_MAX];                  /* "": nothing is recorded */
     char state[PATH_MAX];                     /* config manager: folder of the versions; "": none */
     char allowed[PATH_MAX];                   /* config manager: administrator's list of names */
-    uint64_t memory_limit;                    /* config manager: of an FMU process; 0: default */
-    uint32_t slot_index;                      /* slot: own; recorder: of its twin; else: live twin */
+    uint64_t memory_limit;                    /* config manager: bytes for an FMU process; 0: default */
+    uint32_t slot_index;                      /* slot of: itself (twin); its twin (recorder); the live twin (others) */
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
     /* for the start of a twin: */
     uint32_t number;    /* of this process in its slot, from 1 */
     bool is_shadow;     /* it is a shadow, until a handover makes it the live twin */
     tl_time start;      /* shadow: t_start of the live twin's run (CLOCK_MONOTONIC) */
     int64_t started;    /* the same in UTC, ms */
-    uint32_t handovers; /* newest handover at the start; recorder: handover that began its run */
-    tl_start how;       /* if it waits, `start` is the begin of the wait and of the record */
+    uint32_t handovers; /* newest handover at the start; recorder: handover with which its twin went live */
+    tl_start how;       /* if the twin has to wait, `start` is the start of the wait and of the record */
 } tl_live_job;
 
-/* Packs the job, the path of the configuration and its text. For a twin, `text` is the
- * configuration of the live twin if the job is of a shadow, else "". The caller frees the result
+/* Packs the job, the path of the configuration and its text. For a shadow, `text` is the
+ * configuration of the live twin; for another twin, "". The caller frees the result
  * with free(). Returns NULL if memory is out. */
 unsigned char *tl_live_job_pack(const tl_live_job *job, const char *path, const char *text, size_t *size);
 
@@ -202,8 +206,8 @@ unsigned char *tl_live_job_pack(const tl_live_job *job, const char *path, const 
 tl_status tl_live_job_unpack(const void *bytes, size_t size, tl_live_job *job, const char **path, const char **text,
                              tl_error *error);
 
-/* For all processes but the twin: maps the block with the job and reads the configuration. `block`
- * must outlive job and configuration. Errors: TL_BAD_DATA, TL_TRY_AGAIN. */
+/* For all processes except the twin: maps the block with the job and reads the configuration.
+ * `block` must outlive job and configuration. Errors: TL_BAD_DATA, TL_TRY_AGAIN. */
 tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error);
 
 /* Reads a configuration that was valid before, and applies the job to it. The caller frees it.
@@ -229,18 +233,18 @@ typedef enum tl_live_kind {
     TL_LIVE_IS_TWIN
 } tl_live_kind;
 
-/* Bit masks by block number. */
+/* Bit n stands for the block with descriptor n. */
 typedef struct tl_live_access {
     uint32_t reads;
     uint32_t writes;
 } tl_live_access;
 
-/* Returns the blocks of a process, for the slot of the job. Without a database, the blocks of the
- * recorder are left out. */
+/* Returns the blocks that a process of this kind reads and writes, for the slot of the job. Without
+ * a database, the blocks of the recorder are left out. */
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job);
 
-/* Sets the bytes of each block. A record queue has the size for a twin of this configuration, whose
- * look-ups must be signals (tl_config_use_lookups()). */
+/* Sets the size of each block in bytes. A record queue has the size for a twin of this
+ * configuration. Call tl_config_use_lookups() before. */
 void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]);
 
 /* Maps all blocks of this process. The caller has zeroed `blocks`; blocks that the process does not
@@ -254,8 +258,8 @@ tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_mem
 
 /* ---- Memory need of a run, reported before anything runs.
  *
- * Purpose: uses the same sizes as the process tree. A page takes memory only when it is used: for
- *          checkpoints and resume data, only the pages that a twin of this size fills are counted.
+ * Purpose: uses the same sizes as the process tree. A page takes memory only when it is used. So
+ *          for checkpoints and resume data, only pages that a twin of this size fills are counted.
  * Thread:  pure.
  */
 
@@ -264,12 +268,12 @@ typedef struct tl_live_blocks {
     size_t sample_memory; /* newest readings of the plant */
     size_t queue;         /* record queue, events, and status blocks */
     size_t checkpoints;   /* all checkpoint slots; 0: no checkpoints */
-    size_t resume;        /* resume data: upper bound, until the twin has started; 0: none */
+    size_t resume;        /* resume data, freed when the twin has started; upper bound; 0: none */
     size_t shadow;        /* additionally, while a shadow of this size runs; an upper bound */
 } tl_live_blocks;
 
-/* Computes the memory need for a twin whose checkpoint has `checkpoint` bytes (0: none). The
- * look-ups of `config` must be signals. */
+/* Computes the memory need for a twin whose checkpoint has `checkpoint` bytes (0: none). Call
+ * tl_config_use_lookups() before. */
 void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_blocks *blocks);
 
 /* ---- Recorded samples for a shadow: the recorder's side.
@@ -283,10 +287,10 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
  */
 
 typedef struct tl_live_samples {
-    const tl_live_twin_status *live_status; /* of the shadow, which writes it */
+    const tl_live_twin_status *live_status; /* status block of the shadow, written by the shadow */
     tl_live_resume_answer *answer;          /* written by the recorder */
     tl_block *resume;                       /* of the shadow's slot, written by the recorder */
-    const char *boot;                       /* tl_identity_boot() */
+    const char *boot;                       /* result of tl_identity_boot(); must outlive the object */
     /* private; the caller zeroes them */
     tl_live_request answered;
     bool is_filled;

@@ -1,12 +1,13 @@
 /* Live host: connects an activation (activation.h) to the live run: status of the twins, tunings,
- *            shadow and handover.
+ * shadow and handover.
  *
  * Purpose: reads and writes the memory that the config manager shares with the other processes. The
  *          live twin is in the slot that the handover block names (handover.h).
- * Orders:  one at a time; the next one is given when the previous one was executed. They outlive
- *          the process: a restarted config manager finds the order and its result.
- * Tunings: their numbers increase over both slots, so that an answer of the recorder always belongs
- *          to one tuning.
+ * Orders:  one at a time. The host gives the next order when the supervisor has executed the
+ *          previous one. Orders outlive the process: a restarted config manager finds the order and
+ *          its result.
+ * Tunings: both slots share one sequence of numbers, so that an answer of the recorder always
+ *          belongs to one tuning.
  * Trust:   status blocks come from processes with FMUs: numbers are bounded, names are cleaned.
  * Memory:  the caller owns all blocks; they must outlive the host.
  * Errors:  the functions of the host return them.
@@ -28,20 +29,20 @@ typedef struct tl_live_host {
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     const tl_handover *handover_block;
     tl_live_candidate *candidate;
-    char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
+    char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* SHA-256 of the configuration in each slot; "": none */
     const char *path;                         /* of the configuration; relative names start there */
-    const char *text;                         /* of the run when this process started */
+    const char *text;                         /* configuration of the run when this process started */
     const char *text_hash;                    /* of `text` */
-    tl_time step;
+    tl_time step;                             /* T_S, ns */
     tl_journal *journal;
-    bool wants_none; /* private: end the shadow when the previous order was executed */
+    bool wants_none; /* private: order the end of the shadow as soon as the previous order is executed */
     uint32_t given;  /* private: number of the newest tuning that this process wrote */
 } tl_live_host;
 
 /* Returns the functions for an activation. `host` must outlive it. */
 tl_activation_host tl_live_host_functions(tl_live_host *host);
 
-/* Called regularly: gives an order that had to wait. */
+/* Call it regularly. Gives an order that had to wait for the previous one. */
 void tl_live_host_poll(tl_live_host *host);
 
 #endif

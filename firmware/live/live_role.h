@@ -2,9 +2,9 @@
  *
  * Purpose: main() calls one of them in a process that the process tree (process_tree.h) has started
  *          with that role.
- * Order:   the same in each: log, parent, shared memory, paths, confinement, signals, then the
- *          work. SIGTERM ends it.
- * Ends:    returns an exit code, after announcing it in the status block of the process.
+ * Order:   each process first sets up its log, its end with its parent, its signal handlers and its
+ *          shared memory. Then it confines itself and starts its work. SIGTERM ends it.
+ * Ends:    each function announces its exit code in the status block of the process and returns it.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
@@ -16,12 +16,12 @@
 #include "firmware/twin/journal.h"
 #include "firmware/twin/twin_role.h"
 
-/* Process titles begin with these. */
+/* The title of a process begins with the name of its role. */
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
 #define TL_LIVE_CONFIG_MANAGER "config manager"
 #define TL_LIVE_TWIN "twin"
-#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* title changes at a handover; space for that: */
+#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* the title changes at a handover; room for the longer one: */
 #define TL_LIVE_TWIN_ROOM "        "
 
 /* Reads the configured sources of the plant into the sample buffers. */
@@ -30,11 +30,12 @@ int tl_io_role_run(void);
 /* Writes the data of the other processes to the database. */
 int tl_recorder_role_run(void);
 
-/* Serves the control socket and changes the configuration (config_manager.h) until it is idle. */
+/* Serves the control socket and changes the configuration (config_manager.h). Ends when there is
+ * nothing more to do. */
 int tl_config_manager_role_run(void);
 
-/* Runs the FMUs and the real-time cycle. For tl_twin_role_tasks: called in the process of the twin
- * after its confinement. Returns an exit code, which was announced. */
+/* Runs the FMUs and the real-time cycle. Entry of tl_twin_role_tasks: called in the process of the
+ * twin after its confinement. Announces its exit code and returns it. */
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
 
 /* What io, recorder and config manager get from the supervisor. */
@@ -43,18 +44,20 @@ typedef struct tl_live_setup {
     tl_live_job job;
     tl_config config;
     tl_block blocks[TL_LIVE_BLOCKS]; /* by block number; missing blocks are zeroed */
-    tl_record_queue queue;           /* for events; unused by the recorder, like `journal` */
+    tl_record_queue queue;           /* for events; the recorder uses neither this nor `journal` */
     tl_journal journal;
 } tl_live_setup;
 
-/* Called first in io, recorder and config manager: sets up the log, ends the process with its
- * parent, and maps job and blocks. Errors are logged. */
+/* Called first in io, recorder and config manager. Sets up the log and the signal handlers, makes
+ * the process end if its parent ends, and maps job and blocks. Errors are logged. */
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup);
 
-/* Passes events to the log and to the record queue, which must outlive the journal. */
+/* Opens a journal that passes events to the log and to the record queue. `queue` must outlive the
+ * journal. */
 void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);
 
-/* Called last: announces the end cause and returns `code`. */
+/* Called last. Announces the end cause and the exit code `code` in the heartbeats, and returns
+ * `code`. `was_ready`: the process had started its work; decides the cause of a failure. */
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);
 
 #endif

@@ -3,10 +3,11 @@
  *
  * Purpose:  io, recorder and config manager print into pipes; this thread logs each line. So only
  *           the supervisor uses the terminal, and the status line never mixes with other lines. The
- *           thread also closes ended processes of twins, because that may block.
- * Repeats:  a restarted process prints the lines of the one before. From the third process on, each
- *           such line is logged once a minute, with a count.
- * Priority: ordinary, whatever that of the supervisor is.
+ *           thread also closes ended processes of twins (tl_twin_process_close()), because that may
+ *           block.
+ * Repeats:  a restarted process may print the same lines as its predecessor. From the third process
+ *           on, each such line is logged once a minute, with a count of the repeats.
+ * Priority: the thread has ordinary priority, even if the supervisor has real-time priority.
  * Thread:   all functions: the supervisor's. Only tl_log_relay_stop() waits for the thread.
  */
 #ifndef TL_FIRMWARE_LIVE_LOG_RELAY_H
@@ -25,8 +26,8 @@ enum { TL_LOG_RELAY_PIPES = 3, TL_LOG_RELAY_LINES = 16, TL_LOG_RELAY_DEAD = 8 };
 /* A line that was logged. */
 typedef struct tl_logged_line {
     uint64_t hash;
-    unsigned process; /* that printed it last */
-    unsigned repeats; /* by later processes, not logged */
+    unsigned process; /* number of the process that printed it last */
+    unsigned repeats; /* times that later processes printed it and it was not logged */
     bool is_loop;     /* a later process has repeated it within a minute */
     tl_time time;
 } tl_logged_line;
@@ -34,41 +35,44 @@ typedef struct tl_logged_line {
 /* The output of processes of one kind, one after the other. */
 typedef struct tl_log_source {
     tl_relay relay;
-    int pipe;         /* the end that they write; 0: none */
+    int pipe;         /* write end, for these processes; 0: none */
     unsigned process; /* number of the process whose lines are read */
     tl_logged_line lines[TL_LOG_RELAY_LINES];
 } tl_log_source;
 
 /* Fields are private. Zeroed: not started. */
 typedef struct tl_log_relay {
-    const tl_heartbeats *beats; /* of the twin: its status */
+    const tl_heartbeats *beats; /* of the twin whose status is drawn */
     bool status;
     bool terminal;
-    bool runs; /* there is a thread */
+    bool runs; /* the thread exists */
     pthread_t thread;
     int wake; /* eventfd */
     bool stop;
     tl_log_source sources[TL_LOG_RELAY_PIPES];
-    tl_twin_process *dead[TL_LOG_RELAY_DEAD]; /* to be closed by the thread */
+    tl_twin_process *dead[TL_LOG_RELAY_DEAD]; /* the thread closes them */
     tl_time drawn;
 } tl_log_relay;
 
-/* `beats`: of the first twin. `status`: draws a status line also if standard error is no terminal.
+/* Opens the pipes and starts the thread. `beats`: of the first twin. `status`: draws a
+ * status line also if standard error is no terminal.
  * Errors: TL_TRY_AGAIN; then tl_log_relay_stop() is still allowed. */
 tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_error *error);
 
-/* The pipe for a process of kind `which`, below TL_LOG_RELAY_PIPES, that is about to start after
- * the one before has ended. Empty lines are dropped. The pipe stays open here. */
+/* Returns the write end of the pipe for a process that is about to start. `which`: its kind, below
+ * TL_LOG_RELAY_PIPES (tl_live_kind). The previous process of this kind must have ended. The relay
+ * closes the pipe. Empty lines are not logged. */
 int tl_log_relay_pipe(const tl_log_relay *self, unsigned which);
 
-/* From now on the status is that of another twin. */
+/* Changes the twin whose status is drawn. */
 void tl_log_relay_watch(tl_log_relay *self, const tl_heartbeats *beats);
 
-/* Closes a process that has ended, after tl_twin_process_let_go(). */
+/* Closes a process that has ended, after tl_twin_process_let_go(). The thread does it later; only
+ * if TL_LOG_RELAY_DEAD processes wait already, this call does it and may block. */
 void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process);
 
-/* Logs the remaining output, removes the status line, and ends the thread. Does nothing if it is
- * not started. */
+/* Ends the thread, logs the remaining output, removes the status line, and closes the pipes. Call
+ * it after all processes have ended. Does nothing if the relay is not started. */
 void tl_log_relay_stop(tl_log_relay *self);
 
 #endif

@@ -14,27 +14,27 @@
 #include "firmware/twin/twin_role.h"
 
 typedef struct tl_process_tree_settings {
-    const tl_config *config; /* as read; not changed */
-    const char *database;    /* NULL: as configured */
-    tl_time duration;        /* ns; 0: as configured */
-    bool verbose;            /* prints outcomes, executions and MSEs too */
-    bool json;               /* prints the summary as JSON at the end */
-    bool status;             /* shows a status line also if standard error is no terminal */
-    bool unconfined;         /* FMUs have all rights of the user */
-    uint64_t memory_limit;   /* of an FMU process; 0: tl_confine_fair_memory() */
-    double require_lock;     /* least % of steps in lock; 0: none, or one step if alone */
-    bool supervised;
-    tl_time call_limit;  /* as in supervisor.h, if not supervised */
-    const char *state;   /* as in supervisor.h, if supervised */
-    const char *control; /* control socket to change the configuration; NULL: none. Needs `state` */
-    const char *allowed; /* administrator's list of names that a remote configuration may use */
-    const char *watchdog;
-    int watchdog_s;
-    const tl_twin_role_tasks *tasks;             /* of the process of a twin */
-    int (*be)(const char *title, void *context); /* main function of a title, without exec */
+    const tl_config *config;         /* as read; not changed */
+    const char *database;            /* path; NULL: as configured */
+    tl_time duration;                /* ns; 0: as configured */
+    bool verbose;                    /* prints outcomes, executions and MSEs too */
+    bool json;                       /* prints the summary as JSON at the end */
+    bool status;                     /* shows a status line also if standard error is no terminal */
+    bool unconfined;                 /* FMUs have all rights of the user */
+    uint64_t memory_limit;           /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
+    double require_lock;             /* least % of steps in lock; 0: none, or one step if alone */
+    bool supervised;                 /* restarts a failed twin; else its failure ends the run */
+    tl_time call_limit;              /* ns; as in supervisor.h, if not supervised */
+    const char *state;               /* as in supervisor.h, if supervised */
+    const char *control;             /* control socket to change the configuration; NULL: none. Needs `state` */
+    const char *allowed;             /* file: the administrator's list of names that a remote configuration may use */
+    const char *watchdog;            /* device; NULL: none */
+    int watchdog_s;                  /* timeout of the watchdog, s */
+    const tl_twin_role_tasks *tasks; /* tasks of a twin process */
+    int (*be)(const char *title, void *context); /* runs the role `title` without exec (role.h) */
 } tl_process_tree_settings;
 
-/* How the run ended, if no signal asked for the end. */
+/* How the run ended. Both are false if a signal asked for the end. */
 typedef struct tl_process_tree_end {
     bool again;      /* start another run, with the active version (versions.h) */
     bool is_failure; /* the run could not start or continue */

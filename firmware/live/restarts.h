@@ -4,12 +4,13 @@
  *          FOLDER/supervisor.json; each change replaces the whole file. Without a folder it lasts
  *          as long as the supervisor.
  * Loop:    only an unexpected end of the twin's process counts as a failure. A power cut, a reset
- *          of the box or a killed supervisor does not. TL_RESTARTS_FORGIVEN of running time
- *          forgives one failure. TL_RESTARTS_MOST failures are a loop, and safe hold follows. No
- *          wall clock is needed, because a box may start without one.
- * Retries: from safe hold the twin is retried after TL_RESTARTS_HOLD. The time doubles with each
- *          retry, up to TL_RESTARTS_HOLD_MOST. Each start of the supervisor is a retry as well. An
- *          orderly end of the supervisor clears failures and retries.
+ *          of the box or a killed supervisor does not. TL_RESTARTS_FORGIVEN (120 s) of running time
+ *          forgives one failure. TL_RESTARTS_MOST (5) failures that are not forgiven are a restart
+ *          loop, and safe hold follows. No wall clock is needed, because a box may start without
+ *          one.
+ * Retries: the twin is retried after TL_RESTARTS_HOLD (60 s) of safe hold. The time doubles with
+ *          each retry, up to TL_RESTARTS_HOLD_MOST (1 h). Each start of the supervisor is a retry
+ *          as well. An orderly end of the supervisor clears failures and retries.
  * Memory:  the caller owns the object.
  * Errors:  a failed write is logged once, and does not stop the caller.
  * Thread:  the supervisor's.
@@ -35,53 +36,54 @@ typedef struct tl_restarts {
     uint64_t starts;                 /* starts of the twin in all recorded runs */
     uint64_t restarts;               /* starts after a failure */
     unsigned failures;               /* not forgiven; at most TL_RESTARTS_MOST */
-    unsigned tries;                  /* retries from safe hold since all was forgiven */
+    unsigned tries;                  /* retries from safe hold since all failures were forgiven */
     bool interrupted;                /* the previous supervisor did not end in order */
     char reason[TL_RESTARTS_REASON]; /* why the twin starts; "": no special reason */
-    uint64_t unreadable;             /* FMU files whose saved state ended a process; 0: none */
+    uint64_t unreadable;             /* identity number of the FMU files whose saved state ended a process; 0: none */
     /* private */
     char path[PATH_MAX]; /* of the file; "": not saved */
     char boot[TL_IDENTITY_TEXT];
     int lock;        /* the folder with its file lock; -1: none */
-    tl_time healthy; /* running time since the last forgiven failure, ns */
+    tl_time healthy; /* running time since the start or the last forgiven failure, ns */
     bool unwritten;  /* a failed write was logged */
 } tl_restarts;
 
 /* Start information for a twin process. */
 typedef struct tl_start {
-    uint64_t starts, restarts; /* of tl_restarts, as the next three */
+    uint64_t starts, restarts; /* copied from tl_restarts, like the next three fields */
     uint64_t unreadable;
     unsigned tries;
     char reason[TL_RESTARTS_REASON];
-    unsigned failures; /* of the twin, */
-    unsigned missing;  /* starts in a row without a process */
-    bool again;        /* after a failure */
+    unsigned failures; /* of the twin, not forgiven */
+    unsigned missing;  /* starts of the twin in a row for which the kernel provided no process */
+    bool again;        /* counts as a restart */
     bool hold;         /* safe hold */
-    tl_time hold_time; /* time until the twin is retried, ns */
-    bool waits;        /* safe hold only until the first twin may start; not counted as a start */
+    tl_time hold_time; /* time in safe hold until the twin is retried, ns */
+    bool waits;        /* safe hold lasts only until the first twin may start; not counted as a start */
 } tl_start;
 
-/* Loads the record and finds the reason of this start. `watchdog`: the watchdog has reset the box.
- * A damaged file is logged, and all counts start at 0. A read-only file system is logged, and
- * nothing is saved. Errors: TL_BAD_DATA if the folder cannot be used; TL_TRY_AGAIN if another
- * supervisor uses it. Nothing is changed then. */
+/* Loads the record from `folder` (NULL: nothing is loaded or saved) and finds the reason of this
+ * start. `watchdog`: true if the watchdog has reset the box. A damaged file is logged, and all
+ * counts start at 0. A read-only file system is logged, and nothing is saved. Errors: TL_BAD_DATA
+ * if the folder cannot be used; TL_TRY_AGAIN if another supervisor uses it. No record is
+ * changed then. */
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
 
 /* Counts and saves a start of the twin; `again`: after a failure. */
 void tl_restarts_begin(tl_restarts *restarts, bool again);
 
-/* Undoes the newest tl_restarts_begin(), because no process could be started. The next start saves
- * that. */
+/* Undoes the last tl_restarts_begin(), which had the same `again`, because no process could be
+ * started. The next start saves this. */
 void tl_restarts_undo(tl_restarts *restarts, bool again);
 
 /* Counts a failure: the twin's process ended without being asked. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
 
-/* Sets the FMU files whose saved states must not be loaded any more. The next start saves that. 0:
- * no change. */
+/* Sets the identity number of the FMU files whose saved states must not be loaded any more; 0: no
+ * change. The next start saves it. */
 void tl_restarts_note_unreadable(tl_restarts *restarts, uint64_t files);
 
-/* Sets the reason of the next start, which does not count as a failure. */
+/* Sets the reason of the next start. Does not count a failure. */
 void tl_restarts_excuse(tl_restarts *restarts, const char *reason);
 
 /* Adds running time of the twin: ns since the last call. May forgive a failure. */
@@ -89,10 +91,11 @@ void tl_restarts_live(tl_restarts *restarts, tl_time passed);
 
 bool tl_restarts_is_loop(const tl_restarts *restarts);
 
-/* Counts a retry of the twin in a restart loop. The next start saves that. */
+/* Counts a retry of the twin in a restart loop. The next start saves it. */
 void tl_restarts_retry(tl_restarts *restarts);
 
-/* Returns the time of safe hold until the next retry, ns. `first`: that before the first retry. */
+/* Returns the time of safe hold until the next retry, ns. `first`: the time before the first retry,
+ * ns; it doubles with each retry, up to TL_RESTARTS_HOLD_MOST. */
 tl_time tl_restarts_hold_time(const tl_restarts *restarts, tl_time first);
 
 /* Clears failures and retries, and saves an orderly end of the supervisor. */

@@ -1,20 +1,20 @@
 /* Saved-state test: can another process load what the FMUs of a run save? Done before the first
  * twin starts; the result is saved.
  *
- * Purpose: a checkpoint that crashes the process that loads it costs a start. If it loads, but the
- *          FMU continues differently, that is never noticed. So a worker (worker.h) tests the FMUs
- *          while io reads the plant. The log has no output of the worker: the run reports other
- *          errors of the FMUs.
+ * Purpose: if a checkpoint crashes the process that loads it, a start is lost. If it loads, but the
+ *          FMU then continues differently, no check detects that. So a worker (worker.h) tests the
+ *          FMUs while io reads the plant. The output of the worker is not logged, because the run
+ *          reports other errors of the FMUs.
  * Memory:  the result is saved to FOLDER/states.json. Its key is computed from the content of the
- *          FMU files, their rollback methods, the step and the version of this program. So the test
- *          costs two starts of the FMUs only once. Without a folder every start would need it, so
- *          it is skipped.
+ *          FMU files, their rollback methods, the step and the version of this program. A test
+ *          starts the FMUs twice, but only once for each key. Without a folder each start would
+ *          repeat the test, so it is skipped.
  * Bad:     if the FMUs crash, hang, or need more than 300 s, their states count as unusable, and
  *          the test is not repeated. An interrupted test, or one that could not start, is not
  *          saved.
- * Trust:   the answer comes from a process with FMUs, and affects only their own run: it is cleaned
- *          and bounded.
- * Errors:  none is returned; without a result, nothing is assumed against the FMUs.
+ * Trust:   the answer comes from a process with FMUs, and affects only the run of these FMUs. Its
+ *          text is cleaned, and its length is bounded.
+ * Errors:  none is returned. Without a result the states count as usable.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_SAVED_STATES_H
@@ -30,31 +30,32 @@
 #include "firmware/retune/worker.h"
 
 typedef struct tl_saved_states {
-    const tl_config *config; /* as read; the caller sets the first four and zeroes the rest */
+    const tl_config *config; /* as read; the caller sets the first four fields and zeroes the rest */
     bool unconfined;
-    uint64_t memory_limit;                       /* of an FMU process; 0: tl_confine_fair_memory() */
-    int (*be)(const char *title, void *context); /* main function, without exec (role.h) */
-    uint64_t files;                              /* number of unusable FMU files; 0: none known */
-    char why[TL_TWIN_CHECK_WHY];                 /* the reason, if `files` is not 0 */
+    uint64_t memory_limit;                       /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
+    int (*be)(const char *title, void *context); /* runs the worker without exec (role.h) */
+    uint64_t files;              /* identity number of the FMU files, if their states are unusable; else 0 */
+    char why[TL_TWIN_CHECK_WHY]; /* the reason, if `files` is not 0 */
     /* private */
-    uint64_t number;          /* of the FMU files */
+    uint64_t number;          /* identity number of the FMU files (identity.h) */
     char key[TL_SHA256_TEXT]; /* of the saved result */
     char path[PATH_MAX];
     bool is_due; /* the test is to be done, or is running */
     tl_worker worker;
-    tl_time begun;    /* start of the test */
-    bool is_reported; /* the long test was logged */
+    tl_time begun;    /* start of the test, monotonic clock */
+    bool is_reported; /* the wait for the test was logged */
 } tl_saved_states;
 
 /* Identifies the FMU files and loads the saved result. `folder` NULL: nothing is tested. The
  * configuration must outlive `states`. */
 void tl_saved_states_open(const char *folder, tl_saved_states *states);
 
-/* Starts the test if necessary, and polls it without blocking. Returns whether the twin must wait:
- * TL_WAIT_LONG after 10 s. Logs a notice after 3 s. */
+/* Starts the test if necessary, and polls it without blocking. Returns how the first twin must
+ * wait: TL_WAIT_BRIEF during the test, TL_WAIT_LONG from 10 s on, TL_WAIT_OVER without a test. Logs
+ * a notice after 3 s. */
 tl_wait tl_saved_states_check(tl_saved_states *states);
 
-/* Kills the test without a result. Does nothing if none is running. */
+/* Kills the test; no result is saved. Does nothing if none is running. */
 void tl_saved_states_stop(tl_saved_states *states);
 
 #endif

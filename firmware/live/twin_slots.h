@@ -19,8 +19,8 @@
  * Memory:  the record queue is allocated when a configuration is loaded; its size depends on the
  *          configuration. Pages take memory only when they are used.
  * Trust:   a candidate is untrusted. Its text is copied and its hash is verified, but the text is
- *          not parsed. The numbers of the order come from another process and are bounded here. If
- *          they are wrong, the twin finds that its memory does not fit.
+ *          not parsed. The numbers in the order come from another process and are bounded here. If
+ *          they are wrong, the twin detects that its memory has the wrong size.
  * Thread:  the supervisor's.
  */
 
@@ -34,8 +34,8 @@ typedef struct tl_twin_slot {
     char hash[TL_SHA256_TEXT];
     tl_twin_fmus fmus;
     bool unconfined;
-    tl_time start;         /* shadow: t_start of the live twin's run when it was started; else 0 */
-    int64_t started;       /* UTC, ms */
+    tl_time start;         /* shadow: t_start of the live twin's run when the shadow was ordered, ns; else 0 */
+    int64_t started;       /* shadow: start of that run, UTC, ms */
     tl_twin_process *twin; /* the running process; NULL: none */
     pid_t pid;             /* of `twin`; 0: none */
     char *copy;            /* private: the text, if the slot owns it */
@@ -45,15 +45,15 @@ typedef struct tl_twin_slot {
  * TL_TRY_AGAIN. */
 tl_status tl_twin_slot_move_in(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error);
 
-/* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `step`: of the run,
- * ns. The slot must have no running twin, and the recorder must have read the whole queue. Clears
- * the status block, except its process number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is
- * empty. */
+/* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `needs`: sizes that
+ * the candidate declares. `step`: of the run, ns. The slot must have no running twin, and the
+ * recorder must have read the whole queue. Clears the status block, except its process number.
+ * Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is empty. */
 tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
                                          tl_time step, tl_error *error);
 
-/* Returns the number of samples, steps and events in the record queue that were not read. The twin
- * must have ended. */
+/* Returns the number of samples, steps and events in the record queue that the recorder has not
+ * read. `taken`: what it has read. The twin must have ended. */
 uint64_t tl_twin_slot_count_remaining(const tl_twin_slot *slot, const tl_record_queue_taken *taken);
 
 /* Frees the text and the record queue. An empty slot is allowed. */
@@ -63,15 +63,16 @@ void tl_twin_slot_move_out(tl_twin_slot *slot);
  * does not need.
  *
  * Purpose: neither has an FMU. But io parses data from the plant's network, and the recorder parses
- *          a database file; both are untrusted. A vulnerability in one must not open the other, or
- *          anything else.
+ *          a database file; both are untrusted. A vulnerability in one must not give access to the
+ *          other, or to anything else.
  * io:      may open only what its kind of sources needs, as the driver declares (drivers.h): TCP
  *          connections to their ports (and name look-ups, if needed), sockets, devices, or files.
  *          It writes no file.
  * Recorder: writes in the folder of the database, and reads the FMU files, whose hashes it records.
  *           It has no socket.
  * Both:    may not start a program, accept connections, trace, or signal another process.
- * Missing: features that the kernel lacks are skipped, as for the twin, which reports them.
+ * Missing: features that the kernel lacks are skipped. The twin process lacks the same ones and
+ *          reports them.
  * Thread:  the main thread, before any other thread is started. Errors: TL_TRY_AGAIN.
  */
 

@@ -19,8 +19,8 @@
  * Purpose: a correction at its bound has no further effect. This may last for hours while the twin
  *          is within tolerance, or lost for another reason. So it is reported separately from the
  *          lock state.
- * Minute:  of plant time, in ten blocks of 6 s. The share is computed at the end of each block,
- *          once ten have passed. It is reported if it exceeds half of the steps, and cleared if it
+ * Minute:  of plant time, in ten blocks of 6 s. The share of steps at a bound is computed at the
+ *          end of each block. It is reported if it exceeds half after ten blocks, and cleared if it
  *          is less than a quarter.
  * Thread:  plain data; one thread at a time.
  */
@@ -29,6 +29,8 @@ enum { TL_BOUND_BLOCKS = 10 };
 
 #define TL_BOUND_BLOCK (6 * TL_SECOND)
 
+/* REACHED: the variable is at a bound, to be reported. REMAINING: it no longer is, to be
+ * cleared. */
 typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_REMAINING } tl_bound_turn;
 
 /* Zeroed initially. */
@@ -39,11 +41,11 @@ typedef struct tl_bound_stay {
     uint32_t there[TL_BOUND_BLOCKS]; /* of these steps: at a bound */
     bool has_begun;
     bool is_reported;
-    tl_bound_turn turn; /* set by the last step */
-    double share;       /* as computed last, 0 … 1 */
+    tl_bound_turn turn; /* set by the last step; AS_BEFORE: no change */
+    double share;       /* of steps at a bound, as computed last, 0 … 1 */
 } tl_bound_stay;
 
-/* Adds a step at `time`, ns; times must not decrease. */
+/* Adds a step at `time`, ns; times must not decrease. `is_there`: the variable is at a bound. */
 void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
 /* ---- Lock monitor: decides whether the twin follows the plant.
@@ -54,22 +56,23 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *             other inputs.
  * Window:     single steps prove nothing: a lost twin can be within tolerance at every second step.
  *             So the state depends on shares of a window and on the size of the error. The window
- *             has ten parts of 0.1 s, or of two steps if these are longer. The state is updated at
- *             the end of each part. With an event horizon, the unit is a stroke whose search has
- *             ended, and three strokes give the first state.
+ *             has ten parts. A part is 0.1 s long, or two steps if these are longer. The state is
+ *             updated at the end of each part. With an event horizon, strokes (event_horizon.h)
+ *             whose search has ended count instead of steps. A part is then one stroke, and three
+ *             strokes give the first state.
  * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement, or
  *             the J of a search is not finite. An output that is not finite is not compared.
  * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
  *             First, the twin is ten tolerances off. Second, an output has moved that far in one
- *             step while the plant did not. An adequately sampled plant does not do that, and its
- *             model only if it is unstable. A twin with a large steady error is not astray: a reset
- *             would not improve the model and would lose its state.
- * Limits:     each state has one limit to enter it and another to leave it, so that the state does
- *             not oscillate between two states.
- * Usual:      the average |Δu| of a locked twin. It is learned over TL_LOCK_LEARNS parts before it
- *             is used, and is updated slowly afterwards.
+ *             step while the plant did not. If the plant is sampled fast enough, it does not move
+ *             so; its model does only if it is unstable. A twin with a large steady error is not
+ *             astray: a reset would not improve the model and would lose its state.
+ * Limits:     each state has one limit to enter it and another one to leave it, so that the monitor
+ *             does not oscillate between two states.
+ * Usual:      the average |Δu| of a locked or tracking twin. It is learned over TL_LOCK_LEARNS
+ *             parts before it is used, and is updated slowly afterwards.
  * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
- *             of another one.
+ *             of another configuration.
  * Thread:     plain data; one thread at a time.
  */
 
@@ -77,7 +80,7 @@ enum {
     TL_LOCK_PARTS = 10,            /* per window */
     TL_LOCK_LEARNS = 100,          /* parts in lock before Δu is compared with its usual size */
     TL_SYNCHRONISER_MEMORY = 6000, /* longest average of the usual Δu, parts */
-    TL_LOCK_PERIODS = 8,           /* longest limit cycle that is searched, steps */
+    TL_LOCK_PERIODS = 8,           /* longest limit cycle of u that is detected, steps */
     TL_LOCK_CAUSE = 200            /* bytes of a cause text */
 };
 
@@ -90,22 +93,20 @@ typedef struct tl_lock_range {
 typedef struct tl_lock_part {
     uint32_t steps;
     uint32_t free;     /* not compared: nothing is adjusted, or no matched signal was good */
-    uint32_t between;  /* not compared either: only the horizon had good measurements, but not the step itself */
-    uint32_t outside;  /* out of tolerance, */
-    uint32_t far;      /* of these: by ten tolerances or more */
+    uint32_t between;  /* not compared: the horizon had good measurements, but the step itself had none */
+    uint32_t outside;  /* error of at least one tolerance */
+    uint32_t far;      /* error of at least ten tolerances */
     uint32_t jumps;    /* an output moved ten tolerances in one step, and much further than its measurement */
     uint32_t ran_away; /* an output or J ran away (see above) */
     uint32_t rests;    /* u kept at nominal, because the free-running twin is nearer to the plant */
     uint32_t differed; /* before these steps, the rollback of an FMU was found not to be exact */
     double worst;      /* largest error, tolerances */
-    uint32_t samples;  /* samples of the plant, */
-    uint32_t bad[TL_MAX_SIGNALS];     /* of these: not good, by signal */
-    uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */
-    uint32_t cycling[TL_MAX_ADJUST]
-                    [TL_LOCK_PERIODS +
-                     1]; /* steps at which u repeats its value of that many steps ago, and differed in between */
-    double correction[TL_MAX_ADJUST]; /* sum of |Δu| */
-    tl_lock_range u[TL_MAX_ADJUST];
+    uint32_t samples;  /* samples of the plant */
+    uint32_t bad[TL_MAX_SIGNALS];                         /* samples that are not good, by signal */
+    uint32_t at_bound[TL_MAX_ADJUST];                     /* steps with u at a bound */
+    uint32_t cycling[TL_MAX_ADJUST][TL_LOCK_PERIODS + 1]; /* [v][p]: steps with u as p steps ago, not in between */
+    double correction[TL_MAX_ADJUST];                     /* sum of |Δu| */
+    tl_lock_range u[TL_MAX_ADJUST];                       /* range of u */
 } tl_lock_part;
 
 /* A change of the state, reported once. */
@@ -138,10 +139,10 @@ typedef struct tl_lock_monitor {
     tl_lock_change change;
 } tl_lock_monitor;
 
-/* What the first state needs. */
+/* Length of the run until the first state is known. */
 typedef struct tl_lock_window {
     uint32_t strokes; /* ended strokes (event horizon); 0: steps count */
-    tl_time time;     /* duration, ns; for strokes the longest, without the time between them */
+    tl_time time;     /* duration, ns; with strokes: if each is as long as possible, without the time between them */
 } tl_lock_window;
 
 tl_lock_window tl_lock_monitor_window(const tl_config *config);
@@ -150,60 +151,62 @@ tl_lock_window tl_lock_monitor_window(const tl_config *config);
  * copied. `config` must outlive the monitor. */
 void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, const tl_account *account);
 
-/* Call it after the twin and the configuration (tl_config_retune()) have taken another tuning. It
- * applies from the next step on; the window stays. */
+/* Call it after a new tuning was applied to the twin and to the configuration (tl_config_retune()).
+ * It applies from the next step on; the window stays. */
 void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning);
 
 /* Adds a sample of the twin. */
 void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample);
 
-/* Adds a step of this run; steps followed from an earlier run are ignored. A step with
+/* Adds a step of this run. Steps of an earlier run that this run resumes are ignored. A step with
  * TL_FLAG_RESET (the FMUs were reset before) starts a new window. Returns the change if the state
  * has changed, valid until the next change; else NULL. */
 const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_record *record);
 
 /* Returns the tally so far. If the run was shorter than a window, or an output ran away in the last
- * steps, the state is determined from the steps that there are. */
+ * steps, the state is determined from the steps so far. */
 void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally);
 
 /* ---- Recovery of a lost twin: decides when its FMUs are reset.
  *
  * Purpose: sometimes no correction leads a twin back to the plant. Its FMUs then restart with their
- *          start values (tl_twin_reset()). This requires that the monitor reports it as astray. The
- *          pause until the next reset doubles after each one, until the twin has been in lock for
- *          TL_LOCK_LEARNS parts in a row.
- * NaN:     the FMUs are also reset after TL_NOT_FINITE_STEPS steps in a row in which an output that
- *          is connected or matched was not finite. This number doubles after each such reset, until
- *          TL_FINITE_STEPS steps in a row had only finite ones.
- * Same:    it depends only on records and samples, so that a replay resets at the same steps.
+ *          start values (tl_twin_reset()). This requires that the monitor finds the twin astray.
+ *          The pause until the next reset doubles after each reset. It starts again from the
+ *          shortest one after the twin has been in lock for TL_LOCK_LEARNS parts in a row.
+ * NaN:     the FMUs are also reset after TL_NOT_FINITE_STEPS steps in a row in which a connected or
+ *          matched output was not finite. This number doubles after each such reset. After
+ *          TL_FINITE_STEPS steps in a row with finite outputs only, it starts again from
+ *          TL_NOT_FINITE_STEPS.
+ * Same:    the decision depends only on records and samples, so that a replay resets at the same
+ *          steps.
  * Thread:  plain data; the thread of the twin.
  */
 
 /* Shortest and longest pause, in parts of the window. */
 enum { TL_LOCK_PAUSE_FIRST = 20, TL_LOCK_PAUSE_LAST = 6000 };
 
-/* Steps in a row with an output that is not finite, after which the FMUs are reset; steps without,
- * after which it is forgotten; and how often their number doubles at most. */
+/* Number of steps in a row with an output that is not finite, before a reset. Number of steps in a
+ * row with finite outputs, after which the resets are forgotten. Largest number of doublings. */
 enum { TL_NOT_FINITE_STEPS = 10, TL_FINITE_STEPS = 100, TL_NOT_FINITE_RESETS = 16 };
 
 /* Fields are private. */
 typedef struct tl_recovery {
     tl_lock_monitor lock_monitor;
-    uint64_t windows; /* windows at the last update */
-    uint32_t pause;   /* parts until the next reset is allowed; 0: no reset yet, or it is forgotten */
+    uint64_t windows; /* number of assessed windows at the last update */
+    uint32_t pause;   /* shortest time between two resets, parts; 0: no reset yet, or the twin has recovered */
     uint32_t passed;  /* parts since the last reset */
     uint32_t well;    /* parts in lock in a row */
     uint32_t bad;     /* steps in a row with an output that is not finite */
-    uint32_t finite;  /* steps in a row without */
-    uint32_t resets;  /* because of them: the number has doubled so often */
+    uint32_t finite;  /* steps in a row with finite outputs only */
+    uint32_t resets;  /* resets because of such outputs: so often their number of steps has doubled */
 } tl_recovery;
 
-/* As tl_lock_monitor_init(). With an event horizon a twin is not reset because it is astray: its
- * steps are not compared. */
+/* As tl_lock_monitor_init(). With an event horizon an astray twin is not reset, because its steps
+ * are not compared. */
 void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_account *account);
 
-/* Adds a step; its sample goes to the monitor. Returns true if the FMUs must be reset before the
- * next step. Sets *change as tl_lock_monitor_step() returns it. */
+/* Adds a step; the caller first adds its sample to `lock_monitor`. Returns true if the FMUs must be
+ * reset before the next step. Sets *change to the result of tl_lock_monitor_step(). */
 bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_lock_change **change);
 
 #endif

@@ -14,7 +14,7 @@
 #include "master/base/signal.h"
 
 typedef enum tl_lock_state {
-    TL_LOCK_FREE,     /* no measurement bounds the error: nothing is adjusted, or no matched signal is good */
+    TL_LOCK_FREE,     /* the error is not known: nothing is adjusted, or no matched signal is good */
     TL_LOCK_LOCKED,   /* simulated and measured outputs agree within tolerance */
     TL_LOCK_TRACKING, /* as locked, but with more correction than usual, or with u at a bound */
     TL_LOCK_DEGRADED, /* as locked as far as known: a signal of the plant is bad, or a rollback was not exact */
@@ -28,10 +28,10 @@ typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
     uint64_t steps[TL_LOCK_STATES]; /* steps (event horizon: strokes) in each state, including caught-up ones */
     uint64_t windows;               /* windows that were assessed; 0: the run was shorter than one */
-    uint64_t within;                /* steps in parts of a window without any step out of tolerance */
-    uint64_t changes;               /* number of changes of the state */
-    uint64_t losses;                /* number of changes to lost */
-    uint64_t ran_away;              /* steps in which an output or J ran away (lock_monitor.h) */
+    uint64_t within;   /* steps in parts of a window without a free step and without one out of tolerance */
+    uint64_t changes;  /* number of changes of the state */
+    uint64_t losses;   /* number of changes to lost */
+    uint64_t ran_away; /* steps in which an output or J ran away (lock_monitor.h) */
 } tl_lock_tally;
 
 /* Tolerance and weight of each matched output, in the order of the configuration's `match`. Weight
@@ -48,21 +48,22 @@ bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances);
 /* Returns true if any output has a weight above 0. */
 bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances);
 
-/* Name of a state: "free", "locked", …. */
+/* Returns the name of a state: "free", "locked", …. */
 const char *tl_lock_state_name(tl_lock_state state);
 
-/* Steps in all states. */
+/* Returns the number of steps in all states. */
 uint64_t tl_lock_tally_total(const tl_lock_tally *tally);
 
-/* Percentage of steps that are locked or tracking, 0 … 100; 0 if there was no step. */
+/* Returns the percentage of steps that are locked or tracking, 0 … 100; 0 if there was no step. */
 double tl_lock_tally_percent(const tl_lock_tally *tally);
 
-/* Writes what follows "in lock", without a full stop. `unit`: of the counts: "steps", "strokes". */
+/* Writes the text that follows "in lock" in the summary, without a full stop. `unit` of the counts:
+ * "steps" or "strokes". */
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
-/* Returns true if at least `percent` of the steps were locked or tracking. With `percent` 0: true
- * if there was no runaway, and if the twin was ever in lock or had ten steps in parts without any
- * step out of tolerance. The second condition is skipped if the run was shorter than a window. */
+/* Returns true if at least `percent` of the steps were locked or tracking. With `percent` 0, it
+ * returns true if there was no runaway and one condition holds: the twin was ever in lock; `within`
+ * is at least ten steps; or the run was shorter than a window. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

@@ -16,24 +16,24 @@
 
 /* ---- Noise estimate of a signal from its readings alone, without a model.
  *
- * Method:  each reading is compared with the polynomial through its 2, 4 and 6 neighbours, at their
- *          own uneven stamps. Divided by √(1 + Σ weights²), the difference has the standard
- *          deviation of white noise, for every order. The share of the plant's motion decreases
- *          with the order. So the estimate is that with 2 neighbours, or the larger one with 4 and
- *          6 if that is smaller. If those with 4 and 6 differ, the plant moves too fast between two
+ * Method:  each reading is compared with the polynomials through its 2, 4 and 6 neighbours, at
+ *          their own uneven stamps. Divided by √(1 + Σ weights²), each difference has the standard
+ *          deviation of white noise. The plant's motion contributes less with more neighbours. The
+ *          estimate is the smaller of two values: the one with 2 neighbours, and the larger one of
+ *          those with 4 and 6. If those with 4 and 6 differ, the plant moves too fast between two
  *          readings, and the estimate is an upper limit.
  * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
  *          the plant or bad readings have no effect.
  * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
- *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER σ
- *          (with 2 neighbours, so including the plant's motion), the other TL_NOISE_OUTLIER times
- *          the median distance of the five. It is not used for the estimate. A step of the plant is
- *          not an outlier because the median follows it. A sharp turn is not one because all five
- *          readings are far from their median.
+ *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER
+ *          times σ; this σ is the one with 2 neighbours, so it includes the plant's motion. The
+ *          other is TL_NOISE_OUTLIER times the median distance of the five. The estimate ignores
+ *          outliers. A step of the plant is not an outlier because the median follows it. A sharp
+ *          turn is not one because all five readings are far from their median.
  * Unit:    that of the signal; stamps in ns of any clock. Errors of the stamps count as noise: a
  *          signal that grows by 1 a second, with stamps that are 10 ms wrong, has an error of 0.01.
- * Bound:   constant time: about 150 floating-point operations, three logarithms and, for each 32nd
- *          reading, a search in a histogram; less than 1 µs on a PC.
+ * Bound:   constant time for each reading: about 150 floating-point operations and three
+ *          logarithms, and at each 32nd reading a search in a histogram. Less than 1 µs on a PC.
  * Memory:  6 KiB in the struct.
  * Thread:  plain data; one thread at a time.
  */
@@ -61,7 +61,7 @@ typedef struct tl_noise_sizes {
 
 /* Fields are private. */
 typedef struct tl_noise_meter {
-    uint32_t most; /* differences; then half of each bin is dropped; 0: nothing is dropped */
+    uint32_t most; /* number of differences at which all bins are halved; 0: never */
     bool is_known; /* `scale` is given and does not follow the readings */
     double scale;  /* σ for the outlier limit; 0: not known yet */
     tl_noise_point around[TL_NOISE_AROUND];
@@ -81,11 +81,11 @@ typedef struct tl_noise_found {
     bool is_too_fast;                 /* the plant moves too fast between two readings: sigma is an upper limit */
 } tl_noise_found;
 
-/* `most`: number of differences that the estimate remembers, at least 2 · TL_NOISE_LEAST; 0: all.
- */
+/* `most`: number of differences that the estimate remembers, at least 2 · TL_NOISE_LEAST. At this
+ * number all counts are halved. 0: all are remembered. */
 void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most);
 
-/* From now on uses the outlier limit of this estimate instead of the readings'. For a second pass
+/* Takes σ for the outlier limit from `found`, and no longer from the readings. For a second pass
  * over a recording. */
 void tl_noise_meter_use(tl_noise_meter *meter, const tl_noise_found *found);
 
@@ -94,28 +94,31 @@ void tl_noise_meter_use(tl_noise_meter *meter, const tl_noise_found *found);
  * one was checked; then sets *is_outlier for it. */
 bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool *is_outlier);
 
+/* Computes the estimate from the readings so far. */
 void tl_noise_meter_get(const tl_noise_meter *meter, tl_noise_found *found);
 
-/* Returns true if the tolerance is certainly below three times the noise. Certainly: by 15 %, the
- * accuracy of the estimate. */
+/* Returns true if the tolerance is certainly below three times the noise: by more than 15 %, the
+ * accuracy of the estimate. Returns false if `is_enough` is false or `is_too_fast` is true. */
 bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
 
 /* ---- Noise of matched signals during a run: warns if a tolerance is below three times the noise.
  *
- * Purpose:  if the tolerance is below the noise, the twin follows the noise, and states that its
- *           outputs do not show may drift for hours. `check --recording` reports this for a
- *           recording. This code reports it for the running plant with the same estimate; live and
+ * Purpose:  if the tolerance is below the noise, the twin follows the noise. States that its
+ *           outputs do not show may then drift for hours. `check --recording` reports this for a
+ *           recording. This code reports it for the running plant with the same estimate, live and
  *           in replay from the same samples.
- * Readings: one a tick, as it came (NAME@reading if the signal is conditioned or on a line),
- *           without rejected ones.
- * Period:   checked at each 256th reading, with the last 2048 to 4096. Reported if a tolerance is
- *           certainly too small, cleared if it is at least three times the noise.
+ * Readings: one per tick, as it came, if it is good. If the signal is conditioned or on a line,
+ *           this is the look-up NAME@reading. It contains no rejected readings.
+ * Period:   checked at each 256th reading, over the last 2048 to 4096 readings. Reported if a
+ *           tolerance is certainly too small; not if over a third of the readings repeat the value
+ *           before. Cleared if the tolerance is at least three times the noise.
  * Memory:   6 KiB for each match, in the struct.
  * Thread:   plain data; one thread at a time.
  */
 
 enum { TL_NOISE_WATCH_EACH = 256, TL_NOISE_WATCH_MOST = 4096 };
 
+/* IS_LARGE: the noise is now too large for the tolerance. IS_SMALL: it is not any more. */
 typedef enum tl_noise_turn { TL_NOISE_AS_BEFORE, TL_NOISE_IS_LARGE, TL_NOISE_IS_SMALL } tl_noise_turn;
 
 /* Fields are private. */
@@ -127,11 +130,12 @@ typedef struct tl_noise_watch {
     tl_noise_meter meters[TL_MAX_MATCH];
 } tl_noise_watch;
 
-/* `config`: with its further look-ups in use (tl_config_use_lookups()); it must outlive the watch,
- * and its tolerances may change. */
+/* `config` must have its further look-ups in use (tl_config_use_lookups()) and must outlive the
+ * watch. Its tolerances may change. */
 void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config);
 
-/* Adds a sample for one match. Returns a change, and sets *sigma to the noise then. */
+/* Adds a sample for one match. If it returns a change, *sigma is the noise (standard deviation, in
+ * the unit of the signal). */
 tl_noise_turn tl_noise_watch_sample(tl_noise_watch *watch, const tl_sample *sample, size_t match, double *sigma);
 
 #endif

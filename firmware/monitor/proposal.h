@@ -18,16 +18,17 @@
  *
  * Line:      if a step would otherwise be matched with a reading older than itself.
  * Low-pass:  if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
- *            shortest one that is nearly as good as the best is used, because a longer one makes a
- *            step wait longer.
+ *            proposal is the shortest low-pass that is nearly as good as the best one, because a
+ *            step waits longer for a longer one.
  * Gate:      if there are outliers, and nearly all of them are further off than the plant moves
- *            between two readings. The gate is the geometric mean of both. Otherwise a median of 5.
- * Tolerance: 3 σ; the configured one if that is 3 to 6 σ. Both limits are doubled if the plant is
- *            at rest in the whole recording.
+ *            between two readings. The gate is the geometric mean of both distances. Otherwise a
+ *            median of 5 is proposed.
+ * Tolerance: 3 σ, or the configured one if that is 3 to 6 σ. If the plant is at rest in the whole
+ *            recording, both limits are doubled.
  * Input:     the mean over a step, if the input moves by more than twice its noise between two
  *            readings.
- * Modes:     a step waits for a next reading only in mode lag, and for a filter only in lag and
- *            hold. A setting that would have no effect, or be late, is not proposed.
+ * Modes:     a step waits for a next reading only in pairing mode lag, and for a filter only in lag
+ *            and hold. A setting that would have no effect, or be late, is not proposed.
  * Thread:    pure functions.
  */
 
@@ -42,7 +43,7 @@ typedef struct tl_proposal_match {
     size_t signal; /* index in the survey */
     tl_between between;
     tl_condition condition;
-    double tolerance;     /* 0: no proposal */
+    double tolerance;     /* in the signal's unit; 0: no proposal */
     bool is_within_noise; /* the configured tolerance is below 3 σ */
     tl_proposal_reason why_between, why_condition, why_tolerance;
 } tl_proposal_match;
@@ -56,7 +57,7 @@ typedef struct tl_proposal {
     size_t match_count;
     tl_proposal_match match[TL_MAX_MATCH];
     tl_proposal_input inputs[TL_MAX_SIGNALS]; /* by signal; for those that feed an input */
-    tl_time every[TL_MAX_SIGNALS];            /* by signal: every_s in ns; 0: not needed */
+    tl_time every[TL_MAX_SIGNALS];            /* by signal: the key every_s, but in ns; 0: not needed */
 } tl_proposal;
 
 /* `survey`: of a recording of this configuration's plant. Fills in `proposal`. */

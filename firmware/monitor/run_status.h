@@ -20,37 +20,38 @@ enum { TL_RUN_OUTPUT_NAME = 40, TL_RUN_OUTPUT_UNIT = 16, TL_RUN_FAILURE = 128 };
 
 /* A matched or compared output. */
 typedef struct tl_run_output {
-    char name[TL_RUN_OUTPUT_NAME]; /* "motor.omega", cut */
+    char name[TL_RUN_OUTPUT_NAME]; /* "motor.omega", truncated */
     char unit[TL_RUN_OUTPUT_UNIT]; /* "": none */
-    uint64_t pairs;
-    double sum_of_squares; /* of y − ŷ, in the square of that unit */
-    double tolerance;      /* present value, in that unit; 0: the output is only compared */
+    uint64_t pairs;                /* number of pairs of y and ŷ */
+    double sum_of_squares;         /* of y − ŷ over all pairs, in the square of `unit` */
+    double tolerance;              /* present value, in `unit`; 0: the output is compared, but not matched */
 } tl_run_output;
 
 typedef enum tl_run_phase {
-    TL_RUN_BEGINS,   /* FMUs are being loaded, or an earlier run is followed */
+    TL_RUN_BEGINS,   /* FMUs are being loaded, or the steps of an earlier run are repeated */
     TL_RUN_RECORDED, /* a shadow simulates recorded samples */
     TL_RUN_LIVE      /* steps at the plant's ticks */
 } tl_run_phase;
 
 /* Small enough for tl_latest. */
 typedef struct tl_run_status {
-    uint32_t phase; /* a tl_run_phase */
-    uint32_t outputs;
-    int64_t tick;   /* newest tick; with recorded samples: number of ticks done */
-    int64_t last;   /* with recorded samples: number of known ticks */
-    uint64_t ticks; /* steps + skipped */
+    uint32_t phase;   /* a tl_run_phase */
+    uint32_t outputs; /* number of valid entries of `output` */
+    int64_t tick;     /* newest tick; with recorded samples: number of ticks done */
+    int64_t last;     /* with recorded samples: number of ticks that are known so far */
+    uint64_t ticks;   /* steps + skipped */
     uint64_t steps;
     uint64_t skipped;
     uint64_t gaps; /* number of gaps, of one or more skipped ticks */
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;
-    uint64_t timed_out;        /* steps whose search was ended by the time limit */
-    tl_time used;              /* computing time of all steps, ns */
-    tl_lock_tally lock;        /* free until the first window has ended */
-    tl_lock_tally lock_before; /* with the tolerances of the version to which a probation can roll back; else zeroed */
-    uint32_t plant_is_shut;    /* 1: io has not opened its sources yet; no bool: it is untrusted */
+    uint64_t timed_out; /* steps whose search was ended by the time limit */
+    tl_time used;       /* computing time of all steps, ns */
+    tl_lock_tally lock; /* free until the first window has ended */
+    tl_lock_tally
+        lock_before;        /* the same with the tolerances of the version that a probation may restore; else zeroed */
+    uint32_t plant_is_shut; /* 1: io has not opened its sources yet; no bool: it is untrusted */
     tl_run_output output[TL_MAX_MATCH];
     /* set by the reader: */
     bool twin_alive;

@@ -18,17 +18,18 @@
 /* ---- Error of readings after a low-pass, estimated from the readings alone.
  *
  * Source: Stein's unbiased risk estimate. The mean square error is E d² − σ² + 2 σ² w. d is the
- *         difference between the low-pass and the reading of the same instant, and w the weight of
- *         that reading in the result. σ is the standard deviation of the noise, which must be
- *         white. The error includes both the remaining noise and the flattened motion, without
- *         knowledge of the motion.
- * Method: uses the low-pass of the plant input (plant/conditioner.h), looked up τ later, as for a
- *         matched signal.
+ *         difference between the low-pass and the reading of the same instant. w is the weight of
+ *         that reading in the output of the low-pass. σ is the standard deviation of the noise,
+ *         which must be white. The error includes the remaining noise and the flattened motion. The
+ *         motion need not be known.
+ * Method: uses the low-pass of the plant input (plant/conditioner.h). Its output is read τ later,
+ *         as for a matched signal, to compensate for its lag.
  * Thread: pure functions.
  */
 
-/* Mean square error at the readings' own instants after a low-pass of `low_pass` > 0 ns. Returns σ²
- * if there are fewer than three readings. Without a low-pass the error would be σ². */
+/* Returns the mean square error at the readings' own instants after a low-pass with time constant
+ * `low_pass` > 0, ns. Returns σ² (the error without a low-pass) if there are fewer than three
+ * readings. */
 double tl_smoothing_error(const tl_noise_point *points, size_t count, double sigma, tl_time low_pass);
 
 /* ---- Survey of a recording without any FMU: noise, message intervals, bad readings.
@@ -38,7 +39,7 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
  *          and `max`.
  * Noise:   estimated twice with monitor/noise.h: the first estimate gives the outlier limit of the
  *          second one.
- * Bound:   the first TL_SURVEY_MOST readings of a signal.
+ * Bound:   uses only the first TL_SURVEY_MOST readings of each signal.
  * Owner:   the survey owns its readings; tl_survey_free() frees them.
  * Thread:  one thread.
  */
@@ -57,8 +58,8 @@ typedef struct tl_survey_signal {
         worst; /* interval between good readings that 50, 95, 99 and 100 % do not exceed, ns; 0: fewer than two */
     uint64_t repeats; /* good readings that equal the one before */
     bool is_switched; /* it has at most TL_SURVEY_SWITCH values */
-    bool is_polled;   /* it is read more often than it changes; its noise is that of the changes */
-    double quantum;   /* all values differ by multiples of this; 0: not found */
+    bool is_polled;   /* it is read more often than its device updates it; its noise is that of the changes */
+    double quantum;   /* all values differ by multiples of this, signal's unit; 0: not found */
     uint64_t outliers;
     double nearest;       /* 90 % of the outliers are at least this far from the last other reading; 0: no outlier */
     tl_noise_found noise; /* without the outliers */

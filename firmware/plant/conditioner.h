@@ -10,17 +10,18 @@
  *           output. If three rejected readings in a row agree with each other within the gate, they
  *           are a new level: they are accepted, and the filters restart with them alone. Readings
  *           that are not good are ignored in this count. The first good reading is always accepted.
- * Median:   of `median` readings in a row, with the stamp of the middle one. At the start, of as
- *           many as there are, if that number is odd.
+ * Median:   of `median` readings in a row, with the stamp of the middle one. At the start, fewer
+ *           readings are used; there is an output if their number is odd.
  * Low-pass: first order, τ dy/dt = x − y, where x is the line through the readings. It is solved
  *           exactly for any instant, also with uneven intervals (tl_conditioner_between()). It
- *           starts at its first reading. It lags a ramp by τ; the caller compensates for that.
- * Quality:  a reading that is not good is output at once, unchanged; the filters ignore it. Later
- *           outputs have later stamps than it.
- * Gap:      if more than TL_CONDITIONER_GAP readings in a row were not accepted, or none for longer
- *           than the stale time, the filters restart at the next good reading, which is accepted
- *           with any value.
- * Units:    those of the plant's signal.
+ *           starts at its first reading, with the value of that reading. It lags a ramp by τ; the
+ *           caller compensates for that.
+ * Quality:  a reading that is not good is output at once, unchanged; the filters ignore it. An
+ *           output whose stamp is not later than that of the output before is dropped.
+ * Gap:      the filters restart at the next good reading after a gap, and accept it with any value.
+ *           A gap is more than TL_CONDITIONER_GAP readings in a row that were not accepted, or the
+ *           stale time without an accepted one.
+ * Units:    values in the unit of the plant's signal, stamps in ns.
  * Memory:   plain data of the caller. Errors: none.
  * Thread:   plain data; one thread at a time.
  */
@@ -35,12 +36,12 @@
 
 enum {
     TL_CONDITIONER_GAP = 10,
-    TL_CONDITIONER_MEDIAN = 99, /* most readings of a median */
-    TL_CONDITIONER_LEVEL = 3    /* readings that define a new level, and most outputs of one reading */
+    TL_CONDITIONER_MEDIAN = 99, /* largest number of readings of a median */
+    TL_CONDITIONER_LEVEL = 3    /* readings that define a new level; largest number of outputs of one reading */
 };
 
-/* An output: a reading, and the value of the low-pass at its stamp; without a low-pass the
- *            reading's own value. */
+/* An output: a reading, and the value of the low-pass at its stamp. Without a low-pass `smooth` is
+ * the reading's own value. */
 typedef struct tl_conditioned {
     tl_reading reading;
     double smooth;
@@ -54,10 +55,10 @@ typedef struct tl_conditioner {
     size_t count;                             /* readings in it since the filters started */
     size_t order[TL_CONDITIONER_MEDIAN];      /* indices in the window, sorted by value */
     bool is_empty;                            /* the low-pass has had no reading since it started */
-    tl_conditioned heard;                     /* last input of the low-pass, and its value then */
+    tl_conditioned heard;                     /* last reading that entered the low-pass, and its output then */
     bool has_accepted;
-    tl_reading accepted;                          /* the last one */
-    uint32_t since;                               /* readings since then */
+    tl_reading accepted;                          /* last accepted reading */
+    uint32_t since;                               /* readings since the accepted one */
     tl_reading pending[TL_CONDITIONER_LEVEL - 1]; /* rejected readings that may become a new level */
     size_t pending_count;
     tl_time newest; /* stamp of the last output; TL_TIME_NEVER: none */
@@ -68,13 +69,14 @@ typedef struct tl_conditioner {
 void tl_conditioner_init(tl_conditioner *conditioner, const tl_condition *condition, tl_time stale);
 
 /* Adds the next reading; its stamp must be later than the one before, and a good value must be
- * finite. Sets *is_rejected. Returns the number of outputs in `out`: in the order of their stamps,
- * all later than earlier outputs; 0 if it was rejected. Bound: O(median). */
+ * finite. Sets *is_rejected if the gate rejects it; then there is no output. Returns the number of
+ * outputs in `out`, in the order of their stamps. All are later than earlier outputs. Bound:
+ * O(median). */
 size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *reading, bool *is_rejected,
                            tl_conditioned out[TL_CONDITIONER_LEVEL]);
 
-/* Returns the value of the low-pass at the instant `at`, between two successive outputs; `low_pass`
- * is τ > 0 in ns. */
+/* Returns the value of the low-pass at the instant `at`, between two successive outputs `before`
+ * and `after`. `low_pass` is τ > 0 in ns. */
 double tl_conditioner_between(tl_time low_pass, const tl_conditioned *before, const tl_reading *after, tl_time at);
 
 #endif

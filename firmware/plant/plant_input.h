@@ -3,13 +3,13 @@
  * Purpose:     the only code that checks a value of the plant: finite, in range, fresh. Live
  *              sources (plant_reader.h) and recordings (recording.h) both post into its sample
  *              buffers, so that a replay checks as a live run does.
- * Conditioned: a signal with a condition is conditioned before the look-up, each reading once as it
- *              comes.
+ * Conditioned: if a signal has a condition, its readings are conditioned before the look-up, each
+ *              one once as it comes.
  * Between:     tl_plant_lookup decides the value between two readings (plant_input.c).
  * Memory:      the caller owns that of the sample buffers (sample_buffer.h). Trust: another process
  *              may write it; it is untrusted.
- * Thread:      one, that of the cycle; readings are posted by one thread per signal
- *              (sample_buffer.h). Wait-free.
+ * Thread:      the thread of the cycle. Each sample buffer has one writer, which may be another
+ *              thread (sample_buffer.h). Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H
@@ -21,17 +21,17 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * Next:  used if there is no reading at t − back. If true, the next reading is taken if it has come
- *        by t, else the newest before. If false, the newest before is taken, or the next if
- *        nothing came before.
- * Shows: if true, the newest reading of signal `shown` is taken instead, as it came. If readings
- *        were rejected since the last tick, the last rejected one is taken, as TL_OUTLIER. */
+ * Next:  applies if there is no reading at t − back. If true, the reading after t − back is used if
+ *        it has come by t; else the newest before. If false, the newest before is used, or the one
+ *        after if there is none before.
+ * Shows: if true, the result is the newest reading of signal `shown`, before conditioning. If
+ *        readings were rejected since the last tick, it is the last of these, as TL_OUTLIER. */
 typedef struct tl_plant_lookup {
     tl_time back;       /* ns, ≥ 0: looked up at t − back */
     bool next;          /* prefers the next reading */
     tl_between between; /* value if there is no reading at that instant and the next one has come by t */
-    tl_time span;       /* of a mean: from t − back for this time, ns, > 0 */
-    bool shows;         /* shows another signal */
+    tl_time span;       /* of a mean: it starts at t − back and lasts this time, ns, > 0 */
+    bool shows;         /* uses another signal, as described above */
     size_t shown;       /* index of that signal */
 } tl_plant_lookup;
 
@@ -42,7 +42,7 @@ typedef struct tl_plant_lookup {
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
     double maximum; /* +infinity: none */
-    double below;   /* a value at most so far below the minimum is moved to it */
+    double below;   /* ≥ 0: a value at most this far below the minimum is moved to it */
     double above;   /* the same for the maximum */
     uint64_t items; /* bit k: minimum + k is permitted, other values are out of range; 0: all */
     tl_time stale;  /* ns; older readings are stale; 0: never */
@@ -73,18 +73,19 @@ bool tl_plant_input_open(tl_plant_input *input);
 /* Frees what tl_plant_input_open() allocated. A zeroed input is allowed. */
 void tl_plant_input_close(tl_plant_input *input);
 
-/* Returns true if the newest reading of every signal is good, with any value. */
+/* Returns true if every signal has a reading, and its newest one is good. Values are not
+ * checked. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
-/* Rates a value by limits. Returns false if it is out of range. A value slightly beyond a limit is
- * moved to it. */
+/* Returns false if the value is out of range; nothing is then changed. A value slightly beyond a
+ * limit is moved to it. Sets *moved. */
 bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *moved);
 
 /* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
- * value is the one that was read, or 0 without a reading or number. An interpolated value has the
- * stamp of its look-up, a mean that of the middle of its span. If several things are wrong, the
- * worst quality is set. The age counts from the look-up. A stamp further than TL_PLANT_FARTHEST
- * from it is invalid, and counts as no reading. */
+ * value is the one that was read; 0 if there is no reading or no number. An interpolated value has
+ * the stamp of its look-up (t − back), a mean that of the middle of its span. If several faults
+ * apply, the worst quality is set. The age is the time from the stamp to the look-up. A stamp
+ * further than TL_PLANT_FARTHEST from the look-up is invalid, and counts as no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 
 #endif

@@ -1,6 +1,6 @@
 /* Plant readers: threads that poll the sources, and the detection of repeated readings.
  *
- * Thread:        as each part says.
+ * Thread: as each part says.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_READER_H
 #define TL_FIRMWARE_PLANT_PLANT_READER_H
@@ -13,7 +13,7 @@
 #include "firmware/process/heartbeat.h"
 #include "master/base/signal.h"
 
-/* ---- Detects readings that a poll has read again.
+/* ---- Detects repeated readings: a poll reads a value again that its device has not updated.
  *
  * Purpose: a register is often polled more often than its device writes it. Conditions, lines and
  *          statistics count readings, so repeated ones must not count: a median of three would
@@ -21,7 +21,7 @@
  * Rule:    a good reading with the value of the one before is a repetition if it comes so soon that
  *          no new one was due. If a device really writes the same value twice, the second one is
  *          dropped too, because they cannot be distinguished. A line to the next different value
- *          then starts at the first of them.
+ *          then starts at the first of the two.
  * Thread:  plain data; the thread of the source.
  */
 
@@ -31,18 +31,18 @@ typedef struct tl_repeated_reading {
     bool has_last;
 } tl_repeated_reading;
 
-/* Returns true if the reading repeats the last new one. `within`: ns after that one in which no new
- * one is due; 0: each reading is new. */
+/* Returns true if the reading repeats the last new one. `within`: time after that one in which the
+ * device writes no new value, ns; 0: each reading is new. */
 bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_reading *reading);
 
 /* ---- Plant readers: one thread per source that polls its driver and posts into the sample buffers
  * of its signals.
  *
  * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
- * Events:  `on_link` passes on the driver's reports, from the thread of the source. `good`: false
- *          if a person should act, because the link is down or a part of it fails. If a driver
- *          fails for good, the link is reported as down, its signals are posted once as
- *          TL_NO_LINK, and its thread ends.
+ * Events:  `on_link` receives the driver's reports, in the thread of the source. `good`: false if a
+ *          person should act, because the link is down or a part of it fails. If a driver fails
+ *          permanently, three things happen: the link is reported as down, its signals are posted
+ *          once as TL_NO_LINK, and its thread ends.
  * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
  *          poll are skipped.
  * Owner:   the readers own the `io` of each source from the start.
@@ -57,7 +57,7 @@ typedef struct tl_plant_source {
     tl_plant_io *io;                  /* the readers own it from the start; stop closes it */
     size_t signals[TL_MAX_SIGNALS];   /* channel → index of the signal's sample buffer */
     size_t signal_count;
-    tl_time repeats[TL_MAX_SIGNALS]; /* channel → ns in which an equal value is no new reading */
+    tl_time repeats[TL_MAX_SIGNALS]; /* channel → `within` of tl_repeated_reading_is(), ns */
     tl_time period;                  /* ns between polls, > 0 */
     tl_thread_heartbeat *heartbeat;  /* of its thread, set at each poll and reading; NULL: none */
 } tl_plant_source;
@@ -70,6 +70,7 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
                                  void (*on_link)(void *context, const char *source, bool good, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);
 
+/* Stops the threads, closes each `io` and frees the readers. */
 void tl_plant_readers_stop(tl_plant_readers *readers);
 
 #endif

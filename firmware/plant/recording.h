@@ -23,49 +23,50 @@
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
-    uint64_t executions;     /* if cut_short: executions that the run's search completed */
+    uint64_t executions;     /* if cut_short: component executions that the run's search completed */
     uint32_t evaluations;    /* if cut_short: its evaluations; may be 0 */
-    bool cut_short;          /* the run's search at this tick timed out, */
-    bool without_nominal;    /* before it evaluated nominal u */
+    bool cut_short;          /* the run's search at this tick timed out */
+    bool without_nominal;    /* if cut_short: before it evaluated nominal u */
     bool caught_up;          /* the run missed this tick and caught up */
     bool resets;             /* the FMUs were reset before its step */
-    bool followed;           /* the tick belongs to the earlier run that this one resumes; */
-    double u[TL_MAX_ADJUST]; /* the earlier run committed these values */
+    bool followed;           /* the tick belongs to the earlier run that this one resumes */
+    double u[TL_MAX_ADJUST]; /* if followed: u that the earlier run committed */
 } tl_recording_tick;
 
-/* Receives a reading as it came, before any conditioning; only its source has set the quality.
- * `signal`: index of one of the configuration's own signals. */
+/* Receives a reading as it came, before any conditioning. From CSV its quality is that of the
+ * source; from a database it is the recorded one, but outliers are good. `signal`: index of one of
+ * the configuration's own signals. */
 typedef void tl_recording_on_reading(void *context, size_t signal, const tl_reading *reading);
 
 /* Tunings that a run took from other configurations. Valid as long as the recording. */
 typedef struct tl_recording_tunings {
-    size_t recorded; /* number in the recording */
-    /* The list is filled only if the run is replayed with its own configuration; in the order of
-     * their ticks. Otherwise it is empty: */
+    size_t recorded; /* number of tunings in the recording */
+    /* Both lists are filled only if the run is replayed with its own configuration, in the order of
+     * the ticks; otherwise they are empty. */
     tl_run_tuning *list;
     tl_recorder_known *known; /* configurations of these tunings */
     size_t count;             /* length of both lists */
 } tl_recording_tunings;
 
-/* Most tunings of a run that can be followed. */
+/* Largest number of tunings of a run that a replay can apply. */
 enum { TL_RECORDING_TUNINGS = 4096 };
 
 /* Start of a run that does not start at tick 0 with the FMUs' start values. Valid as long as the
  * recording. */
 typedef struct tl_recording_beginning {
-    int64_t run;              /* number in the database */
-    int64_t tick;             /* its first tick */
-    bool follows;             /* false: another configuration is used; its steps are computed again from this tick */
-    tl_resumption resumption; /* how the run resumed an earlier one, */
-    const char *fmus;         /* with which FMUs (tl_twin_recorder_identify()), */
-    const tl_history_checkpoint *checkpoint; /* and from which checkpoint; NULL: from start values */
+    int64_t run;  /* number in the database */
+    int64_t tick; /* its first tick */
+    bool follows; /* the replay repeats the resumption; false: other configuration, it starts at `tick` without it */
+    tl_resumption resumption;                /* how the run resumed an earlier one */
+    const char *fmus;                        /* identity of its FMUs (tl_twin_recorder_identify()) */
+    const tl_history_checkpoint *checkpoint; /* checkpoint that it loaded; NULL: it started from start values */
 } tl_recording_beginning;
 
-/* Time of the FMUs, as a recording knows it. Zeroed: unknown. */
+/* Simulation time of the FMUs, as the recording states it. Zeroed: unknown. */
 typedef struct tl_recording_time {
-    bool has_start;           /* a database: the run's own */
-    tl_experiment experiment; /* stop_s is not above start_s if it is not recorded */
-    tl_time length;           /* ns, from tick 0 to the end; 0: there is none */
+    bool has_start;           /* `experiment` is known: the recording is a database */
+    tl_experiment experiment; /* if stop_s is not recorded, it is not above start_s */
+    tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;
 
 /* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
@@ -81,8 +82,8 @@ typedef struct tl_recording_time {
 
 typedef struct tl_recording tl_recording;
 
-/* Most ticks of a CSV recording, and most ticks between two rows. A wrong time, as from a clock
- * that was not yet set, would otherwise be replayed for days. */
+/* Largest number of ticks of a CSV recording, and largest number of ticks between two rows. Without
+ * these limits, a wrong time of a clock that was not yet set would be replayed for days. */
 #define TL_RECORDING_TICKS ((int64_t)10000000000)
 #define TL_RECORDING_GAP ((int64_t)100000000)
 
@@ -92,28 +93,28 @@ typedef struct tl_recording tl_recording;
  * limits above. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
-/* Returns NULL if the recording starts at tick 0 with start values. */
+/* Returns the start of the run; NULL if the recording starts at tick 0 with start values. */
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
 
 /* Returns the tunings; most recordings have none. */
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
 
-/* Takes the limits of the configuration again, before the first tick: those that FMUs declare
- * (tl_config_use_bounds()) apply to recorded values too. */
+/* Applies the limits of the configuration again. Call it before the first tick, after
+ * tl_config_use_bounds(): the limits that FMUs declare apply to recorded values too. */
 void tl_recording_use_limits(tl_recording *recording);
 
 tl_recording_time tl_recording_get_time(const tl_recording *recording);
 
-/* Reads the next tick, starting with 0 or the first one. Sets *end if the recording ends before the
- * tick's instant. */
+/* Reads the next tick. The first call reads tick 0, or the first tick of the run. Sets *end if the
+ * recording ends before the tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
-/* Calls `on_event` once for each reading, while ticks are read, until the recording is closed. A
- * CSV file delivers all readings. A database delivers one a tick, and for a signal that fed an
- * input on a line, the values on that line. */
+/* Sets a callback that is called once for each reading while ticks are read. A CSV file delivers
+ * all readings. A database delivers one per tick; for a signal that fed an input on a line, it
+ * delivers the interpolated values. */
 void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *on_event, void *context);
 
-/* Number of ticks up to the end of the recording, for progress. */
+/* Returns the number of ticks up to the end of the recording, to show progress. */
 int64_t tl_recording_ticks(const tl_recording *recording);
 
 void tl_recording_close(tl_recording *recording);

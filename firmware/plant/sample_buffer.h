@@ -46,29 +46,29 @@ typedef struct tl_sample_buffer {
     uint32_t depth;               /* a power of two */
 } tl_sample_buffer;
 
-/* Writer: posts a reading. Stamps should not decrease. A reading with an earlier stamp is found in
- *         the order of posting while it is among the newest few. Later, a look-up near its stamp
- *         may return a neighbour. */
+/* Writer: posts a reading. Stamps should not decrease. If a stamp is earlier than the one before,
+ *         look-ups find the reading only while it is among the newest few. Later, a look-up near
+ *         its stamp may return a neighbour. */
 void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *reading);
 
 /* Repairs the buffer after its writer died, before the first post of a new writer. Complete posts
  * are kept; an incomplete one is dropped. */
 void tl_sample_buffer_repair(const tl_sample_buffer *buffer);
 
-/* Reader, from ≤ until: returns the first reading with from ≤ stamp ≤ until, the last posted one of
- * equal stamps. If there is none, returns the newest reading before. Otherwise as
- * tl_sample_buffer_at(). */
+/* Reader, `from` ≤ `until`: returns the first reading with `from` ≤ stamp ≤ `until`; of equal
+ * stamps, the last posted one. If there is none, returns the newest reading before `from`.
+ * Otherwise as tl_sample_buffer_at(). */
 bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time until, tl_reading *reading);
 
-/* Reader, at ≤ until: returns the newest reading with stamp ≤ `at`, and the next one if its stamp
- * is ≤ `until`; otherwise the stamp of *after is TL_TIME_NEVER. Returns false if there is no
+/* Reader, `at` ≤ `until`: sets *before to the newest reading with stamp ≤ `at`. Sets *after to the
+ * next one if its stamp is ≤ `until`; else its stamp is TL_TIME_NEVER. Returns false if there is no
  * reading with stamp ≤ `at`, or if it is overwritten; both outputs are then unchanged. */
 bool tl_sample_buffer_around(const tl_sample_buffer *buffer, tl_time at, tl_time until, tl_reading *before,
                              tl_reading *after);
 
-/* Reader of all readings in order: returns post *next, if it is kept and has a stamp ≤ until.
- * Otherwise returns the first such post of the few behind it. Sets *next to the post after it;
- * start with 0. Returns false if there is none; *reading is then unchanged. */
+/* Reader of all readings in order: returns post number *next if it is still kept and has a stamp ≤
+ * `until`. Otherwise returns the first such post among the next few. Sets *next to the number after
+ * the returned post; start with 0. Returns false if there is none; *reading is then unchanged. */
 bool tl_sample_buffer_next(const tl_sample_buffer *buffer, tl_time until, uint64_t *next, tl_reading *reading);
 
 /* Reader: returns the newest reading with stamp ≤ instant. If all kept readings are later and older
@@ -84,12 +84,12 @@ bool tl_sample_buffer_at(const tl_sample_buffer *buffer, tl_time instant, tl_rea
  * Memory:   the caller's, zeroed initially, aligned to 8 bytes (better to a page, as a block is).
  *           The counts of all buffers come first, each on its own cache line, then the slots of one
  *           signal after the other.
- * Look-ups: a further look-up of a signal uses the buffer of that signal. So twins with different
- *           look-ups can read the same memory.
+ * Look-ups: a further look-up of a signal (NAME@…) uses the buffer of that signal. So twins with
+ *           different look-ups can read the same memory.
  * Thread:   plain data; for the sample buffers see above.
  */
 
-enum { TL_SAMPLE_BUFFERS_LEAST = 256, TL_SAMPLE_BUFFERS_MOST = 65536 }; /* readings of a signal */
+enum { TL_SAMPLE_BUFFERS_LEAST = 256, TL_SAMPLE_BUFFERS_MOST = 65536 }; /* limits of the depth */
 
 typedef struct tl_sample_buffers_shape {
     size_t signals;
@@ -97,15 +97,16 @@ typedef struct tl_sample_buffers_shape {
     size_t of[TL_MAX_SIGNALS];      /* index of the signal whose buffer it reads: its own, or an earlier one */
 } tl_sample_buffers_shape;
 
-/* Computes the depths for a live run: enough for the readings in hang_s and 10 s, at the polling
- * period of the source (period_s; CAN: 1 ms), at least one each step and at most one each
- * millisecond. Call tl_config_use_lookups() before. */
+/* Computes the depths for a live run. Each buffer has room for the readings of hang_s + 10 s at the
+ * polling period of its source (period_s; CAN: 1 ms). The period counts as at most one step and at
+ * least 1 ms. Call tl_config_use_lookups() before. */
 void tl_sample_buffers_shape_of(const tl_config *config, tl_sample_buffers_shape *shape);
 
-/* Time for which live readings are kept, ns, if they are not more than TL_SAMPLE_BUFFERS_MOST. */
+/* Returns the time for which live readings are kept, ns: hang_s + 10 s. It is shorter if these are
+ * more than TL_SAMPLE_BUFFERS_MOST readings. */
 tl_time tl_sample_buffers_kept(const tl_config *config);
 
-/* Size of the memory in bytes; never 0. */
+/* Returns the size of the memory in bytes; never 0. */
 size_t tl_sample_buffers_bytes(const tl_sample_buffers_shape *shape);
 
 /* Opens handles on the memory, for either side. A reader may have mapped it read-only. */

@@ -1,16 +1,17 @@
-/* Block: memory that two processes share, with a fixed size that neither process can change.
+/* Block: memory that two processes share. Neither process can change its size.
  *
- * Purpose: all data between processes is in sealed memfds. A sealed block cannot shrink while
- *          another process uses it (SIGBUS), and cannot grow.
+ * Purpose: all data between processes is in sealed memfds. If a block shrank while another process
+ *          uses it, that process would get SIGBUS. A sealed block can neither shrink nor grow.
  * Access:  each block has one writer. A reader can neither map the block for writing nor write to
  *          its descriptor. A block that we write is sealed against other writers. For a block that
  *          another process writes, readers get a read-only descriptor (tl_block_reader()).
  * Kernel:  before Linux 5.1 the receiver of a block that we write could write it too. An emulator
- *          of a foreign machine may not support seals. `seals` contains the seals that were set.
+ *          of a foreign machine may not support seals. The field `seals` states which seals were
+ *          set.
  * Owner:   the caller owns the struct. The block owns its memory and its descriptor until it is
  *          closed.
- * Errors:  TL_TRY_AGAIN if memory or descriptors are missing; TL_BAD_DATA if a descriptor is no
- *          such block.
+ * Errors:  TL_TRY_AGAIN if memory or descriptors are missing; TL_BAD_DATA if a descriptor is not a
+ *          suitable block.
  * Thread:  any; one thread at a time per block.
  */
 #ifndef TL_FIRMWARE_PROCESS_BLOCK_H
@@ -22,12 +23,12 @@
 
 #include "master/base/status.h"
 
-/* Which process writes a block. The maker is the process that called tl_block_make(), the receiver
- * the one that called tl_block_take(). */
+/* Which process writes a block. The maker ("we") is the process that called tl_block_make(). The
+ * receiver ("they") is the one that called tl_block_take(). Both pass the same value. */
 typedef enum tl_block_writer {
     TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; the receiver reads */
     TL_BLOCK_THEY_WRITE, /* the receiver; the maker could too, but must not */
-    TL_BLOCK_SPARSE,     /* the receiver; memory is used on first access; not mapped here */
+    TL_BLOCK_SPARSE,     /* the receiver; a page takes memory on first access; the maker does not map it */
     TL_BLOCK_IS_WRITTEN  /* no process any more: tl_block_make_of() */
 } tl_block_writer;
 
@@ -41,27 +42,28 @@ typedef struct tl_block {
 
 /* Makes a block of zeros with `size` > 0 bytes. /proc shows it as `name`. Its memory is reserved at
  * once, except that of a sparse block. If memory runs out at the first access to a page of a sparse
- * block, the kernel kills the accessing process. If such a process has mapped the block readable
- * and calls mlockall(), all pages become resident. */
+ * block, the kernel kills the accessing process. If a process has mapped a sparse block readable
+ * and calls mlockall(), all its pages become resident. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* Returns a new read-only descriptor of a block of ours that another process writes (taken with
- * TL_BLOCK_WE_WRITE); close-on-exec. The caller closes it. Returns -1 if descriptors are missing.
- * The block's file mode becomes read-only. After that a process can only reopen the memory for
- * writing if it has capabilities or may call chmod(). Existing writable descriptors stay writable.
- * Without /proc the result is a plain duplicate. */
+/* Returns a new read-only descriptor of a block that another process writes; close-on-exec. Its
+ * receiver maps it by tl_block_take() with TL_BLOCK_WE_WRITE. The caller closes it. Returns -1 if
+ * descriptors are missing. The block's file mode becomes read-only. After that a process can only
+ * reopen the memory for writing if it has capabilities or may call chmod(). Existing writable
+ * descriptors stay writable. Without /proc the result is a plain duplicate. */
 int tl_block_reader(const tl_block *block);
 
 /* Makes a block with these bytes, which no process can change. */
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error);
 
-/* Maps a block that another process has made. It must have exactly `size` bytes (0: any size above
- * 0). If the kernel supports seals, its size must be sealed. If `writer` is TL_BLOCK_IS_WRITTEN, it
- * must be sealed against writing too. The block owns the descriptor, also on failure. */
+/* Maps a block that another process has made: for writing only if `writer` is TL_BLOCK_THEY_WRITE.
+ * It must have exactly `size` bytes (0: any size above 0). If the kernel supports seals, its size
+ * must be sealed. If `writer` is TL_BLOCK_IS_WRITTEN, it must be sealed against writing too. The
+ * block owns the descriptor; on failure it is closed. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* In the writing process, with the block mapped: sets all bytes to zero and returns their memory to
- * the system, also if memory is locked. Does nothing if the system does not support that. */
+/* For the writing process, with the block mapped: sets all bytes to zero and returns their memory
+ * to the system, also if memory is locked. Does nothing if the system does not support that. */
 void tl_block_forget(tl_block *block);
 
 /* Unmaps the block and closes its descriptor. A zeroed block is allowed. */

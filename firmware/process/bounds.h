@@ -1,14 +1,14 @@
 /* Bounds: checks how much of the machine an FMU process uses, from the process that started it.
  *
  * Purpose: checks what kernel limits do not cover: the size of a folder, its number of files, and
- *          threads. Memory is checked in addition to its kernel limit.
- * Cost:    about 20 us per check, plus 2 us for each file in the folder. A large folder is counted
- *          in every fifth check only.
+ *          the number of threads. Memory is checked in addition to its kernel limit.
+ * Cost:    about 20 µs per check, plus 2 µs for each file in the folder. If the folder has more
+ *          than 500 files, it is counted in every fifth check only.
  * Removed: files that were removed but are still open or mapped are in no folder. They are counted
  *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
- *          the cause. Only root can count those of a confined process. Without root the bounds are
- *          broken if less than a twentieth of the disk is free then.
- * Memory:  of the caller. Text pointers must stay valid.
+ *          the cause. Only root can count those of a confined process. So the bounds are also
+ *          broken if, in addition, less than a twentieth of the disk is free.
+ * Memory:  of the caller. `folder` must stay valid.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_PROCESS_BOUNDS_H
@@ -21,11 +21,12 @@
 
 enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32 };
 
-/* Bounds of one process; 0: no bound. The folder's text must live as long as this struct. */
+/* Bounds of one process; 0: no bound. The caller sets the public fields and zeroes the rest. The
+ * folder's text must live as long as this struct. */
 typedef struct tl_bounds {
     const char *folder; /* folder of the FMUs; NULL: none */
-    uint64_t bytes;     /* disk usage of all below the folder */
-    uint64_t files;     /* number of files and folders below it, at most TL_BOUNDS_DEPTH levels */
+    uint64_t bytes;     /* disk usage of all files below the folder */
+    uint64_t files;     /* number of files and folders below it; more than TL_BOUNDS_DEPTH levels break the bounds */
     uint64_t threads;
     uint64_t memory;      /* resident and swapped bytes, including shared ones and page tables */
     uint64_t free_before; /* private: free bytes of the disk at the first check; 0: none yet */
@@ -34,8 +35,8 @@ typedef struct tl_bounds {
 } tl_bounds;
 
 /* Returns true if the process is within all bounds, or if process or folder do not exist any more.
- * Else returns false, and `text` names the broken bound with the allowed value. A subfolder that
- * cannot be opened breaks the bounds. */
+ * Else returns false and sets `text` to the broken bound with its limit. A subfolder that cannot be
+ * opened breaks the bounds. */
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]);
 
 #endif

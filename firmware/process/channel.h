@@ -19,8 +19,8 @@
  *          sends anything else is broken or hostile: the receiver reports the message and accepts
  *          no further one. The parent then kills the child.
  * Phases:  each side has its own phase, which determines what it may send. Its own messages advance
- *          it. Messages of the child also advance the parent: ticks are allowed as soon as the twin
- *          is built.
+ *          it. Messages of the child also advance the parent, so that ticks are allowed as soon as
+ *          the twin is built.
  * Sizes:   the code that opens a channel fills in the sizes of messages whose types it defines;
  *          both sides must use the same.
  * Thread:  pure functions.
@@ -43,12 +43,12 @@ typedef enum tl_message {
     /* from the parent */
     TL_MESSAGE_TICK,   /* a sample of the plant; STEPPING */
     TL_MESSAGE_FINISH, /* the last tick; STEPPING, then ENDING */
-    TL_MESSAGE_SEEN,   /* how the process that read the shown data has ended; STEPPING */
+    TL_MESSAGE_SEEN,   /* how the process ended that read the data of SHOWN; STEPPING */
     TL_MESSAGE_END,    /* request to end as soon as possible; no bytes; any phase, then ENDING */
     /* from the child */
     TL_MESSAGE_READY,  /* how the child is confined; STARTING, then BUILDING */
     TL_MESSAGE_BUILT,  /* the twin is built, the account is in the child's block; BUILDING, then STEPPING */
-    TL_MESSAGE_RESULT, /* of a step; STEPPING */
+    TL_MESSAGE_RESULT, /* result of a step; STEPPING */
     TL_MESSAGE_SHOWN,  /* data for another process of this kind (read_back.h); no bytes; STEPPING */
     TL_MESSAGE_ENDED,  /* why the child ends; any phase but ENDING, then ENDING */
     TL_MESSAGES
@@ -80,11 +80,12 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender);
  * Purpose: each side writes only its own block: the slots of its messages, the number sent, and the
  *          number received from the other side. A message costs one copy on each side. No system
  *          call is needed while neither side sleeps.
- * Waking:  a waiting side announces how many messages, or how many free slots, it waits for. It is
- *          woken when there are that many, or when there are any and the other side goes to sleep.
- *          So large batches cost few wake-ups, and the two sides never both sleep with work
- *          pending. To receive each message at once, wait for 1. All messages except ticks and
- *          results wake at once, because no further message may follow them.
+ * Waking:  a waiting side announces how many messages, or how many free slots, it waits for. The
+ *          other side wakes it when there are that many. It also wakes it when there are any and
+ *          the other side goes to sleep. So large batches cost few wake-ups, and the two sides
+ *          never both sleep with work pending. To receive each message at once, wait for 1. All
+ *          messages except ticks and results wake at once, because no further message may follow
+ *          them.
  * Trust:   the other side's block is untrusted. Counters are checked against the ring size. A
  *          slot's type and length are read once and validated before the payload is copied. The
  *          first fault breaks the channel: all calls then return TL_CHANNEL_BROKEN, and `fault` is
@@ -99,7 +100,7 @@ enum { TL_CHANNEL_DEPTH = 1024 }; /* slots per ring */
 /* Must be the same on both sides. */
 typedef struct tl_channel_settings {
     tl_protocol_sizes sizes;
-    size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for other uses */
+    size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for the caller */
 } tl_channel_settings;
 
 typedef enum tl_channel_answer {
@@ -123,11 +124,11 @@ typedef struct tl_channel {
     size_t own_stride; /* bytes per slot */
     size_t other_stride;
     uint32_t offered;      /* number of messages written in all */
-    uint32_t urgent;       /* messages up to this number wake the other side at once */
+    uint32_t urgent;       /* messages up to this number must wake the other side at once */
     uint32_t taken;        /* number of messages received */
-    uint32_t other_taken;  /* last value read from the other side */
-    uint32_t other_pushed; /* last value read from the other side */
-    uint32_t woken;        /* number of the last sleep of the other side that we ended */
+    uint32_t other_taken;  /* number that the other side has received, as read last */
+    uint32_t other_pushed; /* number that the other side has sent, as read last */
+    uint32_t woken;        /* number of the last sleep of the other side from which we woke it */
     tl_protocol_phases phases;
     uint32_t nudges; /* number of nudges, by any thread */
     uint32_t heeded; /* nudges that were handled */
@@ -156,7 +157,8 @@ bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload)
  * tl_channel_push() or tl_channel_wait() regularly. */
 void tl_channel_show(tl_channel *channel);
 
-/* Publishes written and received messages, and wakes the other side if it waits for them. */
+/* Publishes how many messages were written and received, and wakes the other side if it waits for
+ * them. */
 void tl_channel_push(tl_channel *channel);
 
 /* Reads the next message without blocking. Returns SOMETHING, NOTHING or BROKEN. `payload` must
@@ -172,8 +174,8 @@ tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *p
  * BROKEN:    the channel is broken. */
 tl_channel_answer tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
 
-/* Makes the present or next tl_channel_wait() of this side return. Any other thread of this side
- * may call it while the channel is open; signal handlers must not. */
+/* Makes the present or next tl_channel_wait() of this side return TL_CHANNEL_NUDGED. Any other
+ * thread of this side may call it while the channel is open; signal handlers must not. */
 void tl_channel_nudge(tl_channel *channel);
 
 #endif

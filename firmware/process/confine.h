@@ -9,21 +9,22 @@
  *          separate user.
  * Missing: features that the kernel lacks are reported by tl_confine_describe() and are no error.
  *          So the program also runs in an emulator, in a container and on an old kernel.
- * Left open, because no kernel feature covers it: names, sizes and dates of all files are visible
- * (Landlock controls reading, not stat()); processor time; the contents of the listed folders;
- * removed but still open files, which only count against the file size limit and against a full
- * disk (bounds.h).
+ * Left open, because no kernel feature covers it: an FMU can see names, sizes and dates of all
+ * files (Landlock controls reading, not stat()). It can use all processor time, and read the listed
+ * folders. It can fill the disk with removed but still open files, up to the limits of file size
+ * and of bounds.h.
  * Others:  a process without FMUs also drops what it does not need. With `plant` it can still open
- *          what its plant driver needs, but no other kind of socket or device. TCP can connect to
- *          `ports` only, from Linux 6.7 on. With keeps_files a recorder can remove and rename files
- *          below its writable folders, and give files the mode of others. Neither can listen, start
- *          programs or reach a local socket. With may_answer a server that already listens can
- *          accept connections and connect to local sockets only.
+ *          what its plant driver needs, but no other kind of socket or device. It can connect by
+ *          TCP to `ports` only, from Linux 6.7 on. With `keeps_files` a recorder can remove and
+ *          rename files below its writable folders, and change mode and owner of open files.
+ *          Neither can listen, start programs or reach a local socket. With `may_answer` a server
+ *          that already listens can accept connections, and connect to local sockets only.
  * Thread:  call from the thread that will load FMUs, preferably before other threads exist.
  *          Landlock and capabilities apply to the calling thread and the threads that it starts.
  *          With whole_process the system call list, the limits and the user apply to all threads.
- * Before:  do first what needs more rights, such as PR_SET_PDEATHSIG, setsid() or opening a device.
- *          PR_SET_PDEATHSIG is set again after a change of the user, because the kernel resets it.
+ * Before:  before the call, do what needs more rights, such as PR_SET_PDEATHSIG, setsid() or
+ *          opening a device. PR_SET_PDEATHSIG is set again after a change of the user, because the
+ *          kernel resets it.
  */
 #ifndef TL_FIRMWARE_PROCESS_CONFINE_H
 #define TL_FIRMWARE_PROCESS_CONFINE_H
@@ -38,7 +39,7 @@
 
 enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
 
-/* The texts must live during the call only. */
+/* Texts and lists must stay valid during the call only. */
 typedef struct tl_confine_settings {
     const char *folder;      /* absolute; becomes the current folder, TMPDIR, and writable; NULL: none */
     uint64_t file_bytes;     /* largest size of a file; 0: no limit */
@@ -55,13 +56,13 @@ typedef struct tl_confine_settings {
     bool whole_process; /* applies the system call list to all threads, else to the caller's */
     const tl_plant_access *plant; /* needs of its plant driver; NULL: it reads no plant */
     bool names;                   /* the driver resolves host names */
-    const uint16_t *ports;        /* allowed TCP ports to connect to, with Landlock 4 and later; else any */
+    const uint16_t *ports;        /* TCP ports to which it may connect; before Landlock 4: any port */
     size_t port_count;
-    bool keeps_files; /* see above */
-    bool may_answer;  /* see above */
-    bool lives_on;    /* access to other processes is refused like all else; if false, the kernel kills the process */
-    int landlock;     /* private: version in use; 0: none */
-    int landlock_newest; /* for tests of older kernels: highest version; -1: no Landlock; 0: that of the kernel */
+    bool keeps_files;    /* see Others */
+    bool may_answer;     /* see Others */
+    bool lives_on;       /* true: signalling or tracing another process fails; false: it kills this process */
+    int landlock;        /* private: version in use; 0: none */
+    int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */
 } tl_confine_settings;
 
 /* What is enforced, or what the kernel supports. */
@@ -73,8 +74,8 @@ typedef struct tl_confine_facts {
     bool user;     /* a separate user: files of other users are protected also without Landlock */
 } tl_confine_facts;
 
-/* Detects what the kernel supports, without confining. `user`: this process could change its user.
- */
+/* Detects what the kernel supports, without confining. Sets `user` if this process could change its
+ * user. */
 void tl_confine_probe(tl_confine_facts *facts);
 
 /* Default memory limit of an FMU process, bytes: half of the machine's memory, at most
@@ -82,8 +83,8 @@ void tl_confine_probe(tl_confine_facts *facts);
 uint64_t tl_confine_fair_memory(void);
 
 /* Confines the process. If `listener` is NULL, refused calls return EPERM and are not reported.
- * Else it becomes a descriptor for tl_refusal_take() in another process, or -1. A refused call
- * waits for an answer, so hand the descriptor over and close it here at once.
+ * Else *listener becomes a descriptor for tl_refusal_take() in another process, or -1. A refused
+ * call waits for an answer, so pass the descriptor to that process and close it here at once.
  * Errors: TL_BAD_USAGE if the folder cannot be entered. TL_TRY_AGAIN if a feature of the kernel
  *         failed; the process is partly confined and must end. TL_INTERRUPTED if the parent that
  *         PR_SET_PDEATHSIG refers to has ended. */
@@ -107,8 +108,9 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
 bool tl_filter_is_offered(void);
 bool tl_filter_can_notify(void);
 
-/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else it becomes a
- * descriptor, or -1 if the kernel cannot report calls or another process already receives them.
+/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes a
+ * descriptor. It is -1 if the kernel cannot report calls, or if another process already receives
+ * them.
  * Errors: TL_TRY_AGAIN if the filter could not be loaded. */
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
 
@@ -124,12 +126,12 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
  * Itself:  single files of /proc/self are readable. A dozen descriptors of them stay open until the
  *          process ends, because the rules depend on them.
  * Unseen:  Landlock does not check stat(), access(), readlink(), changes of the current folder, and
- *          changes of mode, owner, times and attributes. The filter allows to change the folder and
- *          refuses the other changes; keeps_files allows fchmod() and fchown().
+ *          changes of mode, owner, times and attributes. The filter permits changing the current
+ *          folder and refuses the other changes. keeps_files also permits fchmod() and fchown().
  * Thread:  applies to the calling thread and the threads that it starts.
  */
 
-/* From this version on a file that may not be written cannot be truncated either. */
+/* From this Landlock version on, a file that may not be written cannot be truncated either. */
 enum { TL_LANDLOCK_TRUNCATION = 3 };
 
 /* Returns the kernel's version; 0: not supported, or disabled. */
@@ -146,8 +148,8 @@ tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *er
  * Thread:  they apply to the whole process.
  */
 
-/* Most descriptors in addition to those that are open at confinement, and most pending timers and
- * signals. */
+/* Largest number of descriptors in addition to those that are open at confinement; largest number
+ * of pending timers and signals. */
 enum { TL_PROCESS_LIMITS_DESCRIPTORS = 256, TL_PROCESS_LIMITS_SIGNALS = 256 };
 
 /* Raises the soft limit of `resource` (RLIMIT_…) to at least `least`, or to the hard limit if that

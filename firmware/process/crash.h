@@ -3,16 +3,16 @@
  * Purpose: on SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT the handler writes one line to standard
  *          error. Then the process ends by that signal as usual, with a core dump if those are
  *          enabled. So a supervisor sees the same exit status as without the handler.
- * Blame:   a crash during a call in the thread that calls FMUs is attributed to that FMU. A crash
- *          in a thread that is not ours is attributed to an FMU. Any other is a bug of twinlock, or
- *          an FMU has overwritten memory.
+ * Blame:   a crash during an FMU call, in the thread that calls FMUs, is attributed to that FMU. A
+ *          crash in a thread that is not ours is attributed to an FMU. Any other crash is a bug of
+ *          twinlock, or an FMU has overwritten memory.
  * Stack:   the main thread and the FMU thread have an alternate signal stack, so that stack
  *          overflows are reported too.
  * Others:  a handler that was installed before ours (a sanitizer's) is called after the line is
- *          written. A handler that an FMU has installed is called first, once host_state.h has
- *          restored ours. If it returns or jumps away, the signal counts as handled, because
- *          virtual machines handle null pointers this way. If it forwards the signal to the
- *          previous handler, as Python's faulthandler does, ours reports it.
+ *          written. If an FMU has installed a handler, host_state.h has restored ours; ours calls
+ *          the FMU's handler first. If that handler returns or jumps away, the signal counts as
+ *          handled, because virtual machines handle null pointers this way. If it forwards the
+ *          signal to the previous handler, as Python's faulthandler does, ours reports it.
  * Late:    after tl_process_complete() the line is a warning, and the process exits as planned.
  * Caught:  see TL_CRASH_CATCH().
  * Thread:  install from one thread; each thread calls tl_crash_enter() for itself.
@@ -28,25 +28,27 @@ typedef enum tl_crash_thread {
     TL_CRASH_CALLS_FMUS
 } tl_crash_thread;
 
-/* Installs the handlers. Call it at the start of the process and again after a fork: other forked
- * processes report nothing, so that a process that an FMU forks does not report for us. Marks the
- * calling thread as ours. Ignored signals stay ignored. */
+/* Installs the handlers and marks the calling thread as ours. Call it at the start of the process,
+ * and again in a child after fork(). A forked child that does not call it reports nothing; so a
+ * process that an FMU forks never reports for us. Ignored signals stay ignored. */
 void tl_crash_install(void);
 
-/* Marks the calling thread as ours. At most one thread at a time may call FMUs. */
+/* Sets the kind of the calling thread. At most one thread at a time may call FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
 
 /* ---- Catches a crash in a call that another method can replace.
  *
- * TL_CRASH_CATCH() is false at first. If the calling thread, which calls FMUs, crashes before
- * tl_crash_catch_end(), it is true and execution continues there. So the function that uses it must
- * not return before tl_crash_catch_end(), and must not change its variables in between. The FMU's
- * memory is then as the crash left it, and its locks are not released. */
+ * TL_CRASH_CATCH() works like setjmp(): it is false at first. If the calling thread crashes before
+ * tl_crash_catch_end(), execution continues at TL_CRASH_CATCH(), which is then true. So its
+ * function must not return before tl_crash_catch_end(), and must not change its variables in
+ * between. After a crash the FMU's memory is as the crash left it, and the FMU's locks are not
+ * released. Only for the thread that calls FMUs. */
 #define TL_CRASH_CATCH() (sigsetjmp(*tl_crash_catch_begin(), 0) != 0)
 
 /* Private: use TL_CRASH_CATCH(). */
 sigjmp_buf *tl_crash_catch_begin(void);
 
+/* Ends the catching that TL_CRASH_CATCH() began. */
 void tl_crash_catch_end(void);
 
 /* Returns the name of the signal that was caught last: "Segmentation fault". */

@@ -3,8 +3,8 @@
  * Purpose: reports of a crash, a hang or an exit inside an FMU contain the FMU's name and the
  *          function. The reporter is a signal handler, the waiting thread, or the supervisor in its
  *          own process.
- * Memory:  one block per process. It is private until tl_fmu_calls_use() sets one that another
- *          process maps too.
+ * Memory:  one block per process. It is private memory until tl_fmu_calls_use() sets a block that
+ *          another process maps too.
  * Thread:  only the thread that calls FMUs writes. Any thread, signal handler, or process that maps
  *          the block may read. Wait-free.
  * Trust:   an FMU process may write anything into the block, so tl_fmu_calls_poll() checks the
@@ -54,10 +54,10 @@ typedef enum tl_fmu_function {
 
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun; /* number of calls so far, those of a step count as one; wraps around */
+    uint32_t begun; /* number of calls so far; all calls of a step count as one; wraps around */
     uint32_t now;   /* FMU · 256 + function; 0: none */
     uint32_t fmus;  /* names in use */
-    uint32_t asked; /* 1: the process has received the signal to end */
+    uint32_t asked; /* 1: the process has noted the signal to end */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
 } tl_fmu_calls;
 
@@ -77,18 +77,18 @@ void tl_fmu_calls_use(tl_fmu_calls *block);
 /* Returns the block in use. */
 const tl_fmu_calls *tl_fmu_calls_in_use(void);
 
-/* Returns the number of an FMU of this name, for example a component's name. The same name gives
- * the same number. */
+/* Registers an FMU by name, for example by its component's name, and returns its number. The same
+ * name gives the same number. The name is truncated to TL_FMU_CALL_NAME - 1 bytes. */
 uint32_t tl_fmu_calls_name(const char *name);
 
 /* Notes that the process has received the signal to end. */
 void tl_fmu_calls_note_end_request(void);
 
-/* Mark the begin and the end of an FMU call. If a call begins before the previous one has ended, it
- * replaces that one. Inline, so that an FMU call costs hardly more. */
+/* Mark the beginning and the end of an FMU call. `fmu`: its number. A call that begins before the
+ * previous one has ended replaces that one. Inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
-/* Continues the present call with another function under the same number, because counting costs
- * more than storing the function. */
+/* Continues the present call with another function, without counting a new call, because counting
+ * costs more than storing the function. */
 static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 
@@ -97,8 +97,8 @@ static inline void tl_fmu_call_end(void);
 /* Reads the current call. Returns false if no FMU is being called. Safe in a signal handler. */
 bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call);
 
-/* Returns false if the process has not yet noted the signal to end. An FMU may have ignored or
- * caught it: send it again. */
+/* Returns true if the process has noted the signal to end. If it is false, an FMU may have ignored
+ * or caught the signal: send it again. */
 bool tl_fmu_calls_end_is_requested(const tl_fmu_calls *block);
 
 /* ---- inline ---- */

@@ -3,10 +3,11 @@
  * Purpose: an FMU that never returns must not keep the program from reporting the hang, nor from
  *          ending on request. A thread cannot be stopped inside a vendor's code, so the FMU process
  *          ends. It reports the FMU, the function, and the duration.
- * Limits:  of one call in `check`, `replay` and `plant`, whose FMUs run in a separate, monitored
- *          process (`run` has its supervisor instead); and TL_FMU_CALL_TIMEOUT_END after a request
- *          to end. A second request after at least one second ends the process at once.
- * Clock:   adds up the time between two checks, at most one second each, so that a stopped or
+ * Limits:  `limit` for each call in `check`, `replay` and `plant`, whose FMUs run in a separate,
+ *          monitored process. In `run` the supervisor limits the calls instead. After a request to
+ *          end, a call may last TL_FMU_CALL_TIMEOUT_END. A second request after at least one second
+ *          ends the process at once.
+ * Clock:   adds up the times between checks. Each counts at most one second, so that a stopped or
  *          suspended process does not time out.
  * Thread:  the main thread, which checks several times a second while another thread calls FMUs.
  */
@@ -20,13 +21,14 @@
 #include "firmware/process/fmu_call.h"
 #include "master/base/simtime.h"
 
+/* Limit of a call after a request to end, ns. */
 #define TL_FMU_CALL_TIMEOUT_END (5 * TL_SECOND)
 
-/* Default limit of one call; loading and instantiating may take long. */
+/* Default limit of one call, ns; loading and instantiating may take long. */
 #define TL_FMU_CALL_TIMEOUT_CALL (60 * TL_SECOND)
 
-/* An FMU process must send something within the time of this many calls. This also ends a process
- * that is not in a call, or does not report it. */
+/* The parent kills an FMU process that is silent outside of FMU calls for this many times the limit
+ * of a call. So a process also ends if it hangs outside of a call, or does not report its call. */
 enum { TL_FMU_CALL_TIMEOUT_CALLS = 10 };
 
 /* Zeroed at first. Fields are private, except `limit`. */
@@ -36,19 +38,20 @@ typedef struct tl_fmu_call_timeout {
     uint32_t begun; /* number of the last call seen */
     tl_time lasted; /* observed duration of that call */
     tl_time asked;  /* time since the request to end */
-    unsigned times; /* requests within its first second */
+    unsigned times; /* requests within the first second of `asked` */
 } tl_fmu_call_timeout;
 
 /* Input of one check. */
 typedef struct tl_fmu_call_timeout_view {
-    tl_time now;             /* CLOCK_MONOTONIC */
+    tl_time now;             /* CLOCK_MONOTONIC, ns */
     const tl_fmu_call *call; /* current call; NULL: none */
     const char *asked;       /* name of the signal that requested the end; NULL: none */
-    unsigned times;          /* number of requests */
+    unsigned times;          /* number of requests so far */
     bool whatever;           /* a second request ends the process also if no FMU call is reported */
 } tl_fmu_call_timeout_view;
 
-/* Returns true if the limit is exceeded; then `text` is the reason. */
+/* Returns true if a limit is exceeded or the end was requested again; then writes the reason to
+ * `text`, which has `size` bytes. */
 bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_call_timeout_view *view, char *text,
                                  size_t size);
 

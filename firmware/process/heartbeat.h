@@ -1,15 +1,15 @@
-/* Heartbeats: show another process that a thread is alive, together with what else the supervisor
- *             needs to know of a process.
+/* Heartbeats: show another process that threads are alive. The same block contains the other data
+ *             that the supervisor needs of a process.
  *
  * Purpose: the threads of a process count their heartbeats, and the supervisor (supervisor.h) polls
  *          the counters. The block also contains whether the process is ready, a status line, the
  *          current FMU call (fmu_call.h), and, before the process ends, the end cause.
  * Clock:   heartbeats are counted, without a time stamp. The supervisor adds up the time without a
- *          change, at most TL_HEARTBEAT_POLL per poll. So a clock that is set, a suspended machine
- *          or a late supervisor causes no false alarm.
- * Memory:  the caller's, zeroed at first: a block (block.h) that the monitored process writes. It
- *          has room for TL_HEARTBEATS threads.
- * Thread:  a heartbeat belongs to one thread, which starts it. The supervisor polls from another
+ *          change, at most TL_HEARTBEAT_POLL per poll. So a change of the clock, a suspended
+ *          machine or a late supervisor causes no false alarm.
+ * Memory:  the caller provides a zeroed block (block.h) that the monitored process writes. It has
+ *          room for TL_HEARTBEATS threads.
+ * Thread:  a heartbeat belongs to the thread that started it. The supervisor polls from another
  *          process. Wait-free.
  */
 #ifndef TL_FIRMWARE_PROCESS_HEARTBEAT_H
@@ -30,11 +30,11 @@ enum {
     TL_HEARTBEAT_STATUS = 512
 };
 
-/* The most time between two polls that counts as silence. */
+/* Longest time between two polls that counts as silence, ns. A longer time counts as this. */
 #define TL_HEARTBEAT_POLL (TL_SECOND / 5)
 
-/* A process that had a heartbeat may have none for so long. The main thread's heartbeat never
- * stops. */
+/* Longest time without any started heartbeat, ns, if the process had one before. The heartbeat of
+ * the main thread is never stopped, so a process without heartbeats is faulty. */
 #define TL_HEARTBEAT_NONE (2 * TL_SECOND)
 
 /* Heartbeat of one thread. Fields are private. */
@@ -60,7 +60,7 @@ typedef struct tl_heartbeats {
 typedef enum tl_end_cause {
     TL_END_CAUSE_NONE,      /* nothing was announced */
     TL_END_CAUSE_REQUESTED, /* a signal requested it */
-    TL_END_CAUSE_OVER,      /* the duration has elapsed */
+    TL_END_CAUSE_OVER,      /* the duration of the run has elapsed */
     TL_END_CAUSE_REFUSED,   /* it could not start: an error in a configuration, an FMU or a source */
     TL_END_CAUSE_FAILED     /* it was ready and then failed */
 } tl_end_cause;
@@ -80,13 +80,14 @@ void tl_heartbeats_set_ready(tl_heartbeats *beats);
 /* Sets the status line; one thread only. */
 void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
 
-/* Announces that the work is done, all data is saved, and the process will end with this exit code,
- * 0 … 255. Call it once. */
+/* Announces the end of the process, with its cause and its exit code, 0 … 255. Call it once, after
+ * all data is saved. */
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code);
 
 /* ---- in the supervisor ---- */
 
-/* State of the supervisor's polls. Zeroed at first and when the process restarts. Private. */
+/* State of the supervisor's polls. The supervisor zeroes it at first and when the process
+ * restarts. Fields are private. */
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];
@@ -103,12 +104,13 @@ typedef struct tl_heartbeats_seen {
  * example because its memory was overwritten. */
 const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
 
-/* Reads the current FMU call if it had lasted for at least `least` ns at the last
- * tl_heartbeats_read(); 0: any call. Returns false if there is none. */
+/* Reads the current FMU call if its duration was at least `least` ns at the last
+ * tl_heartbeats_read(). `least` 0: any call. Returns false if there is no such call. */
 bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
                             tl_fmu_call *call);
 
-/* Returns the announced end cause, and sets the exit code. */
+/* Returns the announced end cause and sets *code to the announced exit code. Both are 0 if nothing
+ * was announced. */
 tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code);
 
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats);

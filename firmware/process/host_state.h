@@ -1,6 +1,6 @@
-/* State of the process that an FMU may change: rounding, locale, directory, signals.
+/* State of the process that an FMU may change: rounding, locale, current folder, signals.
  *
- * Thread:  the one that calls the FMU.
+ * Thread:  the thread that calls the FMU.
  */
 #ifndef TL_FIRMWARE_PROCESS_HOST_STATE_H
 #define TL_FIRMWARE_PROCESS_HOST_STATE_H
@@ -15,8 +15,9 @@
 /* ---- Floating-point control of this thread: rounding mode, denormals, traps.
  *
  * Purpose: an FMU that changes the rounding mode, flushes denormals or enables floating-point traps
- *          affects all later computations. The control bits are checked after each FMU call, so
- *          this is inline and needs no system call.
+ *          affects all later computations of its thread. The control bits are checked after each
+ *          FMU call, so these functions are inline and make no system call.
+ * Others:  on an architecture that is not listed below, only the rounding mode is covered.
  * Thread:  each thread has its own control bits; a new thread starts with those of its creator.
  * Source:  Intel SDM volume 1, 8.1.5 and 10.2.3; Arm ARM, FPCR and FPSCR.
  */
@@ -40,10 +41,10 @@ static inline void tl_fp_control_set(uint32_t control) {
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Returns whether the control bits are unchanged, without reading the SSE bits: on some processors
- * that takes longer than a step of a small FMU. Three additions detect changed rounding and flushed
- * denormals. Then the SSE bits are written, which takes a tenth of the time and also disables
- * traps. Returns false, without restoring anything, if a difference is found. */
+/* Returns true if the control bits equal `control`. It does not read the SSE bits, because on some
+ * processors that takes longer than a step of a small FMU. Instead, three additions detect changed
+ * rounding and flushed denormals. If there is no difference, the SSE bits are written: this takes a
+ * tenth of the time and disables traps. If there is one, returns false and restores nothing. */
 static inline bool tl_fp_control_holds(uint32_t control) {
     static const volatile double one = 1.0;
     static const volatile double tiny = 1e-30;
@@ -73,7 +74,7 @@ static inline void tl_fp_control_set(uint32_t control) {
 
 #elif defined(__arm__) && defined(__ARM_FP)
 
-/* The same register contains status and condition bits. */
+/* FPSCR also contains status and condition bits, which are masked out. */
 static inline uint32_t tl_fp_control_get(void) {
     uint32_t control = 0;
     __asm__ volatile("vmrs %0, fpscr" : "=r"(control));
@@ -104,12 +105,12 @@ static inline bool tl_fp_control_holds(uint32_t control) {
 
 #endif
 
-/* ---- Process state that an FMU can change without notice: saved and restored.
+/* ---- Saves and restores the process state that an FMU can change unnoticed.
  *
  * Purpose: an FMU shares the process with us and with other FMUs. If it changes the rounding mode,
  *          results differ. If it catches SIGTERM, the process cannot be ended. If it changes the
- *          current folder, relative file names are wrong. This module restores the state before the
- *          FMU was loaded.
+ *          current folder, relative file names are wrong. This module restores the state that was
+ *          saved before an FMU was called.
  * Covers:  of the thread: floating-point control bits, locale, signal mask and scheduling. Of the
  *          process: locale, the signal handlers of the program, current folder and umask.
  * Left alone: handlers of all other signals, timers, limits, environment, open files.
@@ -129,20 +130,20 @@ typedef enum tl_host_change {
 
 enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192 };
 
-/* Saves the present state as the correct one, for the calling thread, before it calls FMUs. Folder
- * and umask are saved by the first call only. */
+/* Saves the current state, which tl_host_state_put_back() restores. Call it in the FMU thread,
+ * before that calls FMUs. Only the first call in the process saves the folder and the umask. */
 void tl_host_state_keep(void);
 
-/* Restores what differs from the saved state and returns its bits. Does nothing if no state was
- * saved. Costs about 14 system calls. */
+/* Restores what differs from the saved state and returns the changes as bits of tl_host_change.
+ * Returns 0 if no state was saved. Costs about 14 system calls. */
 unsigned tl_host_state_put_back(void);
 
-/* Called after a handler of ours was restored. `foreign`: the FMU's handler that had replaced it.
- */
+/* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had
+ * replaced ours. */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
-/* As sigaction(), for a handler of the program: it is restored from now on. `displaced` may be
- * NULL. Returns 0, or -1 with errno. */
+/* Installs a handler of the program like sigaction(). From now on tl_host_state_put_back() restores
+ * it; at most 16 signals. `displaced` may be NULL. Returns 0, or -1 with errno. */
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
 /* Lists the changes in words, for example "the locale and the umask". */

@@ -1,12 +1,12 @@
-/* Process end: the only exit of our processes.
+/* Process end: all our processes end through this module.
  *
- * Purpose: once the work is done, no FMU code can change the exit code. Output is flushed and the
- *          process exits. No destructor of an FMU and no exit handler runs, and threads that an FMU
- *          has left are not joined.
+ * Purpose: once the work is done, no FMU code can change the exit code. Output is flushed for at
+ *          most 1 s, and the process exits. It runs no destructor of an FMU and no exit handler,
+ *          and does not join threads that an FMU has started.
  * Scripts: interpreters are an exception (tl_process_run_exit_handlers()). Their exit handlers run,
  *          because they write what scripts have printed. If a handler crashes or lasts longer than
- *          TL_PROCESS_END_S seconds, the process exits too.
- * Noticed: if an FMU calls exit(), the process exits with 70, and the log names the FMU and its
+ *          TL_PROCESS_END_S seconds, the process exits with the planned exit code.
+ * exit():  if an FMU calls exit(), the process exits with 70, and the log names the FMU and its
  *          function. A call of _exit() cannot be detected from inside the process.
  * Thread:  tl_process_begin() and tl_process_end() from the main thread; all others from any.
  */
@@ -15,6 +15,7 @@
 
 #include <stdbool.h>
 
+/* Time limit of exit handlers and of tl_process_give_up(), s. */
 enum { TL_PROCESS_END_S = 2 };
 
 /* Call it at the start of the process, before anything is loaded, and again after a fork. */
@@ -24,16 +25,16 @@ void tl_process_begin(void);
  * is open. */
 void tl_process_end(int code) __attribute__((noreturn));
 
-/* All results are complete; only FMUs are freed from now on. If one crashes or calls exit() there,
- * that is a warning, and the process ends with this exit code. */
+/* Marks all results as complete: from now on the process only frees its FMUs. If an FMU then
+ * crashes or calls exit(), a warning is logged and the process ends with this exit code. */
 void tl_process_complete(int code);
 
 /* For the crash handler: true after tl_process_complete(). */
 bool tl_process_is_complete(void);
 
-/* Ends the process with exit code 70, because an FMU has not returned or has called exit(). Logs
- * `why` and saves unfinished work (tl_process_set_saver()). The parent removes the folders of the
- * FMUs. */
+/* Ends the process with exit code 70 within TL_PROCESS_END_S, because an FMU has not returned or
+ * has called exit(). Logs `why` and saves unfinished work (tl_process_set_saver()). The parent
+ * removes the folders of the FMUs. */
 void tl_process_give_up(const char *why) __attribute__((noreturn));
 
 /* Sets the function that saves unfinished work before tl_process_give_up() ends the process. It
@@ -44,8 +45,8 @@ void tl_process_set_saver(tl_process_keeper *keeper, void *context);
 /* From now on tl_process_end() runs exit handlers, because an interpreter was opened. */
 void tl_process_run_exit_handlers(void);
 
-/* For the crash handler: if the process is already ending, exits at once with the planned exit
- * code. The second function does so if the results are complete. */
+/* For the crash handler: exit at once with the planned exit code. The first function does so only
+ * if the process is already ending, the second only after tl_process_complete(). */
 void tl_process_end_if_ending(void);
 void tl_process_end_if_complete(void);
 

@@ -1,4 +1,4 @@
-/* Refused system calls of a confined process, and which FMU made them.
+/* Refused system calls of a confined process, and the FMUs that made them.
  *
  * Thread:  see each section.
  */
@@ -13,13 +13,13 @@
 
 /* ---- Refused system calls, for the process that monitors a confined one.
  *
- * Purpose: vendors' FMUs open a socket for a licence, start a tool or change a file's mode. Such a
- *          call waits until it is received here and answered, always with EPERM. The caller is
- *          blocked meanwhile, so that the monitor can determine its cause.
- * Cost:    a refused call waits for the next poll: poll often, receive all that wait, and answer
- *          each at once.
- * Memory:  after the first call no heap is used, because a forking thread of this process holds the
- *          heap's locks while its call waits.
+ * Purpose: some vendors' FMUs open a socket for a licence, start a tool or change a file's mode.
+ *          The kernel blocks the thread that makes such a call, until this module receives the call
+ *          and answers it, always with EPERM. Meanwhile the monitor can find out which FMU made it.
+ * Cost:    a refused call waits for the next poll. Poll often, receive all waiting calls, and
+ *          answer each at once.
+ * Memory:  no heap is used after the first received call. A forking thread of this process may wait
+ *          for an answer while it holds the locks of the heap.
  * Thread:  any, one at a time.
  */
 
@@ -30,26 +30,26 @@ typedef struct tl_refusal {
     char name[TL_REFUSAL_NAME]; /* for example "socket"; "call 999" if its name is unknown */
 } tl_refusal;
 
-/* Receives one refused call, which the caller must answer. Does not block. Returns false if none
- * waits or the process has ended. `listener`: from tl_confine(); -1: always returns false. */
+/* Receives one refused call without blocking; the caller must answer it. Returns false if no call
+ * waits or the process has ended. `listener`: descriptor from tl_confine(); -1: returns false. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);
 
-/* Answers with EPERM, so that the calling thread continues. It is no error if the process has
+/* Answers the call with EPERM, so that its thread continues. Has no effect if the process has
  * ended. */
 void tl_refusal_answer(int listener, const tl_refusal *refusal);
 
-/* ---- Messages about refused calls: one for each system call of each FMU.
+/* ---- Messages about refused calls: one for each pair of FMU and system call.
  *
  * Purpose: the process that answers refused calls reports which FMU made which call, in which
- *          function. Repeated calls are reported once.
+ *          function of the FMU. Repeated calls are reported once.
  * Bound:   TL_FMU_REFUSALS messages; further calls are answered but not reported.
- * Memory:  none but the struct.
+ * Memory:  only the struct, which the caller owns.
  * Thread:  one at a time; the owner locks it if necessary.
  */
 
 enum { TL_FMU_REFUSALS = 64, TL_FMU_REFUSAL_TEXT = 320 };
 
-/* Receives a message about a refused call of an FMU. */
+/* Callback that receives a message about a refused call of an FMU. */
 typedef void tl_fmu_refusals_listener(void *context, const char *text);
 
 typedef struct tl_fmu_refused {
@@ -64,13 +64,13 @@ typedef struct tl_fmu_refusals {
     size_t count;
 } tl_fmu_refusals;
 
-/* Notes a refused call that was received but not yet answered. The caller of it is still blocked,
- * so `calls` of the FMU process names the current function. Returns true if it is new and has a
- * message. */
+/* Notes a refused call. Call it before tl_refusal_answer(): the thread is still blocked, so `calls`
+ * of its process contain the current function. Returns true if there is a new message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
-/* Returns the next message that was not yet reported, or NULL. *told counts reported messages; 0 at
- * first. The text stays valid as long as `refusals`. */
+/* Returns the next message that was not yet reported, or NULL. *was_reported counts
+ * the reported messages; the caller sets it to 0 at first. The text is valid as long as `refusals`.
+ */
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported);
 
 #endif

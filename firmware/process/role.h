@@ -1,17 +1,17 @@
 /* Roles: the program starts itself again as a process with a single task and no other resources.
  *
  * Purpose: a child with a role inherits no memory, no handlers, no terminal, and only the given
- *          descriptors. It is executed through a descriptor that was opened at the start, so that
- *          an upgrade of the program file does not affect a running system. The kernel kills the
- *          child when its parent ends.
+ *          descriptors. The program file is opened once at the start, and children are executed
+ *          from that descriptor. So an upgrade of the file does not affect a running system. The
+ *          kernel kills the child when its parent ends.
  * Title:   argv[0] is "twinlock: TITLE", as ps shows it.
- * Without exec: an emulator of a foreign machine (qemu-user) cannot execute a descriptor, and
- *               without /proc there is none. Then the child continues in the forked process with
- *               `fallback`, and `is_forked` is true.
- * Memory:  the caller owns both structs.
+ * Without exec: an emulator of another processor (qemu-user) cannot execute a descriptor. Without
+ *               /proc there is no descriptor. Then the forked child does not execute the program:
+ *               it calls `fallback`, and `is_forked` is true.
+ * Memory:  the caller owns both structs. The settings are used only during tl_role_start().
  * Errors:  TL_TRY_AGAIN if processes, memory or descriptors are missing.
- * Thread:  the main thread starts, watches and kills children: if the thread that started a child
- *          ends, the kernel kills the child.
+ * Thread:  the main thread starts, polls and kills children, because the kernel kills a child when
+ *          the thread that started it ends.
  */
 #ifndef TL_FIRMWARE_PROCESS_ROLE_H
 #define TL_FIRMWARE_PROCESS_ROLE_H
@@ -26,46 +26,50 @@ enum { TL_ROLE_DESCRIPTORS = 24, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
 
 typedef struct tl_role_settings {
     const char *title;                    /* for example "twin [motor]"; truncated to TL_ROLE_TITLE bytes */
-    int descriptors[TL_ROLE_DESCRIPTORS]; /* ours; they become 0 … 23 in the child; −1: closed there */
-    const char *const *variables;         /* "TMPDIR=…": added to the environment, replace one of that name */
+    int descriptors[TL_ROLE_DESCRIPTORS]; /* of this process; they become 0 … 23 in the child; −1: closed there */
+    const char *const *variables;         /* "TMPDIR=…": added to the environment; replaces a variable of that name */
     size_t variable_count;                /* at most TL_ROLE_VARIABLES */
-    const char *const *inherits;          /* names of variables to inherit; "LC_*": all that begin so. NULL: all */
-    int (*fallback)(const char *title, void *context); /* runs the role; returns the child's exit code */
+    const char *const *inherits; /* inherited variables, ended by NULL; "LC_*": all that begin with LC_. NULL: all */
+    int (*fallback)(const char *title, void *context); /* runs the role; returns the child's exit code; NULL: none */
     void *context;                                     /* of `fallback` */
 } tl_role_settings;
 
 /* A child. Zeroed: none. */
 typedef struct tl_role {
     pid_t pid;      /* 0: none, or it has ended and was reaped */
-    bool is_forked; /* could not be executed: it has a copy of our memory */
+    bool is_forked; /* the program could not be executed: the child has a copy of our memory */
     bool has_ended; /* the two below are valid */
-    int signal;     /* that killed it; 0: it exited */
+    int signal;     /* signal that killed it; 0: it exited */
     int code;       /* exit code; -1: unknown, because other code has reaped it */
 } tl_role;
 
 /* ---- at the start of every process ---- */
 
-/* Call it first in main(). Returns the title of the role, which lives as long as argv; NULL: an
- * ordinary start. */
+/* Call it first in main(). Returns the title of the role, which lives as long as argv. Returns NULL
+ * if the process has no role; then also opens the program file. */
 const char *tl_role_begin(char *const *argv);
 
-/* In a process with a role: changes its title, truncated to the length of the original title. Pad
- * that with spaces to reserve room. */
+/* In a process with a role: changes its title. The new title is truncated to the length of the
+ * original one, which can be padded with spaces to reserve room. */
 void tl_role_entitle(const char *title);
 
-/* In a process with a role that starts children: opens the program file to execute. */
+/* In a process with a role that starts children: opens the program file that it executes
+ * for them. */
 void tl_role_open_program(void);
 
 /* In a process without a role, after all its children have ended: executes the program again with
  * the same command line. Returns only if that fails. */
 void tl_role_restart(void);
 
-/* In a process with a role: lets the kernel kill it when its parent ends. Call it again after the
- * user has changed, because that resets it. Ends the process if the parent has already ended. */
+/* In a process with a role: requests that the kernel kills it when its parent ends. Call it again
+ * after a change of the user ID, which cancels the request. Ends the process if the parent has
+ * already ended. */
 void tl_role_enter(void);
 
 /* ---- in the parent ---- */
 
+/* Starts a child, and waits until it executes the program or `fallback`. Sets *role, zeroed on
+ * failure. */
 tl_status tl_role_start(const tl_role_settings *settings, tl_role *role, tl_error *error);
 
 /* Polls the child without blocking. Returns true if it has ended and was reaped. */

@@ -1,5 +1,5 @@
-/* Detects whether this program was built with AddressSanitizer or ThreadSanitizer. They need memory
- * without a limit and, for the leak check, a separate process that traces this one. */
+/* TL_HAS_SANITIZER: 1 if this program was built with AddressSanitizer or ThreadSanitizer, else 0. A
+ * sanitizer needs memory without a limit. Its leak check uses a process that traces this one. */
 #ifndef TL_FIRMWARE_PROCESS_SANITIZER_H
 #define TL_FIRMWARE_PROCESS_SANITIZER_H
 

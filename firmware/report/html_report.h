@@ -26,29 +26,29 @@
  * Thread:  that of the stream.
  */
 
-/* Writes a text as content of an element, or of an attribute in double quotes. White space becomes
- * blanks. Characters that cannot be shown are replaced as text.h defines; also in
- * tl_html_put_string(). */
+/* Writes a text as content of an element, or of an attribute in double quotes. A line break becomes
+ * a blank. Characters that cannot be shown are replaced as text.h defines. */
 void tl_html_put_text(FILE *file, const char *text);
 
-/* Writes a JSON string with its quotes, safe within a script element: it contains no "<", ">" or
- * "&". */
+/* Writes a JSON string with its quotes. It is safe within a script element, because "<", ">" and
+ * "&" are escaped. Characters that cannot be shown are replaced as above. */
 void tl_html_put_string(FILE *file, const char *text);
 
-/* Writes a JSON number with nine digits, which is enough for a plot; null if it is not finite. */
+/* Writes a JSON number with nine digits, enough for a plot. Writes null if it is not finite. */
 void tl_html_put_number(FILE *file, double value);
 
 /* Writes a count with its digits in groups of three, for example "1 234 567", separated by narrow
  * no-break spaces. */
 void tl_html_put_count(FILE *file, uint64_t count);
 
-/* Writes the digest of a script in the form of a Content-Security-Policy: "sha256-" and base64. */
+/* Writes the digest of a script as a Content-Security-Policy needs it: "sha256-" and base64,
+ * without quotes. */
 enum { TL_HTML_DIGEST = 52 };
 void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]);
 
 /* ---- Report of a run: one self-contained HTML page with key figures, curves and events.
  *
- * Purpose: a page to read, send and print; the same for a replay and for a recorded run.
+ * Purpose: a page to read, send and print. A replay and a recorded run have the same page.
  * Bound:   memory and page size do not grow with the run. Curves are thinned to envelopes
  *          (envelope.h), and only the newest TL_HTML_EVENTS events are listed.
  * Safety:  untrusted texts are escaped by the functions above. The policy of the page permits only
@@ -61,28 +61,29 @@ void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]);
 enum { TL_HTML_EVENTS = 1000 };
 
 typedef struct tl_html_settings {
-    const char *name;    /* of the configuration */
-    const char *source;  /* of the data: the recording's file, or database and run */
-    const char *begun;   /* start of the run, UTC */
-    const char *version; /* of the program that stepped */
-    const char *solver;  /* "": nothing is adjusted */
-    const char *fallback;
-    const char *measurements;
-    tl_time step;        /* T_S, ns */
-    uint32_t prediction; /* T_P, in steps */
-    bool live;           /* steps have calendar times: step 0 began at `origin` */
-    int64_t origin;      /* UTC, ms */
-    bool clock;          /* a clock limited the searches, so `used` is valid */
-    tl_time budget;      /* ns for a search; 0: not known */
-    int64_t first;       /* first step that can exist */
+    const char *name;         /* of the configuration */
+    const char *source;       /* of the data: the recording's file, or database and run */
+    const char *begun;        /* start of the run, UTC */
+    const char *version;      /* of the program that executed the steps */
+    const char *solver;       /* "": nothing is adjusted */
+    const char *fallback;     /* fallback solver; "": none */
+    const char *measurements; /* pairing: "lag", "hold" or "ahead" */
+    tl_time step;             /* T_S, ns */
+    uint32_t prediction;      /* T_P, in steps */
+    bool live;                /* steps have calendar times: step 0 began at `origin` */
+    int64_t origin;           /* ms since 1970, UTC */
+    bool clock;               /* a clock limited the searches, so `used` of a step is valid */
+    tl_time budget;           /* ns for a search; 0: not known */
+    int64_t first;            /* number of the first step on the page; earlier ones must not be added */
     const tl_recorder_signal *match, *adjust;
     size_t match_count, adjust_count;
-    const double *tolerance; /* of each match; 0: none */
+    const double *tolerance; /* of each match, in its unit; 0: none */
 } tl_html_settings;
 
 typedef struct tl_html_report tl_html_report;
 
-/* Returns the tolerance of a match; 0 if the match is only compared and has none. */
+/* Returns the tolerance of a match, in its unit; 0 if the match is only compared and has none.
+ * `synchronise`: the configuration adjusts inputs. */
 double tl_html_tolerance(const tl_plan_match *match, bool synchronise);
 
 /* Creates an empty report; copies the settings but not their texts and arrays. Errors: TL_TRY_AGAIN
@@ -92,19 +93,19 @@ tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report
 /* Frees the report. NULL is allowed. */
 void tl_html_report_destroy(tl_html_report *report);
 
-/* Returns a visitor that adds the rows of a database. Rows of each kind must be in the order of the
- * steps; the kinds may follow one another. */
+/* Returns a visitor that adds the rows of a database. Within each kind of rows, steps must be in
+ * ascending order. All rows of one kind may come before those of another. */
 tl_history_visitor tl_html_report_visitor(tl_html_report *report);
 
 /* Adds a step of a run that is not read from a database. */
 void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 
-/* Adds an event; events must be in order of time. Texts are copied and cut to the size of an entry.
- * `at` is "" in a replay. */
+/* Adds an event; events must be in order of time. Texts are copied and truncated to the size of an
+ * entry. event->at is "" in a replay. */
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event);
 
-/* Writes the page. Signals in `figures` must be in the order of the settings. `ended`: why the run
- * ended, in words. The caller checks the stream for write errors. */
+/* Writes the page. Signals in `figures` must be in the order of the settings. `ended`: text of why
+ * the run ended. The caller checks the stream for write errors. */
 void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file);
 
 #endif

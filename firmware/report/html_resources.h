@@ -1,6 +1,8 @@
-/* Parts of a report page that the build embeds: files of firmware/report/ and the plotting library.
+/* Parts of a report page that the build embeds: files of firmware/report/page/ and the plotting
+ * library dygraphs.
  *
- * Purpose: no file is needed at run time. firmware/report/embed.cmake generates the definitions.
+ * Purpose: the program needs no file at run time. firmware/report/embed.cmake generates the
+ *          definitions.
  * Thread:  constants.
  */
 #ifndef TL_FIRMWARE_REPORT_HTML_RESOURCES_H
@@ -13,11 +15,11 @@ typedef struct tl_html_resource {
     size_t size;
 } tl_html_resource;
 
-extern const tl_html_resource tl_html_frame;         /* report/page.html: {{name}} is replaced by a part of the page */
-extern const tl_html_resource tl_html_style;         /* report/page.css */
-extern const tl_html_resource tl_html_script;        /* report/page.js */
-extern const tl_html_resource tl_html_library;       /* dygraphs */
-extern const tl_html_resource tl_html_library_style; /* of dygraphs */
-extern const tl_html_resource tl_html_licence;       /* of dygraphs */
+extern const tl_html_resource tl_html_frame;         /* page/page.html: a part of the page replaces each {{name}} */
+extern const tl_html_resource tl_html_style;         /* page/page.css */
+extern const tl_html_resource tl_html_script;        /* page/page.js */
+extern const tl_html_resource tl_html_library;       /* dygraphs, JavaScript */
+extern const tl_html_resource tl_html_library_style; /* CSS of dygraphs */
+extern const tl_html_resource tl_html_licence;       /* licence of dygraphs */
 
 #endif

@@ -19,12 +19,11 @@
 
 /* ---- Key figures of a run: one struct for the summary, `show` and the report.
  *
- * Purpose: counts and names the figures in one module, whether they come from the running twin or
- *          from a database.
+ * Purpose: one module counts and names the figures, both for a running twin and for a database.
  * Thread:  plain data; one thread at a time.
  */
 
-/* Figures of an adjusted variable; all zeros if `count` is 0. */
+/* Figures of an adjusted variable, in its unit; all zeros if `count` is 0. */
 typedef struct tl_run_adjusted {
     uint64_t count; /* committed steps with a u */
     double first, last;
@@ -32,45 +31,47 @@ typedef struct tl_run_adjusted {
     double correction_sum; /* of Δu = u − û */
 } tl_run_adjusted;
 
-/* Starts as zeros. */
+/* The caller zeroes it at first. */
 typedef struct tl_run_figures {
-    uint64_t steps;   /* computed at their own tick; made-up and followed steps are only in `outcomes` */
-    uint64_t skipped; /* missed ticks; set by the module that keeps the time */
+    uint64_t steps;   /* computed at their own tick; caught-up and resumed steps are only in `outcomes` */
+    uint64_t skipped; /* missed ticks; the functions below do not count them, the caller does */
     uint64_t evaluations;
     uint64_t optimised_steps; /* steps with more than one evaluation */
-    uint64_t rested;          /* steps with u at nominal because the free-running twin was nearer */
+    uint64_t rested;          /* steps with u at nominal, because a twin without correction was nearer */
     uint64_t refused;         /* steps with candidates that could not be evaluated */
     uint64_t outcomes[TL_OUTCOMES];
-    uint64_t time_limited; /* searches that ended because the time budget was used up */
+    uint64_t time_limited; /* searches that the time budget ended */
     uint64_t late;         /* steps that took longer than their period */
     tl_time longest;       /* ns of the longest step */
     tl_metrics match[TL_MAX_MATCH];
-    tl_metrics readings[TL_MAX_MATCH]; /* errors at the times of the plant's readings; `left_out` were rejected */
+    tl_metrics readings[TL_MAX_MATCH]; /* Δy at the times of the plant's readings; `left_out`: rejected ones */
     tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_run_component ledger[TL_RECORDER_COMPONENTS];
     size_t ledger_count; /* 0: there is no ledger */
-    uint32_t nodes_peak; /* most nodes used in a cache; 0: not known */
+    uint32_t nodes_peak; /* most nodes used at once in the cache of one component; 0: not known */
 } tl_run_figures;
 
-/* Adds a step. `period`: ns, the limit for `late`. An unknown outcome, for example of a newer
- * program, counts as a step but not in `outcomes`. */
+/* Adds a committed step. `period`: T_S, ns; a longer step is `late`. A step with an unknown
+ * outcome, for example of a newer program, counts in `steps` but not in `outcomes`. */
 void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *step, tl_time period);
 
 /* Adds u and û of one adjusted variable of one committed step. */
 void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double u, double nominal);
 
-/* Copies what the twin itself counts: the errors and the ledger. The component names still belong
- * to `account`, which must outlive the figures. */
+/* Copies the figures that the twin counts: the errors and the ledger. The names of the components
+ * are not copied, so `account` must outlive the figures. */
 void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *account);
 
-/* Returns the number of all committed steps, that is, of the rows in a database. */
+/* Returns the number of all committed steps, also caught-up and resumed ones: each is a row in the
+ * database. */
 uint64_t tl_run_figures_committed(const tl_run_figures *figures);
 
-/* Prints the outcomes that occurred after the text `before`, for example "7 free, 3 optimised".
- * Returns false and prints nothing if there were none. */
+/* Prints the text `before`, then the count of each outcome that occurred: "7 free, 3 optimised".
+ * Prints nothing and returns false if there was no outcome. */
 bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file);
 
-/* Return MSE and MAX. NaN if there are too few pairs: below 2 for the MSE, 0 for the MAX. */
+/* Return the MSE of Δy in the square of its unit, the MSE at the readings, and the largest |Δy|.
+ * NaN if there are too few pairs: less than 2 for an MSE, none for the maximum. */
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
 double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match);
 double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
@@ -79,18 +80,20 @@ double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
 double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust);
 double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adjust);
 
-/* Returns the sum of all components. */
+/* Returns the sum of the ledger's counts over all components. */
 tl_recorder_component tl_run_figures_total(const tl_run_figures *figures);
 
-/* Returns the number of executions saved; negative if catching up cost more than was saved. */
+/* Returns the number of executions saved (`plain` − `executions`). It is negative if an FMU needed
+ * more executions to catch up than were saved. */
 double tl_run_component_saved(const tl_recorder_component *counts);
 
-/* Returns the executions that were neither predicted nor done to catch up (tl_twin_ledger). */
+/* Returns the number of executions that were neither predicted nor done to catch up an FMU
+ * (`difference` of tl_twin_ledger, which explains the sign). */
 int64_t tl_run_component_difference(const tl_recorder_component *counts);
 
-/* ---- Key figures as JSON, in common for `replay --json`, `run --json` and `show --json`.
+/* ---- Key figures as JSON, shared by `replay --json`, `run --json` and `show --json`.
  *
- * Purpose: the keys and their structure are the same everywhere; see config/SPEC.md, "Results".
+ * Purpose: all three have the same keys and structure; see config/SPEC.md, "Results".
  * Thread:  that of the writer.
  */
 

@@ -1,8 +1,8 @@
-/* Output of `twinlock show` from a database: a page for people, one JSON object, a CSV table, or a
- * report. Also the CSV of a replay.
+/* Output of `twinlock show` from a database: text for a terminal, one JSON object, a CSV table, or
+ * an HTML report. Also the CSV file of a replay.
  *
- * Purpose: one request, four output formats. The request is already validated; the data is read
- *          while it is printed.
+ * Purpose: prints one request in one of four formats. The caller has validated the request. The
+ *          data is read while it is printed.
  * Errors:  those of history.h.
  * Thread:  one thread.
  */
@@ -19,14 +19,14 @@
 #include "master/twin/twin.h"
 
 typedef struct tl_show_request {
-    const char *path;
-    tl_history *history;
+    const char *path;          /* of the database */
+    tl_history *history;       /* the open database; the caller owns it */
     const tl_history_run *run; /* the selected run */
     int64_t from_step;         /* earlier steps and ticks are left out */
-    char from_at[TL_UTC_TEXT]; /* earlier events are left out; "": none is left out */
-    bool all_events;           /* else only the last ones */
-    bool verbose;              /* the page has outcomes, executions and MSEs too */
-    tl_show_style style;       /* of the page */
+    char from_at[TL_UTC_TEXT]; /* UTC; earlier events are left out; "": none is left out */
+    bool all_events;           /* else only the newest 10 in text and JSON */
+    bool verbose;              /* the text has outcomes, executions and MSEs too */
+    tl_show_style style;       /* of the text */
 } tl_show_request;
 
 typedef enum tl_show_csv_table {
@@ -37,23 +37,22 @@ typedef enum tl_show_csv_table {
     TL_SHOW_EVENTS
 } tl_show_csv_table;
 
-/* Prints the page for people. */
+/* Prints the text for a terminal. */
 tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error);
 
 /* Prints one JSON object. Keys that `replay --json` also has are the same; see config/SPEC.md,
  * "show --json". */
 tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error);
 
-/* Prints a table with a header, quoted as RFC 4180 requires. Numbers have enough digits to be read
- * back exactly. */
+/* Prints one table as CSV with a header row, quoted as RFC 4180 requires. Numbers have enough
+ * digits to be read back exactly. */
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error);
 
 /* Writes an HTML page (html_report.h) to the file `path`, which must not be the database. Errors:
  * also those of os.h. */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
-/* Returns true if the run was live, so that its steps have calendar times; those of a replay have
- * none. */
+/* Returns true if the run was live. Its steps have calendar times, those of a replay have none. */
 bool tl_show_is_live(const tl_history_run *run);
 
 /* Returns the start of step `step` of a live run: ms since 1970, UTC. */
@@ -66,14 +65,14 @@ int64_t tl_show_instant(const tl_history_run *run, int64_t step);
  * Thread:  one thread.
  */
 
-/* Opens the file ("-": `output`) and writes the header row. */
+/* Opens the file `path` and writes the header row. `path` "-": uses `output` instead of a file. */
 tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *config, FILE **file, tl_error *error);
 
 /* Writes the row of one step. */
 void tl_trajectory_add(FILE *file, const tl_config *config, const tl_record *record);
 
-/* Closes the file; `output` is only flushed. Errors: TL_TRY_AGAIN if not everything could be
- * written. */
+/* Closes the file. If it is `output`, only flushes it. Errors: TL_TRY_AGAIN if not everything could
+ * be written. */
 tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_error *error);
 
 #endif

@@ -1,5 +1,4 @@
-/* Control socket of a plant: message formats, names of enumerations, the server's side and the
- * client's.
+/* Control socket of a plant: message formats, names of enumerations, server side and client side.
  *
  * Thread:  one for each side.
  */
@@ -17,15 +16,16 @@
 
 /* ---- Messages of a plant's control socket: all requests and replies.
  *
- * Purpose: clients change the configuration of a running plant, and query its state, only by this
- *          socket (Unix, SOCK_SEQPACKET). Clients are `twinlock reload` on the box, and
+ * Purpose: clients use this socket (Unix, SOCK_SEQPACKET) to change the configuration of a running
+ *          plant and to query its state. Clients are `twinlock reload` on the box, and
  *          twinlock-serve for the network.
- * Course:  one request for each connection. A candidate's text comes with it, as a descriptor of
- *          memory. Then the server sends replies; the last one is TL_CONTROL_END. Every message has
- *          exactly the size of its struct, in this machine's byte order.
+ * Course:  one request for each connection. A candidate's text comes with the request, as the
+ *          descriptor of a memory file (memfd). Then the server sends replies; the last one is
+ *          TL_CONTROL_END. Every message has exactly the size of its struct, in this machine's byte
+ *          order.
  * Trust:   the server validates everything in a request except the right, because only the plant's
- *          user and group can enter the socket's folder. The client validates each reply: its kind
- *          is checked, and its texts are terminated.
+ *          user and group can enter the socket's folder. The client checks each reply and
+ *          terminates its texts.
  * Thread:  plain data.
  */
 
@@ -45,8 +45,8 @@ typedef enum tl_control_verb {
     TL_CONTROL_READ,     /* text of a version: one CONFIGURATION */
     TL_CONTROL_VERSIONS, /* all saved versions, newest first, then the newest refused candidates: a VERSION each */
     TL_CONTROL_TAKE,     /* a new configuration: sends CHANGE, PROBLEM and STEP replies */
-    TL_CONTROL_CONFIRM,  /* keeps the version on probation */
-    TL_CONTROL_RETURN,   /* returns to another version: `version`, or the one before the active one */
+    TL_CONTROL_CONFIRM,  /* ends the probation and keeps its version */
+    TL_CONTROL_RETURN,   /* cancels a change in progress, rolls back one on probation, or activates `version` again */
     TL_CONTROL_VERBS
 } tl_control_verb;
 
@@ -54,8 +54,8 @@ typedef enum tl_control_verb {
 typedef enum tl_control_flag {
     TL_CONTROL_ONLY_CHECK = 1, /* executes all steps before the activation, and then stops */
     TL_CONTROL_MAY_RESTART =
-        2, /* restarts the run, with a gap, if the change cannot be made while the plant's twin runs */
-    TL_CONTROL_MUST_CONFIRM = 4, /* is kept only if a user confirms it */
+        2, /* restarts the run, with a gap in the record, if the change cannot be made while the plant's twin runs */
+    TL_CONTROL_MUST_CONFIRM = 4, /* the version is kept only if a user confirms it */
     TL_CONTROL_WAIT = 8, /* replies continue until the version is kept or rolled back; without it until it is active */
     TL_CONTROL_ONLY_PENDING =
         16, /* of RETURN: only a change in progress or on probation; if there is none, nothing is done */
@@ -80,7 +80,7 @@ typedef struct tl_control_request {
     char hash[TL_SHA256_TEXT];     /* of the candidate */
     char if_match[TL_SHA256_TEXT]; /* of the configuration that must be active; "": any */
     char who[TL_CONTROL_NAME];     /* name of the user */
-    char why[TL_CONTROL_WHY];
+    char why[TL_CONTROL_WHY];      /* the user's reason */
 } tl_control_request;
 
 typedef enum tl_control_kind {
@@ -90,19 +90,19 @@ typedef enum tl_control_kind {
     TL_CONTROL_CHANGE,        /* one difference from the active configuration */
     TL_CONTROL_PROBLEM,       /* one error in the candidate */
     TL_CONTROL_STEP,          /* a step of the activation begins, or reports its progress */
-    TL_CONTROL_END,
+    TL_CONTROL_END,           /* the result of the request */
     TL_CONTROL_KINDS
 } tl_control_kind;
 
 /* The steps of a change, in their order. */
 typedef enum tl_control_step {
-    TL_CONTROL_IDLE, /* no change is in progress */
-    TL_CONTROL_AUTHORISE,
-    TL_CONTROL_VALIDATE,
-    TL_CONTROL_TRY,     /* tests its FMUs */
-    TL_CONTROL_PREDICT, /* forecasts its need of time and memory */
-    TL_CONTROL_SHADOW,  /* runs the new twin as a shadow: over recorded samples, then over live ones */
-    TL_CONTROL_COMPARE, /* compares both twins */
+    TL_CONTROL_IDLE,      /* no change is in progress */
+    TL_CONTROL_AUTHORISE, /* checks that the client has a right to change anything */
+    TL_CONTROL_VALIDATE,  /* parses the candidate, finds the changes and checks the right that they need */
+    TL_CONTROL_TRY,       /* tests its FMUs */
+    TL_CONTROL_PREDICT,   /* forecasts the time and memory that it needs */
+    TL_CONTROL_SHADOW,    /* runs the new twin as a shadow: over recorded samples, then over live ones */
+    TL_CONTROL_COMPARE,   /* compares both twins */
     TL_CONTROL_ACTIVATE,
     TL_CONTROL_PROBATION,
     TL_CONTROL_KEPT,
@@ -117,7 +117,7 @@ typedef enum tl_control_result {
     TL_CONTROL_BAD,       /* the request is invalid */
     TL_CONTROL_FORBIDDEN, /* the client lacks the right */
     TL_CONTROL_CHANGED,   /* the active configuration is not `if_match` */
-    TL_CONTROL_INVALID,   /* the candidate is invalid: PROBLEMs list the errors */
+    TL_CONTROL_INVALID,   /* the candidate failed validation, trial or comparison; PROBLEMs list errors in it */
     TL_CONTROL_RESTART,   /* the change needs TL_CONTROL_MAY_RESTART */
     TL_CONTROL_BUSY,      /* another change is in progress */
     TL_CONTROL_ABSENT,    /* there is no such version, or none on probation */
@@ -132,10 +132,11 @@ typedef struct tl_control_state {
     char plant[TL_CONTROL_NAME];
     char hash[TL_SHA256_TEXT]; /* of the active configuration */
     uint64_t version;          /* its number */
-    uint32_t step;             /* tl_control_step of the change in progress */
+    uint32_t step;             /* tl_control_step of the change in progress or on probation */
     uint32_t left_s;           /* seconds that remain of the probation */
     char lock[16];             /* "locked", …; "hold": safe hold; "": no twin runs */
     double step_s;             /* T_S, s */
+    /* counts of the twin (run_status.h) */
     uint64_t ticks, steps, skipped, deadline_misses;
     double in_lock; /* percent of the run's steps */
     char line[512]; /* the status line */
@@ -148,7 +149,7 @@ typedef struct tl_control_version {
     char hash[TL_SHA256_TEXT];
     char kind[16];   /* "in place", "new twin", "restart" */
     char origin[16]; /* "start", "reload", "limited", … */
-    char right[16];  /* with which the client sent it */
+    char right[16];  /* that its change needed, "commission"; "": a refused candidate */
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];
     char at[TL_CONTROL_TIME];
@@ -170,15 +171,15 @@ typedef struct tl_control_problem {
 } tl_control_problem;
 
 typedef struct tl_control_progress {
-    uint32_t step; /* tl_control_step */
-    uint32_t left_s;
+    uint32_t step;   /* tl_control_step */
+    uint32_t left_s; /* seconds that remain of the probation; 0: none */
     char text[TL_CONTROL_TEXT];
 } tl_control_progress;
 
 typedef struct tl_control_end {
-    uint32_t result; /* tl_control_result */
-    uint64_t version;
-    char hash[TL_SHA256_TEXT]; /* of the configuration that is active now */
+    uint32_t result;           /* tl_control_result */
+    uint64_t version;          /* that is active now */
+    char hash[TL_SHA256_TEXT]; /* of its text */
     char text[TL_CONTROL_TEXT];
 } tl_control_end;
 
@@ -209,49 +210,49 @@ const char *tl_control_result_name(tl_control_result result);
 /* Exit code of TL_CONTROL_FORBIDDEN; all others are those of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
-/* Returns the exit code of a program that has sent a request, such as `twinlock reload`. */
+/* Returns the exit code of a client program, such as `twinlock reload`, for this result. */
 int tl_control_exit_code(tl_control_result result);
 
 /* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: value found, value expected". */
 void tl_control_log_problem(const char *subject, const tl_control_problem *problem);
 
-/* ---- Replies. All their bytes are set, because each is sent whole. */
+/* ---- Makes a reply. All bytes of a reply are sent, so these functions set all of them. */
 
 tl_control_reply tl_control_new_reply(tl_control_kind kind);
 
 /* Truncates a text that does not fit. */
 tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text);
 
-/* ---- Packet of a control socket: a message of an exact size, possibly with a descriptor of
- * memory.
+/* ---- Packet of a control socket: a message of an exact size, with or without the descriptor of a
+ * memory file.
  *
  * Purpose: internal; both sides use it.
- * Trust:   a packet that arrives may have any size and any descriptor. Each received descriptor is
- *          closed. A text is copied only from plain memory (memfd, tmpfs), because reading that
+ * Trust:   a received packet may have any size and any descriptor. Each received descriptor is
+ *          closed. A text is copied only from a memory file (memfd, tmpfs), because reading that
  *          neither blocks nor fails.
  * Thread:  one for each socket.
  */
 
-/* Sends `size` bytes as one packet, and `length` bytes of `text` in memory unless it is NULL.
- * Returns false and sets errno if sending fails. */
+/* Sends `size` bytes as one packet. Unless `text` is NULL, adds a memory file with `length` bytes
+ * of it. Returns false and sets errno if sending fails. */
 bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length);
 
 /* ---- Server side of a control socket.
  *
- * Purpose: the socket, and connections with one request each.
+ * Purpose: listens, and accepts connections with one request each.
  * Trust:   a request is accepted only if its size, its numbers and its texts are valid. A candidate
- *          is copied from memory (a file could be slow, or change), and its hash must be that of
- *          the request.
- * Waiting: never. The server closes the connection of a client that does not read its replies.
+ *          is copied from a memory file, because a file on disk could be slow. Its hash must be
+ *          that of the request.
+ * Waiting: none. The server closes the connection of a client that does not read its replies.
  * Thread:  one; the listening socket may be passed to another process.
  */
 
 enum { TL_CONTROL_CLIENTS = 16 }; /* at a time; others wait in the socket's queue */
 
-/* Binds `path` and listens. Makes the folder if it is missing. Replaces the socket of a process
- * that has ended, but never one in use. Mode 0660, and the folder's 0770: every user who can enter
- * the folder may send requests, and the right that he claims is trusted. Errors: TL_TRY_AGAIN;
- * TL_BAD_USAGE if the path is too long. */
+/* Binds `path` and listens; the caller closes *listener. Makes the folder, mode 0770, if it is
+ * missing. Replaces the socket of a process that has ended, but never one in use. The socket has
+ * mode 0660. Every user who can enter the folder may send requests, and the claimed right is
+ * trusted. Errors: TL_TRY_AGAIN; TL_BAD_USAGE if the path is too long. */
 tl_status tl_control_listen(const char *path, int *listener, tl_error *error);
 
 /* True if a connection waits to be accepted. */
@@ -260,59 +261,62 @@ bool tl_control_has_connection(int listener);
 /* A connection. `socket` is −1 if there is none. */
 typedef struct tl_control_peer {
     int socket;
-    bool has_asked;
+    bool has_asked; /* its request was received */
 } tl_control_peer;
 
 typedef enum tl_control_answer {
-    TL_CONTROL_NOTHING,
+    TL_CONTROL_NOTHING, /* nothing has arrived yet */
     TL_CONTROL_REQUEST, /* the request has arrived, and the candidate of a TAKE */
-    TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() reports GONE */
-    TL_CONTROL_CLOSED   /* closed by the peer, or because of an invalid packet or unread replies */
+    TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() returns TL_CONTROL_CLOSED */
+    TL_CONTROL_CLOSED /* closed by the peer, or because of an invalid packet or unread replies */
 } tl_control_answer;
 
 /* Accepts the next connection. Returns false if there is none. */
 bool tl_control_accept(int listener, tl_control_peer *peer);
 
-/* Receives the request without blocking. *size > 0: `text` contains *size bytes of the candidate
- * and a final NUL; it has TL_CONTROL_MOST + 1 bytes. Only a TAKE has a candidate, and always. An
- * invalid request is answered with TL_CONTROL_BAD and the connection is closed. */
+/* Receives the request without blocking. `text` has TL_CONTROL_MOST + 1 bytes: it receives the
+ * candidate, *size bytes and a final NUL. Every TAKE has a candidate; other requests have none
+ * (*size 0). Answers an invalid or second request with TL_CONTROL_BAD and closes the connection. */
 tl_control_answer tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
 
-/* Sends a reply. All its bytes are sent, so the caller zeroes it first. `text`: `more` bytes of a
- * TL_CONTROL_CONFIGURATION; NULL for all other kinds. Returns false if the connection is closed,
- * also if sending failed. */
+/* Sends all bytes of a reply, so make it with tl_control_new_reply(). `text`: `more` bytes of a
+ * TL_CONTROL_CONFIGURATION; NULL for all other kinds. If sending fails, closes the connection.
+ * Returns false if the connection is closed. */
 bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply, const char *text);
 
 /* Sends TL_CONTROL_END and closes the connection. A peer without a connection is allowed. */
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
                        const char *text);
+
+/* Closes the connection without a reply. A peer without a connection is allowed. */
 void tl_control_close(tl_control_peer *peer);
 
 /* ---- Client side of a control socket.
  *
- * Purpose: a connection, one request, its replies.
+ * Purpose: connects, sends one request and receives its replies.
  * Waiting: at most the time that the caller passes.
  * Errors:  TL_PLANT_DOWN if no server answers or the connection is closed; TL_BAD_DATA for an
  *          invalid reply; TL_TRY_AGAIN if time or resources run out.
- * Thread:  one, one client at a time.
+ * Thread:  one for each socket.
  */
 
-/* Folder of the control sockets of a box: TL_CONTROL_FOLDER/NAME/control. */
+/* Control sockets of a box: TL_CONTROL_FOLDER/NAME/TL_CONTROL_SOCKET, one for each run NAME. */
 #define TL_CONTROL_FOLDER "/run/twinlock"
 #define TL_CONTROL_SOCKET "control"
 
-/* Connects. The socket is nonblocking and close-on-exec; the caller closes it. */
+/* Connects. The socket is nonblocking and close-on-exec; the caller closes it. Errors:
+ * TL_PLANT_DOWN; TL_TRY_AGAIN if too many clients are connected. */
 tl_status tl_control_connect(const char *path, int *socket, tl_error *error);
 
-/* Sends a request. Sets its `protocol` and `hash`. `text`: the candidate of a TAKE, NULL for all
- * others. Errors: TL_TRY_AGAIN. */
+/* Sends a copy of the request with `protocol` and `hash` set. `text`: the candidate of a TAKE,
+ * `size` bytes; NULL for all other requests. Errors: TL_TRY_AGAIN. */
 tl_status tl_control_ask(int socket, const tl_control_request *request, const char *text, size_t size, tl_error *error);
 
-/* Receives the next reply within `time` (ns; 0: only one that has arrived). A
- * TL_CONTROL_CONFIGURATION writes `more` bytes and a final NUL to `text`, which has TL_CONTROL_MOST
- * + 1 bytes. All texts of a reply are terminated. Errors: TL_TRY_AGAIN if no reply came in time;
- * TL_PLANT_DOWN if the server closed the connection before TL_CONTROL_END; TL_BAD_DATA if the reply
- * is invalid. */
+/* Receives the next reply within `time` (ns, at most 1000 s; 0: only one that has arrived). With a
+ * TL_CONTROL_CONFIGURATION, `text` receives `more` bytes and a final NUL. It has TL_CONTROL_MOST +
+ * 1 bytes; NULL: no such reply is accepted. All texts of a reply are terminated. Errors:
+ * TL_TRY_AGAIN if no reply came in time; TL_PLANT_DOWN if the server closed the connection before
+ * TL_CONTROL_END; TL_BAD_DATA if the reply is invalid. */
 tl_status tl_control_next(int socket, tl_time time, tl_control_reply *reply, char *text, tl_error *error);
 
 #endif

@@ -1,15 +1,15 @@
 /* Selects the version with which a run starts.
  *
- * Purpose: the first version is the configuration file on the box. A later one may have become
- *          active while the plant ran; then a run starts with that. If the file has changed since
+ * Purpose: the first version is the configuration file on the box. A later version may have become
+ *          active during a run; then the next run starts with that. If the file has changed since
  *          it was read last, the file is a candidate.
- * Steps:   a worker validates the candidate (worker.h). If it is valid, it runs on probation, with
- *          the version before for a rollback. Else the active version runs, and the reason is
- *          logged.
- * Failure: if a run with a version on probation cannot start, the version before becomes active
- *          again (tl_version_start_failed()).
+ * Steps:   a worker validates the candidate (worker.h). If it is valid, it runs on probation and
+ *          may be rolled back to the version before. Else the active version runs, and the reason
+ *          is logged.
+ * Failure: if a run with a version on probation fails, the version before becomes active again
+ *          (tl_version_start_failed()).
  * Disk:    a disk that rejects writes does not prevent the run. The run starts with the text that
- *          can be read, and it is logged that this is not saved as a version.
+ *          can be read. An error is logged, because this text is not saved as a version.
  * Waiting: for the validator, at most about 20 s.
  * Thread:  the main thread, before the run.
  */
@@ -23,17 +23,17 @@
 
 typedef struct tl_version_start {
     const char *state;                           /* the folder that contains versions/ */
-    const char *path;                            /* of the file */
-    int (*be)(const char *title, void *context); /* as in worker.h */
+    const char *path;                            /* of the configuration file */
+    int (*be)(const char *title, void *context); /* runs the worker's role, as in worker.h */
 } tl_version_start;
 
-/* Returns the text of the version to run, with a final NUL; the caller calls free(). Logs which
- * version runs if it is not that of the file. Errors: TL_BAD_DATA if no configuration can be read;
- * TL_TRY_AGAIN. */
+/* Sets *text to the text of the version to run, *size bytes and a final NUL; the caller calls
+ * free(). If a changed file was rejected, logs which version runs instead. Errors: TL_BAD_DATA if
+ * no configuration can be read; TL_TRY_AGAIN. */
 tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size, tl_error *error);
 
-/* Reports that the run ended with an error. Returns true if a version was on probation and was
- * rolled back; then another run may start. */
+/* Call it if the run ended with an error, `reason`. If a version was on probation, rolls it back
+ * and returns true; then the run can be restarted. */
 bool tl_version_start_failed(const tl_version_start *start, const char *reason);
 
 #endif

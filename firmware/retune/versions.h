@@ -1,6 +1,6 @@
 /* Saves the versions of a configuration on disk.
  *
- * Thread:  one.
+ * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_RETUNE_VERSIONS_H
 #define TL_FIRMWARE_RETUNE_VERSIONS_H
@@ -17,37 +17,39 @@
 #include "firmware/retune/probation.h"
 #include "master/base/status.h"
 
-/* ---- Versions of a plant's configuration, and which of them is active: saved in STATE/versions/.
+/* ---- Versions of a plant's configuration, and the number of the active one, in STATE/versions/.
  *
- * Purpose: saves each configuration that was tried, with user, time, reason and result. Any of them
- *          can become active again.
+ * Purpose: saves each configuration that became active, and each changed configuration file, with
+ *          user, time, reason and result. Any saved version can become active again.
  * Files:   HASH.json: a text, byte for byte, named by its SHA-256. NUMBER.record.json: the record
  *          of a version. active.json: the active version, the probation in progress, the result of
  *          the last probation, and the file that was read last. config/SPEC.md, "Versions", lists
  *          the keys.
- * Power:   each file is replaced as a whole: write, fsync, rename, and fsync of the folder.
- *          active.json is written last. So a power cut leaves the state before or the state after.
- *          active.json has priority: records that disagree are corrected when the folder is opened.
- * Time:    a probation is saved as the time that remains. Dates decide nothing.
- * Bound:   the newest TL_VERSIONS_MOST versions, and TL_VERSIONS_BYTES of texts. Never removed are
- *          the first, the newest and the active version, its parent, the target of a rollback, and
- *          the version that was commissioned last.
+ * Power:   each file is replaced as a whole: write, fsync, rename, and fsync of the folder. The
+ *          change of active.json decides. So a power cut leaves the state before or the state after
+ *          a change. When the folder is opened, records that disagree with active.json are
+ *          corrected.
+ * Time:    of a probation, the remaining time is saved. No decision depends on a date.
+ * Bound:   TL_VERSIONS_MOST versions and TL_VERSIONS_BYTES of texts; the oldest are removed first.
+ *          These are never removed: the oldest, the newest and the active version, the parent of
+ *          the active one, the target of a rollback, and the version that was commissioned last.
  * Errors:  TL_TRY_AGAIN if the disk rejects a write; TL_BAD_DATA if a file is damaged or missing.
  *          Then nothing changes in memory or on disk.
  * Memory:  tl_versions_open() allocates the list; tl_versions_close() frees it.
  * Thread:  one thread; only one process at a time may have the folder open.
  */
 
+/* Most versions and bytes of texts; sizes of `who` and of a reason. */
 enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_WHO = 64, TL_VERSION_WHY = 256 };
 
 /* Result of a version. */
 typedef enum tl_version_result {
     TL_VERSION_CANDIDATE, /* not active yet */
     TL_VERSION_ACTIVE,    /* activated without a probation */
-    TL_VERSION_PROBATION,
-    TL_VERSION_KEPT,
-    TL_VERSION_RETURNED, /* rolled back to the version before */
-    TL_VERSION_REFUSED,  /* never activated */
+    TL_VERSION_PROBATION, /* active, on probation */
+    TL_VERSION_KEPT,      /* kept after a probation */
+    TL_VERSION_RETURNED,  /* rolled back to the version before */
+    TL_VERSION_REFUSED,   /* never activated */
     TL_VERSION_RESULTS
 } tl_version_result;
 
@@ -60,21 +62,21 @@ typedef struct tl_version {
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
     tl_change_origin origin;
-    tl_change_right right; /* with which it was added */
+    tl_change_right right; /* that the change needs; of the configuration file at a start: commission */
     tl_change_kind kind;   /* of the change from its parent; TL_CHANGE_RESTART for the first */
     tl_version_result result;
-    char who[TL_VERSION_WHO];
+    char who[TL_VERSION_WHO];    /* name of the user */
     char why[TL_VERSION_WHY];    /* the user's reason for the change */
     char reason[TL_VERSION_WHY]; /* of the result: "in lock in 71 % of the steps (required 95 %)" */
-    char at[TL_UTC_TEXT];        /* when it was added (UTC); only for users */
-    char boot[TL_IDENTITY_TEXT]; /* boot id of the kernel at that time, */
-    uint64_t boottime_ms;        /* and time since that boot */
+    char at[TL_UTC_TEXT];        /* when it was added (UTC); for display only */
+    char boot[TL_IDENTITY_TEXT]; /* boot ID of the kernel when it was added */
+    uint64_t boottime_ms;        /* time from that boot until it was added */
 } tl_version;
 
 /* The probation in progress. */
 typedef struct tl_version_probation {
-    uint64_t version; /* the active one; 0: no probation */
-    uint64_t return_to;
+    uint64_t version;   /* the active one; 0: no probation */
+    uint64_t return_to; /* target of a rollback */
     tl_probation_account account;
 } tl_version_probation;
 
@@ -85,24 +87,25 @@ typedef struct tl_versions {
     tl_version_probation probation;
     char taken[TL_SHA256_TEXT]; /* hash of the configuration file that was read last; "": none */
     /* private */
-    size_t room;      /* capacity of the list */
-    uint64_t newest;  /* the highest number in use so far */
-    uint64_t settled; /* the version whose probation ended last, 0: none; and its result */
-    tl_version_result how;
-    char because[TL_VERSION_WHY];
+    size_t room;                  /* capacity of the list */
+    uint64_t newest;              /* the highest number used so far */
+    uint64_t settled;             /* the version whose result was set last; 0: none */
+    tl_version_result how;        /* that result */
+    char because[TL_VERSION_WHY]; /* and its reason */
     char folder[PATH_MAX];
 } tl_versions;
 
-/* Opens the folder, which is made if it is missing (`state` must exist). Reads all records and
- * completes changes that a power cut interrupted. Logs and skips damaged records. */
+/* Opens the folder versions/ in the folder `state`, which must exist; makes it if it is missing.
+ * Reads all records and completes changes that a power cut interrupted. Logs and skips damaged
+ * records. */
 tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *error);
 
-/* A zeroed one is allowed. */
+/* Frees the list. A zeroed struct is allowed. */
 void tl_versions_close(tl_versions *versions);
 
 /* ---- reading ---- */
 
-/* Returns NULL if there is no such version. The pointer is valid until a version is added. */
+/* Returns the version with this number, or NULL. A returned version is valid until one is added. */
 const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 
 /* Returns the active version, never NULL: if none is active, the number is 0 and the texts are
@@ -112,13 +115,14 @@ const tl_version *tl_versions_active(const tl_versions *versions);
 /* Returns the newest version with this hash, or NULL. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
-/* Returns the version that was commissioned last: the newest that was kept (or activated without a
- * probation), and that came from the box or needed the right to commission. NULL: there is none.
- * The right to `retune` limits the widening of a tolerance relative to it. */
+/* Returns the version that was commissioned last, or NULL: the newest one that was kept or
+ * activated without a probation, and that came from the box or needed the right `commission`. With
+ * the right `retune`, a tolerance may be widened only within limits relative to this version
+ * (worker.h). */
 const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
 /* Reads the text of a version, with a final NUL; the caller calls free(). Checks its hash and size.
- */
+ * Errors: TL_BAD_DATA. */
 tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **text, tl_error *error);
 
 /* ---- writing ---- */
@@ -133,33 +137,36 @@ typedef struct tl_version_candidate {
     tl_change_kind kind;
 } tl_version_candidate;
 
-/* Checks whether the disk can save a version of `size` bytes, by allocating that space. */
+/* Checks whether the disk has space for a version with a text of `size` bytes. Allocates that space
+ * and frees it again. */
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
 
-/* Adds a candidate. Its parent is the active version. */
+/* Adds a candidate and sets *number to its number. Its parent is the active version. Old versions
+ * are removed if there are too many. */
 tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *candidate, uint64_t *number,
                           tl_error *error);
 
 /* Records that a candidate in the list is refused, with the reason. If it is the configuration
- * file, it counts as read. */
+ * file, the file counts as read: it is a candidate again only after its next change. */
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
-/* Activates a version of the list, on probation with `account`; NULL: without. An older probation
- * ends, and its version counts as rolled back; a rollback of the new version has the same target as
- * that of the older. If the version is that target, there is no probation. If it is the
- * configuration file, it counts as read. */
+/* Activates a version of the list, on probation with `account`; NULL: without a probation. A
+ * probation in progress ends, and its version counts as rolled back. The new version then has the
+ * same target of a rollback. If the new version is that target, it has no probation. If it is the
+ * configuration file, the file counts as read. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
 
-/* Rewrites the text of a version if it is damaged or missing. `text` must be that text. */
+/* Rewrites the text of a version if its file is damaged or missing. `text` must be that text, else
+ * returns TL_BAD_DATA. */
 tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const char *text, size_t size,
                              tl_error *error);
 
-/* Saves the progress of the probation: every 10 s, and at each start. */
+/* Saves the progress of the probation. The caller does this every 10 s and at each start. */
 tl_status tl_versions_save_probation(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* Ends the probation. TL_VERSION_KEPT: the active version stays. TL_VERSION_RETURNED: the version
- * before becomes active again. */
+/* Ends the probation. TL_VERSION_KEPT: its version remains active. TL_VERSION_RETURNED: the target
+ * of the rollback becomes active again. */
 tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result result, const char *reason,
                                     tl_error *error);
 
@@ -172,21 +179,22 @@ typedef struct tl_version_choice {
     bool is_candidate; /* the file has changed since it was read last: add it as TL_ORIGIN_START, and validate it */
 } tl_version_choice;
 
-/* Selects the text to run: the file if it has changed since it was read last; else the active
- * version. If that is damaged, an older version that can be read, and then the file; this is
- * logged. `file` NULL: the file cannot be read. Returns TL_BAD_DATA if there is no text at all. */
+/* Selects the text to run: the file if it has changed since it was read last, else the active
+ * version. If that is damaged, activates an older version that can be read. If there is none,
+ * selects the file. Both are logged. `file`: the text of the file; NULL: it cannot be read. Returns
+ * TL_BAD_DATA if there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 
 /* ---- Refused and cancelled candidates, saved in the same folder. They never become versions.
  *
- * Purpose: a list of versions also shows what was tried, by which user, and why it was refused. The
+ * Purpose: a list of versions also shows which user tried a change, and why it was refused. The
  *          texts are not saved.
- * Files:   refused-0.json … in STATE/versions/, one for each, replaced as a whole. A new one
- *          replaces the oldest. config/SPEC.md, "Versions", lists the keys.
- * Bound:   the newest TL_REFUSALS_MOST. They never displace a version.
- * Errors:  damaged files are skipped. If the disk rejects a write, only that record is lost.
- * Thread:  one.
+ * Files:   refused-0.json … refused-19.json in STATE/versions/, one for each refusal, replaced as a
+ *          whole. A new refusal replaces the oldest. config/SPEC.md, "Versions", lists the keys.
+ * Bound:   the newest TL_REFUSALS_MOST. No version is removed for them.
+ * Errors:  damaged files are skipped. If the disk rejects a write, only that refusal is lost.
+ * Thread:  one thread.
  */
 
 enum { TL_REFUSALS_MOST = 20 };
@@ -200,9 +208,9 @@ typedef struct tl_refusals {
 /* Reads the refusals in the folder of opened versions. */
 void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions);
 
-/* Adds a refusal. `result`: "refused" or "cancelled"; `reason`: its reason. Texts are truncated and
- * cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it is lost when the folder is opened
- * again. */
+/* Adds a refusal to the list and saves it. `result`: "refused" or "cancelled"; `reason`: its
+ * reason. Texts are truncated and cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it is
+ * lost with this process. */
 tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error);
 

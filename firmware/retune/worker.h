@@ -5,9 +5,9 @@
  *          opens no file. A trial runs FMUs in a further process.
  * Input:   a tl_worker_job, in memory that no process can change.
  * Result:  a tl_worker_result, in a block that the worker writes. The reader copies it, checks
- *          sizes and ranges, and cleans its texts. A false result can at most pass a bad candidate.
- *          Then the twin rejects a tuning that does not fit, and all other candidates first run as
- *          a shadow.
+ *          sizes and ranges, and cleans its texts. In the worst case, a false result accepts a bad
+ *          candidate. Even then, the twin rejects a tuning that does not fit. Every other candidate
+ *          first runs as a shadow.
  * Waiting: tl_worker_start() waits for a fork. tl_worker_poll() does not wait; it kills a worker
  *          that has exceeded its time limit.
  * Owner:   the caller provides the memory of a worker; zeroed means not started.
@@ -33,9 +33,9 @@
 #define TL_WORKER "worker"
 
 typedef enum tl_worker_kind {
-    TL_WORKER_VALIDATOR, /* parses the candidate and finds the changes: a verdict. Sandboxed; no FMU */
-    TL_WORKER_TRIAL, /* loads and starts the FMUs, executes some steps and rolls them back, like `check`: a trial answer */
-    TL_WORKER_STATES, /* tests whether another process can load the states that the FMUs save: `why` */
+    TL_WORKER_VALIDATOR, /* parses the candidate, finds the changes: gives a verdict. Sandboxed; no FMU */
+    TL_WORKER_TRIAL, /* loads and starts the FMUs, executes and rolls back some steps, like `check`: gives a trial answer */
+    TL_WORKER_STATES, /* tests whether another process can load the FMUs' saved states: gives `why` */
     TL_WORKERS
 } tl_worker_kind;
 
@@ -62,7 +62,7 @@ typedef struct tl_worker_settings {
     const char *plant;                           /* for the title */
     tl_worker_job job;                           /* its texts are needed only during tl_worker_start() */
     tl_time limit;                               /* ns until it is killed */
-    int (*be)(const char *title, void *context); /* called if the program cannot be executed (role.h) */
+    int (*be)(const char *title, void *context); /* called in a forked copy if exec fails (role.h) */
     tl_relay_line *on_event;                     /* gets each line that the worker prints; NULL: lines are dropped */
     void *context;                               /* of both */
 } tl_worker_settings;
@@ -71,11 +71,12 @@ typedef struct tl_worker_settings {
 
 enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32, TL_VERDICT_WIDENED = 128 };
 
-/* Most time of a window: more than any configuration can have. */
+/* Upper limit of tl_verdict.window, ns. It is longer than any configuration can require. */
 #define TL_VERDICT_LONGEST (1000000000 * TL_SECOND)
 
-/* How many times the right to retune may widen the largest error that is in lock, relative to the
- * version that was commissioned last. */
+/* Factor by which the right to retune may widen the largest error that counts as in lock. It is
+ * relative to the version that was commissioned last. A larger factor needs the right to
+ * commission. */
 enum { TL_VERDICT_WIDEST = 3 };
 
 /* Result of a validator. */
@@ -84,11 +85,11 @@ typedef struct tl_verdict {
     uint32_t kind;     /* tl_change_kind */
     uint32_t right;    /* tl_change_right */
     uint32_t
-        problems; /* number found, the first are listed; of a valid candidate: values for which the sender may lack the right */
+        problems; /* number found; the first are listed. In a valid candidate: values for which the sender may lack the right */
     uint32_t changes; /* number found, the first are listed */
     uint32_t
-        strokes; /* that must have ended before the lock is evaluated (lock_monitor.h); 0: the lock is evaluated by steps */
-    tl_time window; /* ns of those steps */
+        strokes; /* completed strokes that the lock monitor needs before it evaluates (lock_monitor.h); 0: it evaluates steps */
+    tl_time window; /* longest duration of these strokes, or of the steps, ns */
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */
@@ -103,8 +104,8 @@ typedef struct tl_trial_answer {
     uint64_t memory; /* bytes that its twin will need, including the FMUs */
     tl_time step;    /* T_S, ns */
     tl_time budget;  /* configured limit of a step's search time, ns */
-    tl_time least;   /* measured time of a free step, ns; 0: unknown */
-    tl_time worst;   /* of a step with all its evaluations, ns; 0: unknown, or there is no search */
+    tl_time least;   /* measured time of a step without search, ns; 0: unknown */
+    tl_time worst;   /* the same with search and all evaluations, ns; 0: unknown, or there is no search */
 } tl_trial_answer;
 
 /* The kind of the worker decides which part is filled. */
@@ -154,16 +155,16 @@ void tl_worker_close(tl_worker *worker);
 
 /* ---- in the process ---- */
 
-/* Reads the job; the first call in the process. Its texts stay valid as long as the process.
- * Errors: TL_BAD_DATA. */
+/* Reads the job. This must be the first call in the process. The job's texts stay valid until the
+ * process ends. Errors: TL_BAD_DATA. */
 tl_status tl_worker_begin(tl_worker_job *job, tl_error *error);
 
-/* Maps the result block, zeroed. A trial maps it after its FMU process has ended. Errors:
- * TL_BAD_DATA. */
+/* Maps the result block, which is zeroed. A trial must not map it before its FMU process has
+ * ended. Errors: TL_BAD_DATA. */
 tl_status tl_worker_open_result(tl_worker_result **result, tl_error *error);
 
 /* Runs the worker; main() calls it in a process with such a title. Returns the exit code. `tasks`:
- * as in main(); a validator needs none. */
+ * those of main(); a validator uses none. */
 int tl_worker_role_run(const tl_twin_role_tasks *tasks);
 
 #endif

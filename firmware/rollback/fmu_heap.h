@@ -10,8 +10,8 @@
 
 #include "master/base/status.h"
 
-/* ---- The heap of one FMU: one address range for all that its calls allocate, so that it can be
- * saved and restored by copying.
+/* ---- The heap of one FMU: one address range for all memory that its calls allocate. A copy saves
+ * and restores it.
  *
  * Purpose: the allocator behind malloc() while a call of the FMU runs. Its management data lies at
  *          the beginning of the range itself. So a copy of the first tl_fmu_heap_used() bytes also
@@ -35,14 +35,14 @@ typedef struct tl_fmu_heap {
     size_t reserved;     /* bytes of address range */
     size_t usable;       /* bytes from the beginning that are accessible; never decreases */
     size_t highest;      /* bytes from the beginning that may differ from zero */
-    void *first;         /* the first block: random numbers of the C library */
+    void *first;         /* the first block: state of rand() and similar functions */
     bool is_not_all;     /* the FMU also has memory outside of the heap */
     bool has_threads;    /* the FMU has started threads */
     bool is_taken;       /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
 
-/* Creates a heap, which exists until the process ends. `reserve`: bytes of addresses. Errors:
- * TL_TRY_AGAIN if addresses or memory are out. */
+/* Creates a heap, which exists until the process ends. `reserve`: size of the address range, bytes.
+ * Errors: TL_TRY_AGAIN if there are not enough addresses or memory. */
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
 
 /* Allocates at least `size` bytes (0 counts as 1), aligned to `alignment`, a power of two of at
@@ -55,6 +55,7 @@ void tl_fmu_heap_release(tl_fmu_heap *heap, void *block);
 /* Usable bytes of a block: at least the requested size. */
 size_t tl_fmu_heap_size(const void *block);
 
+/* Returns true if the address lies in the reserved range of this heap. */
 static inline bool tl_fmu_heap_holds(const tl_fmu_heap *heap, const void *address) {
     return (size_t)((const unsigned char *)address - heap->base) < heap->reserved;
 }
@@ -70,25 +71,23 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  * Purpose: an FMU and the libraries that it uses allocate memory by malloc(). The program defines
  *          this whole family of functions. A thread in a call of an FMU with a heap is served from
  *          that heap; all other calls are served by the C library.
- * Loader:  keeps its memory beyond the call, and that must not be rolled back. The C library always
- *          serves it.
+ * Loader:  the dynamic loader keeps its memory after the call, and this memory must not be rolled
+ *          back. So the C library always serves the loader.
  * Random:  the numbers of rand(), random() and drand48() belong to the state of an FMU that uses
  *          them, but the C library has one state for the whole process. During a call of an FMU
- *          with a heap they use a state in that heap, with the seed that a program has at its
- *          start.
- * Full:    if a heap is full, the C library serves the request. That is sufficient for an FMU that
- *          is not rolled back by memory.
+ *          with a heap they use a state in that heap, with the seed of a newly started program.
+ * Full:    if a heap is full, the C library serves the request. Then the FMU cannot be rolled back
+ *          by memory, but it can still run.
  * Mapped:  writable memory that an FMU maps itself by mmap() is outside of its heap, like memory
  *          from the C library. The heap notes both, because a copy of the heap is then incomplete.
  * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
  *          before the call does.
  * Outside: functions of the C library that store data in the library run outside of the heap. These
- *          are functions for environment, locales, time zones, exit handlers and users. In the
- *          heap, the library would find old contents after a restore. Their data is not restored:
- *          an FMU that changes its environment finds the last change. Not handled: data that a
- *          function stores for one caller (strtok(), hsearch(), an open stream).
- * Freeing: a block is returned to the heap that it came from, independent of the thread and of the
- *          time.
+ *          are functions for environment, locales, time zones, exit handlers and users. If this
+ *          data were in the heap, the library would find old contents after a restore. So the data
+ *          is not restored: an FMU that changes its environment finds the last change. Not handled:
+ *          data that a function stores for one caller (strtok(), hsearch(), an open stream).
+ * Freeing: a block is returned to the heap that it came from, in any thread and at any time.
  * Sanitizer: it has its own allocator. Then no heap is used and tl_fmu_allocation_serves() returns
  *            false.
  * Thread:  each thread uses one heap at a time, or none. One thread opens the heaps.
@@ -100,9 +99,10 @@ enum { TL_FMU_ALLOCATION_HEAPS = 256 };
 /* Returns true if this program can serve FMUs from heaps. */
 bool tl_fmu_allocation_serves(void);
 
-/* Creates a heap for an FMU that is to be loaded; `reserve`: bytes of addresses. It exists until
- * the process ends, as the FMU's library does, which may free blocks at the very end. Returns NULL
- * with TL_TRY_AGAIN if addresses are out or if there are TL_FMU_ALLOCATION_HEAPS heaps already. */
+/* Creates a heap for an FMU before the FMU is loaded. `reserve`: size of the address range, bytes.
+ * The heap exists until the process ends, because the FMU's library may free blocks until then.
+ * Returns NULL with TL_TRY_AGAIN if there are not enough addresses, or if there are already
+ * TL_FMU_ALLOCATION_HEAPS heaps. */
 tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error);
 
 /* Bytes that all heaps have used so far, freed blocks included. */

@@ -9,7 +9,7 @@
  *          (fmu_pages.h). Below that a copy of everything is faster.
  * Exact:   a restored state is equal in every bit if the FMU keeps nothing elsewhere. Data that the
  *          kernel or another library holds for the FMU is not included: threads, open files,
- *          sockets, memory that it maps itself. So rollback is always proved before it is used.
+ *          sockets, memory that it maps itself. So rollback is always tested before it is used.
  * States:  are valid only in this process and only for this load of the FMU. They can be restored
  *          in any order and any number of times.
  * Owner:   the guard (fmu_guard.h) has one tl_fmu_memory for each loaded FMU.
@@ -45,6 +45,7 @@ typedef struct tl_fmu_side_effects {
     bool is_open[TL_FMU_SIDE_EFFECTS_DESCRIPTORS]; /* indexed by descriptor */
 } tl_fmu_side_effects;
 
+/* Fills *traces with the threads, child processes and descriptors that this process has now. */
 void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
 
 /* ---- the memory ---- */
@@ -53,8 +54,8 @@ void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
 enum { TL_FMU_MEMORY_WATCHED = 24 };
 
 /* An FMU with at least so many bytes is large: a copy of everything takes longer than a query for
- * written pages. If the kernel cannot report written pages, all pages are compared; that is still
- * done because it saves memory. */
+ * written pages. If the kernel cannot report written pages, all pages are compared. This is slower,
+ * but it still saves memory. */
 enum { TL_FMU_MEMORY_LARGE = 256 * 1024 };
 
 typedef struct tl_fmu_memory {
@@ -67,7 +68,7 @@ typedef struct tl_fmu_memory {
     const char *folder;
     tl_fmu_regions places;                /* private, from here on */
     bool are_found;                       /* `places` is valid */
-    unsigned long long opened;            /* number of libraries that had been opened then */
+    unsigned long long opened;            /* tl_fmu_regions_opened() when `places` was filled */
     size_t most_used;                     /* most bytes of the heap at a save or restore */
     tl_fmu_pages *pages;                  /* NULL: the FMU is not large */
     struct tl_fmu_memory_state *reserved; /* memory for later states */
@@ -91,9 +92,10 @@ static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
  *          restore. After an error *state is unchanged. */
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error);
 
-/* Reserves memory for `states` more states; call it after one state was saved. Saving one of these
- * allocates nothing if it is not larger than any before and has no more changed pages. The second
- * function frees the unused memory, before the FMU is freed. Errors: TL_TRY_AGAIN. */
+/* Reserves memory for `states` more states; call it after one state was saved. Saving such a state
+ * allocates nothing, unless it is larger than all earlier ones or has more changed pages. The
+ * second function frees the unused memory; call it before the FMU is freed. Errors: TL_TRY_AGAIN.
+ */
 tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error);
 void tl_fmu_memory_free_reserve(tl_fmu_memory *memory);
 
@@ -106,15 +108,15 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
 /* Frees a state; NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
 
-/* Restarts the size estimate. Call it after the FMU's own states were freed, because these were in
- * its memory too. */
+/* Restarts the size estimate. Call it after the FMU has freed the states that it saved itself,
+ * because they were in its memory too. */
 void tl_fmu_memory_remeasure(tl_fmu_memory *memory);
 
 /* While `passes` is true, saves and restores do not change the size estimate. */
 void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes);
 
-/* Bytes of one state, if the FMU uses as much memory as now. For a large FMU: bytes of one more
- * state. 0: not known yet. */
+/* Returns the size of one state in bytes if the FMU uses as much memory as now. For a large FMU:
+ * estimated bytes of one more state. 0: not known yet. */
 size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 
 /* ---- inline ---- */

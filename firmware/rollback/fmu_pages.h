@@ -73,8 +73,9 @@ bool tl_fmu_written_serves(void);
  * Ranges:  whole pages. All ranges have a fixed size, except the last: each version may use a
  *          different part of it.
  * Order:   versions can be saved, restored and freed in any order; none depends on another.
- * Memory:  reserved for later versions by tl_fmu_pages_reserve(). It grows in pieces of 1 MiB if
- *          these differ in more pages than earlier versions did. It is freed with the last version.
+ * Memory:  tl_fmu_pages_reserve() reserves it for later versions. If a later version differs in
+ *          more pages than expected, the memory grows by pieces of 1 MiB. It is freed with the last
+ *          version.
  * Thread:  one at a time.
  */
 
@@ -100,13 +101,15 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
 /* Restores a version. Does not change the last range after the version's used part. */
 void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version);
 
+/* Frees a version and zeroes it. An empty version is allowed. */
 void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version);
 
-/* Call it after the ranges were written by other means, for example by a plain copy. */
+/* Call it after other code has overwritten the ranges, for example by a plain copy. The next save
+ * then compares all pages. */
 void tl_fmu_pages_lose(tl_fmu_pages *self);
 
-/* Estimated bytes of one more version, from the most pages that differed between two versions. Uses
- * a default until versions have differed. */
+/* Returns the estimated bytes of one more version: from the largest number of pages that differed
+ * between two versions. Until two versions have differed, a default number is used. */
 size_t tl_fmu_pages_size(const tl_fmu_pages *self);
 
 /* Restarts the size estimate. */
@@ -115,9 +118,9 @@ void tl_fmu_pages_remeasure(tl_fmu_pages *self);
 /* While `passes` is true, saves and restores do not change the size estimate. */
 void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes);
 
-/* Reserve memory for `versions` more versions that each differ in as many pages as estimated, and
- * for the list of one new version. Call them after one version was saved. Return false if memory is
- * out. */
+/* The first reserves memory for `versions` more versions that each differ in the estimated number
+ * of pages. The second reserves the list of one new version. Call them after one version was saved.
+ * They return false if memory is out. */
 bool tl_fmu_pages_reserve(tl_fmu_pages *self, size_t versions);
 bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *version);
 

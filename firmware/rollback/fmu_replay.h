@@ -76,8 +76,8 @@ void tl_fmu_prologue_end(tl_fmu_prologue *prologue);
  * Thread:  one at a time.
  */
 
-/* Steps on branches beside the path to the present position, for which memory is added. Enough for
- * the states that a search saves, and for those saved before it. */
+/* Number of steps for which memory is added, for branches beside the path to the present position.
+ * It is enough for the states that a search saves, and for those saved before it. */
 enum { TL_FMU_HISTORY_BRANCHES = 4096 };
 
 #define TL_FMU_HISTORY_NONE UINT32_MAX
@@ -115,8 +115,8 @@ typedef struct tl_fmu_history {
 tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t size, tl_error *error);
 void tl_fmu_history_close(tl_fmu_history *history);
 
-/* Restarts with an empty tree. Positions saved before must still be given back, but cannot be
- * restored. */
+/* Restarts with an empty tree. The caller must still free the positions saved before
+ * (tl_fmu_history_restore()), but can no longer return to them. */
 void tl_fmu_history_begin(tl_fmu_history *history);
 
 /* Appends a call at the present position, with the `size` bytes of values that it set. The new call
@@ -126,7 +126,9 @@ void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call
 /* Sets the present position to unknown, after a call has failed. */
 void tl_fmu_history_lose(tl_fmu_history *history);
 
-/* Saves the present position; never returns NULL. The caller gives the handle back. */
+/* The first saves the present position and returns a handle, never NULL. The second only frees a
+ * handle and does not change the present position; NULL is allowed. To return to a position, use
+ * tl_fmu_history_find_path(). */
 void *tl_fmu_history_save(tl_fmu_history *history);
 void tl_fmu_history_restore(tl_fmu_history *history, void *kept);
 
@@ -134,8 +136,9 @@ void tl_fmu_history_restore(tl_fmu_history *history, void *kept);
 bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
 
 /* Finds the path to a saved position. *first: the first call to be repeated (TL_FMU_HISTORY_NONE:
- * none); tl_fmu_history_follow() returns the next. `restarted`: true if the path begins at the
- * root, after a reset; else at the present position. Returns false if there is no path. */
+ * none); tl_fmu_history_follow() returns the next. *restarted: true if the path begins at the root,
+ * so that the FMU must be reset first; false if it begins at the present position. Returns false if
+ * there is no path. */
 bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *restarted);
 
 /* Yields a call of the path and the values that it set. Returns the next call, or
@@ -148,29 +151,30 @@ void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
 
 /* ---- Replay: rollback that needs no support by the FMU; it is reset and its calls are repeated.
  *
- * Purpose: for an FMU without states, or with wrong ones, and whose memory cannot be copied. Each
+ * Purpose: for an FMU that cannot save its state correctly and whose memory cannot be copied. Each
  *          call is noted: before the first step in the prologue, then in the history. A state is a
  *          position in the history and needs no memory of its own.
- * Exact:   if the FMU does the same again after the same calls. The values that repeated calls read
- *          are compared with the original ones. A difference is reported (`differs`).
+ * Exact:   a restore is exact if the FMU gives the same results after the same calls. The values
+ *          that repeated calls read are compared with the original ones. A difference is reported
+ *          (`differs` of tl_fmi2_replay).
  * Cost:    a restore executes all steps from the start, or only the later ones if the present
  *          position is on the path.
- * Memory:  allocated once: at the first saved position or noted step, or before by
- *          tl_fmu_replay_start().
+ * Memory:  allocated once, by the first tl_fmu_replay_start() or tl_fmu_replay_keep(). Freed by
+ *          tl_fmu_replay_end().
  * Thread:  the thread that calls the FMUs.
  */
 
 typedef enum tl_fmu_replay_phase {
     TL_FMU_REPLAY_BEGINS, /* calls are noted in the prologue */
     TL_FMU_REPLAY_WAITS,  /* the prologue is complete; another rollback method is in use and nothing is noted */
-    TL_FMU_REPLAY_NOTES,
-    TL_FMU_REPLAY_PLAYS
+    TL_FMU_REPLAY_NOTES,  /* calls are noted in the history */
+    TL_FMU_REPLAY_PLAYS   /* calls are repeated and not noted */
 } tl_fmu_replay_phase;
 
 /* Zeroed, except the fields before `phase`: ready to begin. */
 typedef struct tl_fmu_replay {
     uint32_t most;                               /* most steps from the start that can be rolled back */
-    tl_fmi2_replay *was_reported;                /* status for the caller of the table */
+    tl_fmi2_replay *was_reported;                /* results, for the FMU's caller (fmi2.h) */
     const tl_fmi2 *functions;                    /* the functions by which calls are repeated */
     fmi2Component instance;                      /* the instance for these calls */
     fmi2Status (*reset)(fmi2Component instance); /* resets the instance, so that it can be initialised */
@@ -182,6 +186,7 @@ typedef struct tl_fmu_replay {
     double *value_buffer; /* buffer for the values of one call */
 } tl_fmu_replay;
 
+/* Frees all memory. */
 void tl_fmu_replay_end(tl_fmu_replay *replay);
 
 /* Restarts the prologue, after the FMU was instantiated or reset. */
@@ -194,13 +199,14 @@ void tl_fmu_replay_wait(tl_fmu_replay *replay);
  * memory is out or the ports are not known. */
 fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay);
 
-/* Notes a call that was made, and its status. `values` as in FMI, for this kind; also those that
- * were read. */
+/* Note a call that was made, and its status. `values`: the values that the call has set or read, of
+ * the type that FMI uses for this kind. */
 void tl_fmu_replay_note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
                         size_t count, const void *values, fmi2Status status);
 void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fmi2Status status);
 
-/* Save, restore and free a state. */
+/* Save, restore and free a state. Saving calls tl_fmu_replay_start(). A failed restore returns
+ * fmi2Error or the status of the failed call; then the present position is unknown. */
 fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state);
 fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state);
 void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state);

@@ -18,15 +18,15 @@
  * Thread:  pure.
  */
 
-/* Returns true if the name has only letters, digits, "-", "_" and "."; it must not begin with ".";
- * at most TL_CONTROL_NAME - 1 bytes. */
+/* Returns true if the name has 1 … TL_CONTROL_NAME - 1 bytes, only letters, digits, "-", "_" and
+ * ".", and does not begin with ".". */
 bool tl_plain_name(const char *name);
 
 /* ---- Host names of this server.
  *
  * Purpose: a hostile web page in a user's browser can direct its own host name to this box ("DNS
- *          rebinding"). It cannot choose the Host header that the browser sends. So the Host of a
- *          request must be a name of this server.
+ *          rebinding"). But the browser then sends the page's host name in the Host header. So the
+ *          Host of a request must be a name of this server.
  * Thread:  pure.
  */
 
@@ -35,12 +35,12 @@ typedef struct tl_host_names {
     tl_option_list others;       /* names that the administrator has added */
 } tl_host_names;
 
-/* Returns the names. The texts of `others` must stay valid. */
+/* Returns the machine's host name and `others`. The texts of `others` must outlive the result. */
 tl_host_names tl_host_names_of(const tl_option_list *others);
 
 /* Returns true if `host` is a name of this server. `host`: the header, with or without a port;
- * NULL: it is missing. `local`: the address to which the client connected; it is also a name. On
- * the loopback "localhost" is valid. */
+ * NULL: it is missing. `local`: the address to which the client connected, as text; it is also a
+ * valid name. If it is a loopback address, "localhost" is valid too. */
 bool tl_host_names_know(const tl_host_names *names, const char *host, const char *local);
 
 /* ---- Client addresses: for counting and as text.

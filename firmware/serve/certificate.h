@@ -4,8 +4,8 @@
  *          key. An administrator can provide another one.
  * File:    contains both; only the server can read it. It is written as a whole: after a power cut
  *          the file is missing or complete, and a missing file is generated.
- * Time:    valid from 2020 to 9999 (2038 if time_t has 32 bits). A box without a clock starts in
- *          1970, and clients compare the key, not dates.
+ * Time:    valid from 2020 to 9999 (2038 if time_t has 32 bits), so that it never has to be
+ *          renewed. A box without a clock starts in 1970; clients compare the key, not the dates.
  * Memory:  tl_certificate_free() frees the texts of a certificate.
  * Thread:  one.
  */
@@ -30,11 +30,11 @@ typedef struct tl_certificate {
     tl_fingerprint fingerprint;
 } tl_certificate;
 
-/* Loads it from two files; `key` may be the same file. Errors: TL_BAD_DATA if they are invalid or
- * do not match; TL_TRY_AGAIN if they cannot be read. */
+/* Loads a certificate from two files; `key` may be the same file. Errors: TL_BAD_DATA if they are
+ * invalid or do not match; TL_TRY_AGAIN if they cannot be read. */
 tl_status tl_certificate_load(const char *chain, const char *key, tl_certificate *certificate, tl_error *error);
 
-/* Loads the certificate of this folder; generates it if it is missing. Errors: as above; also
+/* Loads the certificate in this folder, and generates it if it is missing. Errors: as above; also
  * TL_TRY_AGAIN if it cannot be generated, TL_BAD_DATA if the folder is missing, TL_BAD_USAGE if its
  * name is too long. */
 tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, tl_error *error);

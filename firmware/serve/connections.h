@@ -3,12 +3,13 @@
  * Purpose: a client that opens many connections, or is slow on purpose, must not block others. The
  *          number of connections is limited, in total and for each address, and each connection has
  *          a deadline.
- * Rule:    if there is no free entry, a connection without a valid token is closed: of the address
- *          with the most connections the oldest. If the limit of an address is reached, one of the
- *          same address is closed. During its first second a connection is not closed, because no
- *          client could finish a request. Exception: the total is reached and its address has more
- *          connections than the new client. A connection with a valid token is closed only by its
- *          deadline.
+ * Rule:    if all entries are used, an old connection is closed for a new one: the oldest of the
+ *          address with the most connections. If the limit of the new client's address is reached,
+ *          the oldest connection of this address is closed. A connection with a valid token is
+ *          never closed for another one, only at its deadline.
+ * Safe:    a connection is not closed in its first second, because no client could finish a request
+ *          sooner. Exception: all entries are used, and its address has more connections than the
+ *          new client's address would have.
  * Thread:  one; times are monotonic. The functions do not use sockets.
  */
 #ifndef TL_FIRMWARE_SERVE_CONNECTIONS_H
@@ -34,14 +35,15 @@ typedef struct tl_connections {
     tl_connection_entry rows[TL_CONNECTIONS];
 } tl_connections;
 
-/* Adds a connection, at first without a token. Returns its entry, or −1 if there is none. Then
- * *evicted is the entry of a connection to close for it, or −1: the new connection must be
- * closed. */
+/* Adds a connection, at first without a token and without a deadline. Returns the index of its
+ * entry, or −1 if it was not added. Then *evicted is the entry of the connection that the caller
+ * must close before it calls again. If *evicted is −1, the caller must close the new connection. */
 int tl_connections_admit(tl_connections *connections, const tl_address *address, tl_time now, int *evicted);
 
+/* Frees the entry. The caller closes the socket. */
 void tl_connections_leave(tl_connections *connections, int slot);
 
-/* Returns the next entry, from `slot` on, whose deadline has expired; −1: none. */
+/* Returns the first entry with an index of at least `slot` whose deadline has expired; −1: none. */
 int tl_connections_overdue(const tl_connections *connections, int slot, tl_time now);
 
 /* Returns the earliest deadline; TL_TIME_NEVER: none. */

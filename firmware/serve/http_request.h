@@ -45,14 +45,15 @@ typedef struct tl_http_words {
 } tl_http_words;
 
 typedef struct tl_http_request {
-    bool wants_plants;           /* the list of all plants; else the request is `control` */
-    bool is_change;              /* it may change something: it is logged in the audit */
+    bool wants_plants;           /* asks for the list of all plants; else `control` is the request */
+    bool is_change;              /* it may change something, so the audit logs it */
     char plant[TL_CONTROL_NAME]; /* "motor" */
     size_t body;                 /* bytes of the body that follows; 0: none */
     tl_control_request control;  /* all fields but `right` and `who` */
 } tl_http_request;
 
-/* Parses a request. Returns TL_HTTP_OK, or the status and reason (`sentence`) of a refusal. */
+/* Parses a request. Returns TL_HTTP_OK; or the status of a refusal, with the reason in `sentence`.
+ */
 tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,
                                     char sentence[TL_HTTP_SENTENCE]);
 

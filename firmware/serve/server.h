@@ -12,10 +12,11 @@
 
 typedef struct tl_server tl_server;
 
-/* All of it must stay valid as long as the server. */
+/* The server copies the structure. All that it points to must stay valid until tl_server_close().
+ */
 typedef struct tl_server_settings {
     int listener;       /* a listening, nonblocking socket; the caller closes it */
-    const char *folder; /* of the plants: TL_CONTROL_FOLDER */
+    const char *folder; /* of the plants' control sockets: TL_CONTROL_FOLDER */
     const char *tokens; /* file of the tokens, which may change at any time */
     const tl_certificate *certificate;
     const tl_host_names *names;
@@ -28,7 +29,7 @@ tl_status tl_server_open(const tl_server_settings *settings, tl_server **server,
 /* Waits for events at most `most` ns, and processes them. */
 void tl_server_turn(tl_server *server, tl_time most);
 
-/* Closes all connections. NULL is allowed. */
+/* Closes all connections and frees the server. NULL is allowed. */
 void tl_server_close(tl_server *server);
 
 #endif

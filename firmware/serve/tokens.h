@@ -1,4 +1,4 @@
-/* Access tokens: the file, the check, the delay after wrong ones.
+/* Access tokens: their file, their check, and the delay after wrong tokens.
  *
  * Thread:  the server's.
  */
@@ -18,9 +18,9 @@
  *
  * Purpose: limits how fast an address can guess tokens.
  * Rule:    the first three wrong tokens cost nothing. After each further one the address must wait
- *          1 s, 2 s, 4 s … 64 s. In this time the server checks no token of it. Only time resets
- *          the count: ten minutes without a wrong token. A right token does not, because its owner
- *          could guess other tokens between two requests.
+ *          1 s, 2 s, 4 s … 64 s. In this time the server checks none of its tokens. Only time
+ *          resets the count: ten minutes without a wrong token. A right token does not, because its
+ *          owner could guess other tokens between two requests.
  * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
  *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.
@@ -30,7 +30,7 @@ enum { TL_TOKEN_DELAYS = 256 };
 
 typedef struct tl_token_delay {
     tl_address address;
-    unsigned wrong; /* tokens; 0: the row is free */
+    unsigned wrong; /* number of wrong tokens; 0: the row is free */
     tl_time last;   /* time of the last wrong token */
 } tl_token_delay;
 
@@ -39,7 +39,7 @@ typedef struct tl_token_delays {
     tl_token_delay rows[TL_TOKEN_DELAYS];
 } tl_token_delays;
 
-/* Time that the address still has to wait; 0: none. */
+/* Returns how long the address still has to wait, ns; 0: it need not wait. */
 tl_time tl_token_delays_left(const tl_token_delays *delays, const tl_address *address, tl_time now);
 
 /* Counts a wrong token of the address. */
@@ -47,11 +47,12 @@ void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_
 
 /* ---- Access tokens: the rights of network clients.
  *
- * Purpose: a token is 256 random bits. The administrator makes it on the box, and it is shown once.
- *          Only its SHA-256 is saved, so that the file does not reveal a token.
- * File:    a line for each token, "NAME ROLE SHA256 TIME". It is written as a whole, and only the
- *          group of its folder can read it, which is that of the server.
- * Search:  always takes the same time, so that its duration reveals nothing about a token.
+ * Purpose: a token is 256 random bits. The administrator creates it on the box, which shows it only
+ *          once. Only its SHA-256 is saved, so that the file does not reveal a token.
+ * File:    one line per token, "NAME ROLE SHA256 TIME"; lines that begin with "#" are comments. It
+ *          is replaced as a whole. Only its owner and the group of its folder can read it; the
+ *          server is in this group.
+ * Search:  compares all tokens completely, so that its duration reveals nothing about a token.
  * Thread:  one.
  */
 
@@ -71,14 +72,14 @@ typedef struct tl_tokens {
     size_t count;
 } tl_tokens;
 
-/* Reads the file; if it is missing there are no tokens. Errors: TL_BAD_DATA if a line is invalid,
- * with its number; TL_TRY_AGAIN if the file cannot be read. */
+/* Reads the file; a missing file means no tokens. Errors: TL_BAD_DATA if a line is invalid, a name
+ * occurs twice or there are more than TL_TOKENS; TL_TRY_AGAIN if the file cannot be read. */
 tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error);
 
-/* Writes the file. Errors: TL_TRY_AGAIN if it cannot be written; root can write it. */
+/* Writes the file. Errors: TL_TRY_AGAIN if it cannot be written; usually only root may do this. */
 tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *error);
 
-/* Returns the token with this secret, or NULL. */
+/* Returns the token with this secret, or NULL. It is valid as long as `tokens` is unchanged. */
 const tl_token *tl_tokens_find(const tl_tokens *tokens, const char *secret);
 
 /* Returns the index of the token with this name, or `count`. */

@@ -31,13 +31,14 @@ typedef enum tl_database_fault {
     TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
     TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
     TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
-    TL_DATABASE_FOREIGN  /* foreign or modified by another program, or a foreign file has its name */
+    TL_DATABASE_FOREIGN  /* no twinlock database, or another program modified it, or another file has its name */
 } tl_database_fault;
 
 tl_database_fault tl_database_get_fault(void);
 void tl_database_set_fault(tl_database_fault fault);
 
-/* Returns the fault for SQLite's result code and, for SQLITE_CANTOPEN, errno in `number`. */
+/* Returns the fault for `code`, SQLite's result code. `number`: the errno, needed only for
+ * SQLITE_CANTOPEN. */
 tl_database_fault tl_database_fault_of(int code, int number);
 
 /* Returns the fault for an errno. */
@@ -89,7 +90,7 @@ int64_t tl_database_size(sqlite3 *database, int which);
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
     TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
-    TL_DATABASE_OLDEST = 5,                  /* read, and migrated before it is written */
+    TL_DATABASE_OLDEST = 5,                  /* oldest format that is read; migrated before writing */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row; a checkpoint: at most half */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes that tl_database_diagnose() checks */
 };
@@ -113,8 +114,8 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error);
  */
 
 /* Opens an existing file. One of format 5 is migrated to the current format if `write` is true, and
- * otherwise read by means of temporary views. Reading creates, recovers and changes nothing
- * except SQLite's own -wal and -shm files, and works on a read-only medium. `write`: fails with
+ * otherwise read by means of temporary views. Reading creates, recovers and changes nothing except
+ * SQLite's own -wal and -shm files, and works on a read-only medium. Writing fails with
  * TL_TRY_AGAIN if the file is read-only. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
@@ -128,8 +129,8 @@ tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *e
 tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error);
 
 /* Creates an empty database at `path`, where no file may exist. The database appears complete or
- * not at all. It replaces only files that SQLite left there of a removed database; TL_BAD_DATA if
- * foreign files have such names. */
+ * not at all. If SQLite's own files of a removed database are still there (-wal, -shm, -journal),
+ * they are removed first. Fails with TL_BAD_DATA if foreign files have these names. */
 tl_status tl_database_create(const char *path, tl_error *error);
 
 #endif

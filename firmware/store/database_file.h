@@ -1,5 +1,6 @@
 /* Database file of the recorder: its lock file, its identity; opens, replaces and closes it.
  *
+ * Terms:   the log is SQLite's write-ahead log, FILE-wal.
  * Errors:  as in database.h; each failure also sets the fault (database.h).
  * Thread:  one for each database.
  */
@@ -45,15 +46,15 @@ void tl_database_lock_release(tl_database_lock *lock);
  * Thread:  one at a time.
  */
 
-/* Number of files FILE.damaged-1, -2, …; if all exist, a damaged file keeps its name. */
+/* Largest n of FILE.damaged-n. If all of these names exist, a damaged file is not renamed. */
 enum { TL_DATABASE_DAMAGED_MOST = 9 };
 
 typedef struct tl_database_file {
     char path[PATH_MAX]; /* links resolved; "": closed */
     sqlite3 *connection;
     tl_database_lock lock;
-    int handle; /* of the file, also if it was renamed; −1: none */
-    int log;    /* of its log, FILE-wal, likewise */
+    int handle; /* descriptor of the file, also if it was renamed; −1: none */
+    int log;    /* the same of its log */
     off_t size; /* bytes at the last successful check */
 } tl_database_file;
 
@@ -70,7 +71,7 @@ typedef enum tl_database_file_state {
     TL_DATABASE_REMOVED,
     TL_DATABASE_OVERWRITTEN, /* the content is no twinlock database any more */
     TL_DATABASE_CUT,         /* pages are missing at its end */
-    TL_DATABASE_WITHOUT_LOG  /* FILE-wal was removed or replaced: recent commits have no file name */
+    TL_DATABASE_WITHOUT_LOG  /* FILE-wal was removed or replaced: recent commits are only in the removed log */
 } tl_database_file_state;
 
 /* User of a connection. The file counts as opened only if `begin` succeeds. */
@@ -80,8 +81,9 @@ typedef struct tl_database_user {
     void *context;
 } tl_database_user;
 
-/* Opens the file, or creates it. `patience` (ns): for the lock and for locks of other programs. A
- * damaged file is renamed and replaced; if `renamed` is NULL, the call fails instead. */
+/* Opens the file, or creates it. `patience`: longest wait for the lock file and for locks of other
+ * programs, ns. A damaged file is renamed and replaced; if `renamed` is NULL, the call fails
+ * instead. */
 tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
                                 tl_database_file *file, tl_database_renamed *renamed, tl_error *error);
 
@@ -92,25 +94,25 @@ void tl_database_file_set_patience(tl_database_file *file, tl_time patience);
  * the folder cannot be read any more. */
 tl_database_file_state tl_database_file_check(tl_database_file *file);
 
-/* Notes the file's size after the caller has written the log back, because that may shorten the
- * file. */
+/* Notes the file's present size. Call it after you have written the log back, because this may
+ * shorten the file. */
 void tl_database_file_note(tl_database_file *file);
 
 /* Writes the log back into the file. Returns false if a reader or the disk prevents it now. */
 bool tl_database_file_write_back(tl_database_file *file);
 
 /* Renames a file that the caller has found damaged, and creates a new one. After a failure the file
- * is closed. The caller must have ended the user. */
+ * is closed. The caller must have called end() of the user before. */
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
                                  tl_database_renamed *renamed, tl_error *error);
 
 /* Closes the file and writes its log back if possible, also if the file was renamed. The caller
- * must have ended the user. A closed file is allowed. */
+ * must have called end() of the user before. A closed file is allowed. */
 void tl_database_file_close(tl_database_file *file);
 
 /* Closes a file that was removed or overwritten. Writes nothing into the file that now has its
  * name, and removes its log, because SQLite would apply the log to that file. The caller must have
- * ended the user. */
+ * called end() of the user before. */
 void tl_database_file_abandon(tl_database_file *file);
 
 /* A closed file. */
@@ -119,8 +121,8 @@ void tl_database_file_abandon(tl_database_file *file);
         .handle = -1, .log = -1, .lock = {.file = -1 }                                                                 \
     }
 
-/* ---- Identity: which two files a database consisted of, for a process that takes over after the
- * writer has died.
+/* ---- Identity: the two files of a database, file and log. A process needs it if it takes over
+ * after the writer has died.
  *
  * Purpose: if a database is removed, moved or replaced, its log, FILE-wal, stays. SQLite would
  *          apply that log to any file that has the name later. A process that knows both files can
@@ -144,8 +146,8 @@ typedef struct tl_database_identity {
 /* Returns the identity of an open database. */
 tl_database_identity tl_database_identify(const tl_database_file *file);
 
-/* Returns true if the path has no file or another one. Returns false also if that is unknown, for
- * example without permission to enter the folder. */
+/* Returns true if there is no file at the path, or another file. Returns false also if this is
+ * unknown, for example without permission to enter the folder. */
 bool tl_database_is_missing(const char *path, const tl_database_identity *identity);
 
 /* Removes the log and its index, FILE-shm, if the database is gone but its log is still there. Does
@@ -159,24 +161,24 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
  *          no database.
  * Rules:   by fault (database.h). DAMAGED: renamed to FILE.damaged-1, -2, … and replaced by a new
  *          file. DENIED, OTHER, FOREIGN: FILE.beside (or FILE.beside-2, …), an ordinary database,
- *          is written instead. LATER, TAKEN, and a folder that denies everything: retried later.
+ *          is written instead. LATER, IN_USE, and a folder that denies everything: retried later.
  * Thread:  one at a time.
  */
 
 /* Largest n of FILE.beside-n; the first file is FILE.beside. */
 enum { TL_DATABASE_BESIDE_MOST = 9 };
 
-/* Which faults are errors, because a user waits for the result. */
+/* Which faults make the opening fail, because a user waits for the result. */
 typedef enum tl_database_policy {
     TL_DATABASE_ALL_OR_NOTHING, /* every fault */
-    TL_DATABASE_IF_OURS,        /* FOREIGN, OTHER, TAKEN; and if there is no replacement */
+    TL_DATABASE_IF_OURS,        /* FOREIGN, OTHER, IN_USE; and if there is no replacement */
     TL_DATABASE_ANYHOW          /* no fault */
 } tl_database_policy;
 
 /* What the caller has to report. */
 typedef struct tl_database_report {
     tl_database_renamed renamed;
-    char beside[TL_ERROR_TEXT]; /* why a replacement is written; "": it is the requested file */
+    char beside[TL_ERROR_TEXT]; /* why a replacement is written; "": the requested file is written */
 } tl_database_report;
 
 typedef struct tl_database_wanted {
@@ -191,7 +193,8 @@ typedef struct tl_database_wanted {
 tl_status tl_database_replacement_open(const tl_database_wanted *wanted, tl_database_file *file,
                                        tl_database_report *report, bool *waits, tl_error *error);
 
-/* Opens a replacement beside the file at once; `why` is copied to the news. */
+/* Opens a replacement beside the file, without trying the file itself. `why` is copied to
+ * report->beside. */
 tl_status tl_database_replacement_beside(const char *given, const char *why, const tl_database_user *user,
                                          tl_database_file *file, tl_database_report *report, tl_error *error);
 

@@ -22,8 +22,8 @@
  *          `show` and for replay. config/SPEC.md, "Database", defines everything.
  * Reading: in short transactions, so that a slow reader does not prevent the recorder from writing
  *          its log back.
- * Trust:   the database is untrusted. Returned values are such as the recorder writes: in range,
- *          ordered, finite, UTF-8. Anything else is reported as damage.
+ * Trust:   the database is untrusted. Returned values are valid: in range, ordered, finite, UTF-8,
+ *          as the recorder writes them. Anything else is reported as damage.
  * Owner:   returned texts and arrays are valid until tl_history_close().
  * Errors:  TL_BAD_DATA (not a twinlock database, damaged, no such run), TL_TRY_AGAIN (locked, no
  *          permission).
@@ -39,7 +39,7 @@ typedef struct tl_history_run {
     const char *version;            /* of the program that wrote it */
     const char *configuration_hash; /* SHA-256 of the configuration's text */
     const char *started;            /* UTC */
-    const char *ended;              /* UTC; NULL: being written, or killed and no later run */
+    const char *ended;              /* UTC; NULL: being written, or killed and no run has followed */
     const char *ended_reason;       /* NULL if `ended` is NULL */
     const char *committed;          /* UTC of the last commit */
     tl_time step;                   /* T_S, ns */
@@ -82,8 +82,8 @@ typedef struct tl_history_tuning {
 /* Most tunings of a run; more are damage. */
 enum { TL_HISTORY_TUNINGS = 100000 };
 
-/* Returns the tunings of a run in the order of their ticks. Most runs have none, and neither have
- * those of programs without tuning. */
+/* Returns the tunings of a run in the order of their ticks. Most runs have none. Old versions of
+ * the program recorded none. */
 tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
                              size_t *count, tl_error *error);
 
@@ -122,7 +122,7 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
 /* Returns the last tick or step that a run can have, so that no time is out of range. */
 int64_t tl_history_last_possible(const tl_history_run *run);
 
-/* One step, as in tl_record. */
+/* One step; the fields are those of tl_record (record.h). */
 typedef struct tl_history_step {
     int64_t step;
     int64_t outcome; /* tl_outcome */
@@ -139,7 +139,7 @@ typedef struct tl_history_step {
 
 /* One tick and the step that was computed at it, which is step tick − lead. */
 typedef struct tl_history_tick {
-    tl_sample sample;        /* stamps relative to t_start; absent signals: no link */
+    tl_sample sample;        /* stamps relative to t_start; signals without a row have TL_NO_LINK */
     bool has_step;           /* false for the first ticks, and if the step was lost */
     tl_history_step step;    /* if has_step; codes are known. TL_CAUGHT_UP: the run missed this tick */
     double u[TL_MAX_ADJUST]; /* of the adjusted variables */
@@ -160,8 +160,8 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
 /* NULL is allowed. */
 void tl_history_ticks_end(tl_history_ticks *ticks);
 
-/* Appends the corruption of the file's pages to the error's text if the file is small and
- * corrupted. Reads the whole file: do not call while the plant is followed. NULL is allowed. */
+/* Checks the pages of a small file and appends the first corruption to the error's text. Reads the
+ * whole file: do not call during a live run. NULL is allowed. */
 void tl_history_diagnose(tl_history *history, tl_error *error);
 
 /* ---- Rows of one run, as they were recorded, passed to callbacks one by one.
@@ -169,8 +169,8 @@ void tl_history_diagnose(tl_history *history, tl_error *error);
  * Purpose: a table may have a hundred million rows. They are read in short transactions, so that a
  *          slow reader (a pager) does not prevent the recorder from writing its log back. No row is
  *          stored.
- * Trust:   the database is untrusted, as above. A row that the recorder does not write is damage
- *          and is not passed on.
+ * Trust:   the database is untrusted, as above. A row that the recorder cannot have written is
+ *          damage and is not passed on.
  * Numbers: finite, or NaN if the recorded value was not finite.
  * Codes:   at least 0. A newer program may have written codes that are unknown here.
  * Errors:  as above.

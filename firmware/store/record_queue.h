@@ -19,7 +19,7 @@
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
 
-/* ---- Event, as it waits to be written.
+/* ---- Event that waits to be written into the database.
  *
  * Size:   fixed; texts are truncated. No pointers, so that another process can read it.
  * Thread: plain data.
@@ -55,17 +55,17 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
  *          the reader has not taken. The successor can also read back: taken entries stay in the
  *          ring until new entries need their bytes. The ring has room for 30 s of new entries and
  *          all entries since the older of the two checkpoints.
- * New:     zeroed memory may replace another record queue of which all was taken. It continues with
- *          the numbers of that queue, because a reader's numbers never decrease.
+ * New:     zeroed memory may replace a record queue from which the reader has taken all. Positions
+ *          and numbers continue at those of the old queue, because the reader's never decrease.
  * Ticks:   a sample waits for its step. It is published together with the step, or with the next
  *          other entry. If the producer dies within a tick, the reader gets nothing of that tick,
  *          unless it knows that there is no successor. A successor that continues with that tick
- *          takes its sample again. If it begins another run, the waiting sample is the last one of
- *          the earlier run.
+ *          puts its sample again. If the successor begins another run, the waiting sample becomes
+ *          the last one of the earlier run.
  * Loss:    entries without room are counted as lost; the producer does not wait. Only a slow reader
  *          causes loss; entries that are kept for a successor do not.
- * Damage:  a reader that cannot read the ring further may skip to its end. The next entry follows
- *          the skipped bytes.
+ * Damage:  if the reader finds an invalid entry, it may skip to the end of the ring. The producer's
+ *          next entry follows the skipped bytes.
  * Order:   the beginning of a run precedes all its entries. A beginning without room waits and is
  *          put first; until then other entries are lost.
  * Thread:  put_* and checkpoints: one thread, that of the cycle; event() and lost(): any.
@@ -81,8 +81,8 @@ typedef struct tl_record_queue_settings {
     size_t checkpoint_bytes; /* largest checkpoint; pages are used only when needed. 0: none */
 } tl_record_queue_settings;
 
-/* What the reader has taken for good. Lies in the reader's memory, and the producer reads it.
- * Values never decrease. */
+/* Progress of the reader: what it has taken and will not read again. It lies in the reader's
+ * memory, and the producer reads it. Values never decrease. */
 typedef struct tl_record_queue_taken {
     uint64_t ring;       /* bytes */
     uint64_t events;     /* count */
@@ -96,7 +96,7 @@ typedef struct tl_record_queue {
     unsigned char *ring;
     const tl_record_queue_taken *taken; /* NULL: no reader */
     uint64_t written;                   /* end of all entries */
-    uint64_t published;                 /* end of the published ones; between them a sample waits */
+    uint64_t published;                 /* end of the published entries; a waiting sample lies between the two ends */
     int64_t waiting;                    /* tick of that sample */
     uint64_t number;                    /* of the newest checkpoint */
     size_t reserved;                    /* bytes reserved for each checkpoint */
@@ -108,27 +108,27 @@ typedef struct tl_record_queue {
     uint64_t id;              /* of the run: time when its beginning was put; 0: no run */
 } tl_record_queue;
 
-/* Returns the ring size for 30 s of such a run plus the entries that a successor may read back: 256
- * KiB … 16 MiB. */
+/* Returns the ring size in bytes: for 30 s of such a run, and for the entries that a successor may
+ * read back. Range: 256 KiB … 16 MiB. `step`: T_S, ns. */
 size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step);
 
 /* Returns the size of the memory, bytes. */
 size_t tl_record_queue_bytes(const tl_record_queue_settings *settings);
 
 /* Starts a record queue, or continues in the memory of a dead producer. Touches all pages of the
- * ring. `taken` may lie in the reader's block; NULL: no reader, so entries are for a successor only
- * and events are dropped. Needs about 25 kB of stack. */
+ * ring. `taken` may lie in the reader's block. NULL: there is no reader; entries are only kept for
+ * a successor, and events are dropped. Needs about 25 kB of stack. */
 void tl_record_queue_open(const tl_record_queue_settings *settings, void *memory, const tl_record_queue_taken *taken,
                           tl_record_queue *queue);
 
 /* ---- a run ---- */
 
-/* Sets the identity of the FMUs (identity.h) for runs that begin from now on. Runs in safe hold do
- * not record it. */
+/* Sets the identity of the FMUs (identity.h) for runs that begin from now on. A run in safe hold
+ * does not record it. */
 void tl_record_queue_name_fmus(tl_record_queue *queue, const char fmus[TL_SHA256_TEXT]);
 
-/* Sets the configuration and tuning for runs that begin from now on. Runs in safe hold do not
- * record it. */
+/* Sets the configuration and tuning for runs that begin from now on. A run in safe hold does not
+ * record them. */
 void tl_record_queue_name_configuration(tl_record_queue *queue, const tl_run_tuning *configured);
 
 /* Put an entry; return false if there is no room. A beginning without room is put before the next
@@ -140,20 +140,19 @@ bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, c
 bool tl_record_queue_put_end(tl_record_queue *queue, const char *reason); /* truncated to TL_RECORDER_REASON */
 
 /* Records that the twin uses this tuning from `tick` on; call just before that tick's sample. If
- * tl_record_queue_has_room_for_tuning() has returned true, the tuning, the sample and step of that
- * tick and the step before it have room. */
+ * tl_record_queue_has_room_for_tuning() returns true, there is room for the tuning, for the sample
+ * and step of that tick, and for the step before it. */
 bool tl_record_queue_has_room_for_tuning(const tl_record_queue *queue);
 bool tl_record_queue_put_tuning(tl_record_queue *queue, const tl_run_tuning *tuning);
 
-/* Returns the present tuning: that of the last put_tuning(), or else that at the run's beginning.
- */
+/* Returns the present tuning: that of the last put_tuning(), else that of the run's beginning. */
 const tl_run_tuning *tl_record_queue_tuning(const tl_record_queue *queue);
 
 /* Returns how the present run began. */
 const tl_resumption *tl_record_queue_beginning(const tl_record_queue *queue);
 
-/* Sleeps in steps of 1 ms until a tuning, a sample, a step and an end have room. Returns false if
- * they have none at `until` (CLOCK_MONOTONIC). For a producer that catches up. */
+/* Sleeps in steps of 1 ms until there is room for a tuning, a sample, a step and an end. Returns
+ * false if there is still no room at `until` (CLOCK_MONOTONIC). For a producer that catches up. */
 bool tl_record_queue_wait_for_room(tl_record_queue *queue, tl_time until);
 
 /* Puts an event; any thread. `source` is one word; `tick` −1: no tick. Texts are truncated to the
@@ -174,14 +173,15 @@ bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size);
 /* Returns the memory in which to make the next checkpoint; NULL if nothing is reserved. */
 unsigned char *tl_record_queue_checkpoint_room(tl_record_queue *queue, size_t *capacity);
 
-/* Publishes the checkpoint in that memory: the twin after `tick` and after all entries put so far.
- * Copies it over the older checkpoint, even if the reader has not taken that. `size` 0: the twin
- * cannot be saved; a successor still finds the entries put since. */
+/* Publishes the checkpoint that was made in that memory: the twin after `tick` and after all
+ * entries put so far. Overwrites the older checkpoint, even if the reader has not taken it. `size`:
+ * bytes; 0: the twin cannot be saved, and only the position is stored. Then a successor can still
+ * read the entries put since. */
 void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t size);
 
-/* Makes checkpoint memory inaccessible that neither a reservation nor an existing checkpoint uses,
- * until it is reserved. So locking the memory of the process (mlockall) does not fill it. The
- * memory must begin at a page boundary. */
+/* Makes the unused part of the checkpoint memory inaccessible until it is reserved. So mlockall()
+ * does not allocate pages for it. Reserved memory and existing checkpoints stay accessible. The
+ * queue's memory must begin at a page boundary. */
 void tl_record_queue_hide_unused(tl_record_queue *queue);
 
 /* ---- for a successor, before it puts anything ---- */
@@ -196,8 +196,8 @@ typedef struct tl_record_queue_saved {
     tl_run_tuning tuning;    /* at that time; the hash is validated, the values are not */
 } tl_record_queue_saved;
 
-/* Finds the newest (0) or the older (1) valid checkpoint since which no entry was overwritten.
- * Returns false if there is none. */
+/* Finds a valid checkpoint; `which`: 0 the newest, 1 the older one. All entries put since must
+ * still be in the ring. Returns false if there is none. */
 bool tl_record_queue_saved_checkpoint(const tl_record_queue *queue, unsigned which, tl_record_queue_saved *left);
 
 /* Reads the entry at `*position` and advances the position. Returns false if there is no further
@@ -228,7 +228,7 @@ typedef struct tl_record_queue_mark {
     int64_t tick;
     uint64_t size;
     uint64_t position; /* of the first entry after it */
-    uint64_t behind;   /* the reader reads up to here first, with a beginning that still waits */
+    uint64_t behind;   /* the reader takes it after all entries up to here, including a beginning that still waits */
     tl_resumption beginning;
     tl_run_tuning tuning; /* at that time */
 } tl_record_queue_mark;
@@ -246,17 +246,17 @@ typedef struct tl_record_queue_checkpoint {
 
 typedef struct tl_record_queue_control {
     uint64_t head __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* end of the published entries */
-    uint64_t put; /* end with a waiting sample; for a successor, or a reader without producer */
+    uint64_t put; /* end including a waiting sample; for a successor, or for a reader after the producer's end */
     uint64_t next __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* number of the next event */
     uint64_t lost __attribute__((aligned(TL_RECORD_QUEUE_LINE)));
     tl_record_queue_checkpoint places[TL_RECORD_QUEUE_CHECKPOINTS];
     tl_record_queue_slot slots[TL_RECORDER_EVENTS];
     bool start_waits;            /* private to the producer */
-    tl_record_queue_start start; /* beginning without room so far */
+    tl_record_queue_start start; /* the beginning that waits for room */
 } tl_record_queue_control;
 
 size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings,
-                                     unsigned checkpoint_slot); /* PLACES: memory for the next; PLACES + 1: end */
+                                     unsigned checkpoint_slot); /* 0, 1: slots; 2: where the next is made; 3: end */
 
 /* Upper limit of checkpoint numbers, so that they never wrap around. */
 #define TL_RECORD_QUEUE_NUMBERS (UINT64_MAX / 2)
@@ -267,12 +267,12 @@ uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mar
 /* ---- Record queue, reader's side. The producer may be hostile.
  *
  * Purpose: returns copies of the entries, each validated: kinds, sizes, positions, enumerations,
- *          texts, digests. Numbers are not validated. Control characters of texts become '?'. The
- *          first invalid value stops its part, the ring or the events; `fault` describes it. A
- *          newly opened reader continues if a successor of the producer has repaired the part, or
- *          after the bytes that it skips.
- * Twice:   the reader continues at tl_record_queue_taken, which its owner stores. Entries that were
- *          not taken come again.
+ *          texts, digests. Numbers are not validated. Control characters of texts become '?'.
+ * Damage:  a queue has two parts, the ring and the events. At the first invalid value the reader
+ *          stops reading that part; `fault` describes the value. A newly opened reader can continue
+ *          if a successor of the producer has repaired the part, or if it skips the damaged bytes.
+ * Repeat:  the reader continues at tl_record_queue_taken, which its owner stores. Entries that are
+ *          not counted there are read again.
  * Death:   an event that the producer left incomplete blocks the later ones until a successor has
  *          repaired the queue.
  * Trust:   the whole memory is untrusted.
@@ -293,11 +293,12 @@ typedef struct tl_record_queue_reader {
 void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const void *memory,
                                  tl_record_queue_reader *reader);
 
-/* The producer has ended and has no successor: from now on a sample that waits for its step can be
- * read too. */
+/* Call it when the producer has ended and has no successor. From now on the reader also returns a
+ * sample that waits for its step. */
 void tl_record_queue_reader_finish(tl_record_queue_reader *reader);
 
-/* Returns the end of the newest entry that can be read now, seen from `taken`. */
+/* Returns the end of the newest entry that can be read now, at least `taken`. If the ring is
+ * broken, it returns `taken`. */
 uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t taken);
 
 /* Reads the entry at `*position`, which is before `end`, and advances the position. Returns false
@@ -305,9 +306,9 @@ uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t tak
 bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *position, uint64_t end,
                                   tl_recorder_entry *entry);
 
-/* For a newly opened reader: returns the position at which to continue. That is `taken` if all
- * entries up to the end are valid, or if the producer has to publish first; else the end, where a
- * live producer continues. */
+/* For a newly opened reader: returns the position at which to continue. If an entry before the end
+ * is invalid, this is the end, where a live producer continues. Otherwise it is `taken`, also if
+ * the end itself is invalid. */
 uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t taken);
 
 /* Reads the event of this number. Returns false if it is not there yet, or if there is a fault.
@@ -315,10 +316,10 @@ uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t ta
 bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t number, tl_recorder_event_entry *event,
                                   bool *skip);
 
-/* Copies a valid checkpoint to `bytes` (settings.checkpoint_bytes long): the older one with a
- * number above `taken` whose entries, including the beginning of its run, end at or before
- * `position`. The older one, because a run may begin with it. Returns false if there is none now.
- */
+/* Copies a valid checkpoint to `bytes` (settings.checkpoint_bytes long). Its number must be above
+ * `taken`, and all entries before it, including its run's beginning, must end at or before
+ * `position`. If two are possible, the older one is copied, because a run may begin with it.
+ * Returns false if there is none now. */
 bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
                                        unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number);
 
@@ -327,7 +328,7 @@ uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader);
 
 /* ---- Entries that remain in a record queue after the recorder has ended.
  *
- * Purpose: counts what is lost at the end of a run, for the process that has outlived the others.
+ * Purpose: counts what is lost at the end of a run. The process that outlives the others uses it.
  * Trust:   the queue and `taken` are untrusted.
  * Thread:  one at a time.
  */

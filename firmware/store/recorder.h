@@ -9,10 +9,10 @@
  * Bound:   `max_bytes` for database and write-ahead log together. The oldest runs are removed
  *          first, then the oldest ticks of the present run.
  * Faults:  a full disk or a locked database is reported once, in the log and as an event. Entries
- *          wait while the record queue has room (30 s of steps, or 16 MiB). Then a put waits, and
- *          later entries are counted as lost. Writing is retried every `commit` interval. Success
- *          and the number of lost entries are reported as events too. A damaged, removed or moved
- *          file is replaced by a new one.
+ *          wait in the record queue, which has room for 30 s of steps, at most 16 MiB. If it is
+ *          full, a put waits. After settings.patience without success, entries are counted as lost.
+ *          Writing is retried every `commit` interval. Success and the number of lost entries are
+ *          reported as events too. A damaged, removed or moved file is replaced by a new one.
  * Writers: one per database, enforced by a lock file; any number of readers.
  * Owner:   tl_recorder_open() allocates, tl_recorder_close() frees.
  * Thread:  put_*: one producer thread. event() and counts: any thread. open and close: one thread;
@@ -37,7 +37,7 @@ typedef struct tl_recorder tl_recorder;
 /* Counts of samples, steps and events that were put. The recorder's own events are not included. */
 typedef struct tl_recorder_counts {
     uint64_t written; /* committed */
-    uint64_t lost;    /* without room, or lost with their file */
+    uint64_t lost;    /* without room in the queue, or lost with their file */
     int64_t run;      /* id of this run in the database */
 } tl_recorder_counts;
 
@@ -46,8 +46,8 @@ typedef struct tl_recorder_counts {
  * The account is copied; all other texts and arrays must outlive the recorder. */
 tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
-/* Put an entry; producer thread only. Stamps are relative to t_start. They wait for room if the
- * ring is full. If the disk has refused for settings.patience, the entry is lost. `ledger` has the
+/* Put an entry; producer thread only. Stamps are relative to t_start. The calls wait if the ring is
+ * full. If the disk has then refused for settings.patience, the entry is lost. `ledger` has the
  * counts of all settings.components after this step, so that step and counts are committed
  * together. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);

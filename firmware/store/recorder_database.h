@@ -37,7 +37,7 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     size_t component_count;    /* number of components with counts */
     const tl_account *account; /* of a twin; only for a run that begins at the opening */
-    tl_time patience;          /* ns for a disk that refuses: close, waiting puts; 0: 2 s */
+    tl_time patience;          /* ns that close and waiting puts wait for a disk that refuses; 0: 2 s */
 } tl_recorder_settings;
 
 /* Signal names that are made from a configuration. */
@@ -63,15 +63,15 @@ typedef struct tl_recorder_totals {
     char committed[TL_UTC_TEXT]; /* UTC */
 } tl_recorder_totals;
 
-/* Prepares the statements on a connection for writing. The settings must outlive it. Close it also
- * after a failure. */
+/* Prepares the statements on a connection for writing. The settings must outlive `database`. Close
+ * `database` also after a failure. */
 int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
                               tl_recorder_database **database);
 
 /* Call before closing the connection. NULL is allowed. */
 void tl_recorder_database_close(tl_recorder_database *database);
 
-/* Returns the bytes of the ring that a batch may have; one entry may exceed them. */
+/* Returns how many bytes of the ring a batch may contain. A single entry may be larger. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
 /* Finds out whether the file has this run with exactly these totals. */
@@ -83,30 +83,30 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
  * batch begins a run. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
-/* Begins a run and returns the id of its row. `timed`: it starts at the time in `start`; else now,
- * without a clock. */
+/* Begins a run and returns the id of its row. `timed`: it starts at the time in `start`; else it
+ * starts now, and t_start is not recorded. */
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run);
 
-/* Continues the run: removes an end "not ended cleanly" from its row. */
+/* Continues the run of this batch: removes an end "not ended cleanly" from its row. */
 int tl_recorder_database_resume_run(tl_recorder_database *database);
 
 /* Marks each run without an end as not ended cleanly. tl_recorder_database_resume_run() reverts it.
  */
 int tl_recorder_database_end_killed(tl_recorder_database *database);
 
-/* Records that the run's earlier ticks are not in this file. */
+/* Records that this file has no ticks of the run before `tick`. */
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
 
 /* Writes a sample, a step or a tuning. *impossible: the entry is not written, because its tick is
  * out of range or its configuration is unknown. */
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
 
-/* The same for a tuning whose tick is in range. */
+/* The same for a tuning; the caller has checked the range of its tick. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible);
 
-/* Writes a checkpoint. Skips it if it is too large for the file's bound or its tick is out of
- * range. */
+/* Write a checkpoint or an event. A checkpoint is skipped if it is too large for the file's bound
+ * or its tick is out of range. */
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
                                     size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
@@ -120,7 +120,8 @@ void tl_recorder_database_rollback(tl_recorder_database *database);
  */
 int tl_recorder_database_tidy(tl_recorder_database *database);
 
-/* Returns how often the log was written back; only this changes the database file itself. */
+/* Returns how often the log was written back. Only writing back changes the database file itself;
+ * commits go into the log. */
 unsigned tl_recorder_database_writings_back(const tl_recorder_database *database);
 
 #endif

@@ -6,8 +6,8 @@
  * Format:  an entry is one byte for its kind, then its fields in sequence, then a digest. Both
  *          sides run the same program.
  * Trust:   the reader may be in another process than the writer. Kinds, enumerations, texts and
- *          digests are validated. So a stray store is detected, but not a forged entry. Numbers are
- *          not validated.
+ *          digests are validated, numbers are not. So accidental overwriting is detected, but not a
+ *          forged entry.
  * Memory:  the caller's.
  * Thread:  pack: the producer; unpack: the consumer.
  */
@@ -76,7 +76,7 @@ typedef enum tl_recorder_kind {
     TL_ENTRY_SAMPLE,
     TL_ENTRY_STEP,
     TL_ENTRY_END,
-    TL_ENTRY_TUNING /* before the sample of its tick */
+    TL_ENTRY_TUNING /* it precedes the sample of its tick */
 } tl_recorder_kind;
 
 /* Beginning of a run. */
@@ -100,8 +100,8 @@ typedef struct tl_recorder_entry {
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
 
-/* Return the bytes of an entry: of a kind; of TL_ENTRY_START in safe hold or with an account; of
- * the largest kind. */
+/* Return the size of an entry in bytes. First: of this kind. Second: of TL_ENTRY_START, in safe
+ * hold (`holds`) or with an account. Third: of the largest kind. */
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind);
 size_t tl_recorder_entry_size_of_start(bool holds);
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape);
@@ -131,7 +131,8 @@ void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, co
 /* Returns a stamp relative to `start`, as in an entry. */
 tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);
 
-/* Written bytes, up to `end`, which is at most `capacity` after the position that is read. */
+/* Written bytes of the ring, up to position `end`. It is at most `capacity` bytes after the
+ * position that is read. */
 typedef struct tl_recorder_page {
     const unsigned char *bytes;
     size_t capacity;
@@ -144,9 +145,9 @@ typedef struct tl_recorder_page {
 const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
                                      tl_recorder_entry *entry);
 
-/* Continues a digest. An entry ends with the digest of its position and bytes, so that a stray
- * store is detected. It costs one multiplication for 8 bytes, because the cycle computes it. A
- * cryptographic digest would not help: a process that can forge entries could compute it too. */
+/* Continues a digest. An entry ends with the digest of its position and bytes, so that accidental
+ * overwriting is detected. It costs one multiplication for 8 bytes, because the cycle computes it.
+ * A cryptographic digest would not help: a process that can forge entries could compute it too. */
 uint64_t tl_recorder_digest(uint64_t digest, const void *part, size_t size);
 
 /* Replaces control characters in a text from another process by '?'. */

@@ -1,14 +1,14 @@
 /* Writer's database file: opens it, monitors it, and replaces it if necessary.
  *
- * Purpose: at the opening, a fault of the file is handled or is an error (insistence): see
+ * Purpose: at the opening, a fault of the file is handled or is an error (`open_policy`): see
  *          database_file.h. Later, each fault is handled. A damaged file is renamed. A file that
  *          may not be written any more is replaced by one beside it. A file that was removed, moved
  *          or overwritten is created again. Then the run begins again in the new file
  *          (tl_recorder_state_restart_run()).
  * Reports: each fault once, in the log and as an event of the writer
  *          (tl_recorder_state_add_event()).
- * Changes: the file and the files beside it; in the writer's state its marks, if a run leaves a
- *          file. No record queue.
+ * Changes: the file and the files beside it. If a run leaves a file, also the marks in the writer's
+ *          state. Record queues are not changed.
  * Memory:  the caller's.
  * Thread:  one at a time.
  */
@@ -37,9 +37,9 @@ typedef struct tl_recorder_file {
     tl_recorder_database *database; /* NULL: no file is open */
     bool goes_on;                   /* the run was begun by another writer, and this one wrote nothing yet */
     bool is_kept;                   /* the previous writer's data is still in its file, as far as known */
-    char fate[TL_RECORDER_FATE];    /* of the previous file, until it is reported; "": none */
-    uint64_t lost_said;             /* how much of totals.lost was reported */
-    tl_time opened_at;              /* time of the last try */
+    char fate[TL_RECORDER_FATE];    /* what happened to the previous file, until it is reported; "": none */
+    uint64_t lost_said;             /* part of the mark's totals.lost that was reported */
+    tl_time opened_at;              /* time of the last try to open a file, ns */
     tl_error failure;               /* the last one, with the file's name */
     char reason[192];               /* the same without the name */
     tl_log_limiter limiter;
@@ -53,19 +53,21 @@ void tl_recorder_file_end(tl_recorder_file *file);
 /* Returns the path of the open file; if no file is open, the requested path. */
 const char *tl_recorder_file_path(const tl_recorder_file *file);
 
+/* Logs the text (limited rate) and stores it as an event of the writer. */
 void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity, const char *text);
 
 /* Stores why a call has failed in `failure` and `reason`. Call it before a rollback, which
  * overwrites SQLite's message. */
 void tl_recorder_file_keep_reason(tl_recorder_file *file, int code);
 
-/* Opens the file of the previous writer, or the requested file, or a replacement. *news holds the
- * reasons, for tl_recorder_file_report_fate(). On failure sets `failure`; *waits: a retry may
- * succeed. */
+/* Opens the file of the previous writer, or the requested file, or a replacement. *report gets the
+ * reasons, for tl_recorder_file_report_fate(). A failure sets `failure`, and *waits to true if a
+ * retry may succeed. */
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy open_policy, tl_database_report *report,
                                 bool *waits);
 
-/* Reports why the file differs from the previous one; NULL: no file is open. */
+/* Reports why the file differs from the previous one. `report`: from the opening; NULL: no file is
+ * open. */
 void tl_recorder_file_report_fate(tl_recorder_file *file, const tl_database_report *report);
 
 /* Returns whether to try again to open a file (every 0.1 s), and notes the time of the try. */
@@ -74,16 +76,18 @@ bool tl_recorder_file_is_due(tl_recorder_file *file);
 /* From now on commits wait for other programs for only 0.1 s, because entries are waiting. */
 void tl_recorder_file_set_short_wait(tl_recorder_file *file);
 
-/* Finds out how far the previous writer came, and whether its run is in this file; if not, leaves
- * that run. `report`: from the opening. Returns SQLite's result code. */
+/* Finds out whether the previous writer's last commit happened, and whether its run is in this
+ * file. If not, the run begins again in this file. `report`: from the opening. Returns SQLite's
+ * result code. */
 int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_report *report);
 
-/* Checks what other programs did to the file; SQLite would continue to write into it. Returns true
- * if it has reacted; then possibly no file is open. */
+/* Detects whether another program has moved, removed, overwritten or truncated the file. SQLite
+ * would not notice and would continue to write. Returns true if there was a change and it was
+ * handled; then possibly no file is open. */
 bool tl_recorder_file_check(tl_recorder_file *file);
 
-/* Handles a failure by another file instead of a retry. Returns true if the caller can write again
- * at once. */
+/* Handles a failed call with SQLite's result `code`: replaces a damaged or denied file by another
+ * one. Returns true if the caller can write again at once; false if it must retry later. */
 bool tl_recorder_file_repair(tl_recorder_file *file, int code);
 
 void tl_recorder_file_close(tl_recorder_file *file);

@@ -2,9 +2,9 @@
  * written.
  *
  * Purpose: a process that writes may be killed at any instant, and its successor must write each
- *          entry exactly once. So before each commit, a second mark describes the state after that
- *          commit. The successor compares both marks with the totals in the run's row, and so finds
- *          out whether the commit has happened.
+ *          entry exactly once. So before each commit, the writer stores a second mark: the state
+ *          after that commit. The successor compares both marks with the totals in the run's row.
+ *          So it finds out whether the commit has happened.
  * Memory:  the caller's, zeroed at first: of this process, or a shared block that outlives it and
  *          that only writers write. No pointers.
  * Thread:  one thread writes; any thread or process may read the counts and `taken`.
@@ -32,9 +32,9 @@ typedef struct tl_recorder_mark {
     bool has_begun;
     bool is_untimed; /* it began without a START, so it has no clock */
     bool has_ended;
-    bool hands_over; /* it has ended so that a run of another ring follows */
+    bool hands_over; /* it has ended with a handover: a run of another ring follows */
     uint32_t ring;   /* index of the record queue that it came from */
-    bool is_again;   /* its beginning is in another file, and this file has no sample yet */
+    bool is_again;   /* it began in another file, and this file has no sample of it yet */
     tl_record_queue_start start;
     tl_recorder_totals totals;       /* in the run's row */
     uint64_t own;                    /* how many of its events are the writer's own */
@@ -43,7 +43,7 @@ typedef struct tl_recorder_mark {
     uint64_t dropped;                /* those lost with a file, or that belonged to no run */
     uint64_t said;                   /* number of the first own event that is not written yet */
     uint64_t lost[TL_WRITER_QUEUES]; /* the producers' loss counts that are included in totals */
-    tl_time counted;                 /* when they were read, ns */
+    tl_time counted;                 /* when these loss counts were read, ns */
     uint64_t id;                     /* of the run in its ring; 0: none */
     int64_t sampled;                 /* tick of its newest sample + 1; 0: no sample */
     bool is_cut;                     /* the entries after `sampled` were skipped in the ring */
@@ -85,12 +85,13 @@ void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_ma
 /* Makes the tried mark the committed one and publishes it. */
 void tl_recorder_state_commit(tl_recorder_writer_state *state);
 
-/* Leaves the run's file: the run begins again in the next file. `gone`: the file is lost, so its
- * entries count as dropped and lost. Needs about 20 kB of stack. */
+/* Leaves the run's file: the run begins again in the next file. `gone`: the file is lost, so the
+ * run's entries in it count as dropped and lost. Needs about 20 kB of stack. */
 void tl_recorder_state_restart_run(tl_recorder_writer_state *state, bool gone);
 
-/* Publishes the committed mark, as settle() does. A new writer calls it, because the previous one
- * may have been killed inside settle(). */
+/* Publishes the committed mark: its progress becomes visible to producers and other threads. A new
+ * writer calls it, because the previous one may have been killed inside tl_recorder_state_commit().
+ */
 void tl_recorder_state_show(tl_recorder_writer_state *state);
 
 /* Stores an event of the writer until a file can be written. There is room for 8 events; then a new
@@ -101,7 +102,7 @@ void tl_recorder_state_add_event(tl_recorder_writer_state *state, tl_severity se
 
 typedef struct tl_recorder_state_counts {
     uint64_t written;      /* entries and events in a file, without the writer's own */
-    uint64_t dropped;      /* those in no file, although the producer did not lose them */
+    uint64_t dropped;      /* those that the producer did not lose, but that are in no file */
     int64_t run;           /* id of the newest run; 0: none yet */
     uint32_t tuning;       /* number of the newest tuning recorded with its configuration; 0: none */
     tl_time refused_since; /* CLOCK_MONOTONIC; 0: writing works */

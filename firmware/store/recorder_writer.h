@@ -7,12 +7,12 @@
  *          else to the last one.
  * Runs:    a START entry begins a run, END ends it. Events before the first START wait for it. A
  *          START during an open run means that this run did not end cleanly.
- * Rings:   a run in the ring of another queue may follow. Then the run ends with the reason
- *          `hand_over`, and this writer reads nothing after that END. When all entries before it
- *          are written (tl_recorder_writer_has_drained()), the caller closes this writer and opens
- *          one for the other ring, with the same state. If `goes_on` returns true, no other ring
- *          follows, and the writer continues with this ring. A queue must always keep its index in
- *          the list, because the state stores the progress per index.
+ * Rings:   the next run may come through the ring of another queue (handover). Then the present run
+ *          ends with the reason `hand_over`, and this writer reads nothing after that END. When all
+ *          entries before it are written (tl_recorder_writer_has_drained()), the caller closes this
+ *          writer and opens one for the other ring, with the same state. If `goes_on` returns true,
+ *          no other ring follows, and the writer continues with this ring. Each queue must keep its
+ *          index in the list for all writers, because the state stores the progress per index.
  * Once:    each entry and event is written exactly once, even if the process is killed at any
  *          instant. The successor finds what it needs in tl_recorder_writer_state
  *          (recorder_state.h), in memory that outlives the process. The run continues in the same
@@ -45,9 +45,9 @@
 typedef struct tl_recorder_writer tl_recorder_writer;
 
 typedef struct tl_recorder_writer_queue {
-    const char *name; /* of the producer: one word */
+    const char *name; /* of the producer, for messages: one word */
     tl_record_queue_settings settings;
-    const void *memory; /* NULL: absent now */
+    const void *memory; /* NULL: there is no such queue now */
 } tl_recorder_writer_queue;
 
 /* Readings that io keeps, for samples that are missing in the ring. */
@@ -83,8 +83,8 @@ void tl_recorder_writer_write(tl_recorder_writer *writer);
  * and the last write did not fail. */
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
 
-/* The producer of the ring has ended, or puts nothing more until the next writer reads the ring.
- * From now on also a sample that waits for its step is read. */
+/* Call it when the producer of the ring has ended, or puts nothing more before the next writer
+ * reads the ring. From now on the writer also reads a sample that waits for its step. */
 void tl_recorder_writer_finish_ring(tl_recorder_writer *writer);
 
 /* Returns true if all entries of the ring up to a handover are written, and the events of its queue
@@ -99,10 +99,11 @@ tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer);
 
 /* Writes the remaining entries and closes. Retries for at most `patience` (ns) if the disk refuses;
- * then counts the remaining entries as dropped and fails with TL_TRY_AGAIN. A run without END then
- * has no end, and the next writer without this state marks it as not ended cleanly. The last writer
- * (`is_last`) marks it itself if all entries are written, including a sample that waits for its
- * step. A writer with this state continues the run in both cases. NULL is allowed. */
+ * then counts the remaining entries as dropped and fails with TL_TRY_AGAIN. If the run has no END
+ * entry, its row then has no end. The next writer without this state marks it as not ended cleanly.
+ * The last writer (`is_last`) marks it itself if all entries are written, including a sample that
+ * waits for its step. In both cases a writer with this state can continue the run. NULL is allowed.
+ */
 tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error);
 
 #endif

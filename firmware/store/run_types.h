@@ -19,7 +19,7 @@ enum { TL_RECORDER_NAME = 80 }; /* bytes of "plant." and a name of at most 63 ch
 /* A signal: its name and its unit. */
 typedef struct tl_recorder_signal {
     const char *name; /* "motor.omega", "plant.omega" */
-    const char *unit; /* "" if it has none */
+    const char *unit; /* "": it has no unit */
     const char *to;   /* match: the plant signal to compare with; else NULL */
     tl_type type;
 } tl_recorder_signal;
@@ -49,8 +49,8 @@ typedef enum tl_resumed_from {
     TL_RESUMED_INPUTS      /* the FMUs' start values, some time before its end */
 } tl_resumed_from;
 
-/* Returns "", "checkpoint", "start" or "inputs". The inverse returns TL_RESUMED_NOT for an unknown
- * name. */
+/* Returns "", "checkpoint", "start" or "inputs". The second function is the inverse; it returns
+ * TL_RESUMED_NOT for an unknown name. */
 const char *tl_resumed_from_name(tl_resumed_from from);
 tl_resumed_from tl_resumed_from_named(const char *name);
 
@@ -58,13 +58,13 @@ tl_resumed_from tl_resumed_from_named(const char *name);
 typedef struct tl_resumption {
     tl_resumed_from from; /* TL_RESUMED_NOT: no resume, and the other fields have no meaning */
     int64_t run;          /* id of the earlier run */
-    int64_t tick;         /* first own tick; those before it are the earlier run's, and are replayed */
+    int64_t tick;         /* first tick of the new run; earlier ticks are those of the earlier run, and are replayed */
     tl_time start;        /* t_start of the earlier run, on the clock of the samples' stamps */
     int64_t started;      /* t_start in UTC, ms */
     double start_s;       /* the FMUs' time at tick 0, s, as tl_experiment */
 } tl_resumption;
 
-/* A tuning that a twin uses, and the configuration that it is from. */
+/* A tuning that a twin uses, and the configuration that contains it. */
 typedef struct tl_run_tuning {
     int64_t tick;              /* first tick with this tuning */
     uint32_t number;           /* of the request, see live_tuning.h; 0: none, or unknown */

@@ -39,7 +39,7 @@ typedef struct tl_assembly {
     tl_twin *twin;
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
-    tl_recording_time recorded; /* set before the build: of the replayed recording, or the end of the run */
+    tl_recording_time recorded; /* set before the build: time of the replayed recording, or the end of the run */
     tl_tuning tuning;           /* as configured */
     tl_arena arena;             /* for all arrays above and for `files` */
     tl_assembly_file *files;    /* one per component; NULL: not opened yet */
@@ -56,16 +56,16 @@ enum { TL_ASSEMBLY_NAME = 64 };
  * first problem; `component` is the name of its component, or "" if it belongs to none. */
 tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error);
 
-/* If the sentence begins with a component's name and a colon (as messages about failed calls do),
- * copies that name. Otherwise `component` becomes "". */
+/* Copies the component's name with which the sentence begins, if a colon follows it (as in messages
+ * about failed calls). Otherwise `component` stays unchanged. */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
-/* Returns the newest message of a component's FMU with fmi2Warning or worse, cut to fit; "": none.
- * After the build; valid until the FMU's next call. */
+/* Returns the newest message of a component's FMU with fmi2Warning or worse, truncated; "": none.
+ * Call it after the build. The text is valid until the FMU's next call. */
 const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component);
 
-/* Copies a sentence without the component's name at its beginning and without the advice after a
- * semicolon. */
+/* Copies a sentence to `text` (`size` bytes), truncated. Leaves out the component's name (`name`)
+ * at its beginning and the advice after a semicolon. */
 void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size);
 
 /* Finds the FMUs and libraries and opens the FMUs, for a process that drops its access rights
@@ -76,7 +76,8 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);
  * that its other readers see them. */
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error);
 
-/* Builds the twin again, as configured, in an assembly that had one. Logs problems. */
+/* Destroys the twin and builds it again with the configured tuning. Call it only after a successful
+ * build. Logs problems. */
 tl_status tl_assembly_rebuild(tl_assembly *assembly);
 
 /* Frees everything. A zeroed assembly is allowed. */

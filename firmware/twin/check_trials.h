@@ -3,7 +3,7 @@
  *
  * Bound:   the call timeout of a check applies to each FMU call (twin_child.h).
  * Thread:  one, as for twin_child.h.
- * Errors:  TL_INTERRUPTED; all else is a result.
+ * Errors:  only TL_INTERRUPTED; any other failure is part of the result.
  */
 #ifndef TL_FIRMWARE_TWIN_CHECK_TRIALS_H
 #define TL_FIRMWARE_TWIN_CHECK_TRIALS_H
@@ -13,8 +13,8 @@
 #include "firmware/twin/twin_child.h"
 #include "firmware/twin/twin_trial.h"
 
-/* ---- Another rollback method for a component whose rollback by the configured method is not
- * exact.
+/* ---- Search for another rollback method, if a component's rollback by the configured method is
+ * not exact.
  *
  * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries the
  *          method that `auto` finds.
@@ -24,7 +24,7 @@
 typedef enum tl_other_method_kind {
     TL_OTHER_METHOD_NOT_SOUGHT, /* nothing to report */
     TL_OTHER_METHOD_UNKNOWN,    /* the trial failed; `text` gives the reason */
-    TL_OTHER_METHOD_NONE,       /* no method is exact */
+    TL_OTHER_METHOD_NONE,       /* `auto` finds no exact method either */
     TL_OTHER_METHOD_FOUND
 } tl_other_method_kind;
 
@@ -53,9 +53,10 @@ void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_M
  * Purpose: one process runs both twins (twin_trial.h). If they differ, another process repeats the
  *          first twin alone.
  *          An FMU that differs from itself when alone is *not deterministic*.
- *          An FMU that differs only beside another instance is *one per process*, whatever it
- *          declares. So is an FMU whose second instance crashes, never returns or is rejected.
- * Bound:   of steps: see twin_trial.h.
+ *          An FMU that differs only beside another instance is *one per process*, even if its
+ *          modelDescription.xml permits several instances. So is an FMU whose second instance
+ *          crashes, never returns or is rejected.
+ * Bound:   TL_PAIR_STEPS and TL_PAIR_LONGEST (twin_trial.h).
  */
 
 typedef enum tl_pair_kind {
@@ -72,7 +73,8 @@ typedef struct tl_pair_verdict {
     char text[TL_ERROR_TEXT];     /* what went wrong; "": nothing */
 } tl_pair_verdict;
 
-/* Runs the comparison. `settings`: of a check that has found no problem. Errors: TL_INTERRUPTED. */
+/* Runs the comparison, after a check with these settings that found no problem. Errors:
+ * TL_INTERRUPTED. */
 tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_verdict *verdict, tl_error *error);
 
 #endif

@@ -1,16 +1,16 @@
 /* Checkpointer: saves the running twin at intervals, so that a restarted twin has few ticks to
  *               repeat.
  *
- * Purpose: saves after a tick, in the cycle's thread, if the budget has enough time. The bytes go
- *          into the record queue, from which the next twin process and the recorder read them. If
- *          another process cannot load the saved states of an FMU, nothing is saved.
+ * Purpose: saves after a tick, in the cycle's thread, if enough of the tick's time budget is left.
+ *          The bytes go into the record queue, from which the next twin process and the recorder
+ *          read them. If another process cannot load the saved states of an FMU, nothing is saved.
  * When:    after the first tick, which also measures the cost. Then every 10 s of plant time, or
- *          every 2000 ticks if that is less. After a reset of the FMUs, as soon as there is time.
- *          If a checkpoint does not fit into the budget, or an FMU cannot serialise its state, an
- *          event reports it once. A restart then repeats the newest inputs, which the record queue
- *          keeps for this purpose.
- * Shadow:  a shadow measures the cost while there is time. Its first checkpoint is the one with
- *          which its run begins.
+ *          every 2000 ticks if that is shorter. After a reset of the FMUs, as soon as there is
+ *          time. If a checkpoint does not fit into the budget, or an FMU cannot serialise its
+ *          state, an event reports it once. A restart then repeats the newest inputs, which the
+ *          record queue keeps for this purpose.
+ * Shadow:  a shadow measures the cost after a tick that has time left. Its first checkpoint is the
+ *          beginning of its run.
  * Thread:  the cycle's.
  * Memory:  allocated after the first tick.
  * Errors:  none are returned; a failure is an event.
@@ -30,21 +30,22 @@ typedef struct tl_checkpointer {
     tl_twin *twin;
     tl_record_queue *queue;
     tl_journal *journal;
-    int64_t interval; /* ticks */
-    int64_t next;     /* tick after which the next checkpoint is due */
-    tl_time cost;     /* ns, as measured last */
-    tl_time least;   /* ns, lowest measured; used once a checkpoint is late, so that one slow save does not block all */
-    bool is_ready;   /* memory is allocated and the cost is known */
-    bool only_marks; /* nothing can be saved: only the mark from which inputs are kept moves forward */
-    bool is_off;     /* this run will never be resumed */
-    bool has_reported;
+    int64_t interval;  /* ticks */
+    int64_t next;      /* tick after which the next checkpoint is due */
+    tl_time cost;      /* ns, as measured last */
+    tl_time least;     /* ns, lowest measured; used if a checkpoint is late: one slow save must not prevent the next */
+    bool is_ready;     /* memory is allocated and the cost is known */
+    bool only_marks;   /* nothing can be saved: only moves the tick from which the record queue keeps inputs */
+    bool is_off;       /* record.resume_s is 0: this run is never resumed */
+    bool has_reported; /* the event about a late checkpoint */
 } tl_checkpointer;
 
 /* Bytes to reserve for each checkpoint of a twin that takes `size` bytes now. More than `size`,
  * because it may grow. */
 size_t tl_checkpointer_room(size_t size);
 
-/* `readable`: false if another process cannot load the serialised states of these FMUs. */
+/* `readable`: false if another process cannot load the serialised states of these FMUs. The twin of
+ * the assembly, the queue and the journal must outlive the checkpointer. */
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_record_queue *queue,
                           tl_journal *journal, bool readable);
 
@@ -62,8 +63,9 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
  * tl_checkpointer_after(). */
 void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget);
 
-/* Saves the twin if that is expected to take less than `left` ns. Returns false if it was not
- * saved: no time, or not possible at this tick. */
+/* Saves the twin into the record queue's memory if that is expected to take less than `left` ns.
+ * *size: bytes. Returns false if nothing was saved: no time, the cost is not measured yet, or
+ * saving is not possible at this tick. */
 bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size);
 
 /* Enqueues the bytes saved last as the twin after `tick`. The next checkpoint is due as usual. */

@@ -22,17 +22,18 @@
 /* ---- Real-time scheduling if it is permitted, else ordinary scheduling.
  *
  * Purpose: SCHED_FIFO for the cycle thread, and locked memory so that no page fault delays it. If
- *          one is not permitted, the run continues. An event reports that only when the cycle has
- *          missed a tick or a deadline for the first time, as its possible cause with the remedy.
+ *          one is not permitted, the run continues. Only after the first missed tick or deadline,
+ *          an event reports this as a possible cause, with the remedy.
  */
 
-/* What is configured and was not permitted. Zeroed: nothing. */
+/* Features that are configured but were not permitted. Zeroed: none. */
 typedef struct tl_realtime_missing {
     int lock_error; /* errno of mlockall */
-    bool priority;
+    bool priority;  /* SCHED_FIFO was not permitted */
 } tl_realtime_missing;
 
-/* mlockall: locks the present mappings, and future ones if permitted. Returns 0 or errno. */
+/* mlockall: locks the present mappings, and future ones if RLIMIT_MEMLOCK is unlimited. Returns 0
+ * or errno. */
 int tl_realtime_lock_memory(void);
 
 /* ---- Real-time cycle: the FMU thread wakes up at absolute instants, takes a sample, and steps the
@@ -42,20 +43,20 @@ int tl_realtime_lock_memory(void);
  *          writes records to the record queue.
  * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick is skipped if its whole
  *          period has passed before it could begin. The twin catches it up within the time budget
- *          of a later tick, so that model time stays plant time: with the sample of its own
- *          instant, without a search, with nominal plus the last Δu (a Boolean: the last u). Of the
- *          ticks at which a step was due, ticks = steps + skipped.
- * Tunings: checked at the start of each tick, and applied from the first tick that is computed
- *          then. If there is none, this costs one load and no system call. If the record queue has
- *          no room for a tuning, the cycle retries at the next tick: a tuning takes effect only
- *          once it is recorded.
+ *          of a later tick, so that model time stays plant time. It then uses the sample of the
+ *          skipped instant, and nominal plus the last Δu (a Boolean: the last u), without a search.
+ *          The counts include only ticks at which a step was due: ticks = steps + skipped.
+ * Tunings: the cycle checks for one at the start of each tick. A new tuning applies from the next
+ *          tick that is computed, which may be a skipped one. Without a new tuning the check costs
+ *          one load and no system call. If the record queue has no room for a tuning, the cycle
+ *          retries at the next tick: a tuning takes effect only once it is recorded.
  * Shadow:  a cycle computes the live twin, or a shadow in the other slot (handover.h). A shadow
  *          begins its ticks a quarter of a step later. It enqueues no records, and its events are
- *          only logged. At a handover the two swap roles. Some ticks before, as soon as there is
- *          time to save the twin, the shadow begins its run. It then drops all that is not saved,
- *          so that a replay repeats the run. Its records begin with these ticks, because a warm
- *          restart follows them. The live twin computes all ticks before the handover, ends its
- *          run, and becomes the shadow. Both restart their counts from 0.
+ *          only logged. At a handover the two swap roles. Before that, at the first tick with time
+ *          for it, the shadow saves a checkpoint and begins its run. It then drops all state that
+ *          the checkpoint does not contain, so that a replay repeats the run. It records its ticks
+ *          from there on, because a resumed twin repeats them. The live twin computes all ticks
+ *          before the handover, ends its run, and becomes the shadow. Both reset their counts to 0.
  * Thread:  start and stop from one thread; status from any. The caller gives the FMU thread the
  *          configured real-time priority between start and stop, and an ordinary priority while
  *          FMUs are loaded and freed.
@@ -67,7 +68,7 @@ typedef struct tl_cycle tl_cycle;
 typedef struct tl_cycle_place {
     const tl_handover *handover_block; /* handover block; NULL: there are no handovers */
     uint32_t slot_index;
-    uint32_t handovers; /* number of the newest handover to ignore */
+    uint32_t handovers; /* number of the last handover before this cycle, which it ignores */
     uint32_t
         *handed_over; /* receives the number of the newest handover completed here; required with a handover block */
     bool is_shadow;
@@ -87,21 +88,21 @@ typedef struct tl_cycle_settings {
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
     tl_cycle_place slot_index;
     tl_realtime_missing missing;
-    bool unreadable;    /* saved states of these FMUs cannot be loaded, so none are saved */
+    bool unreadable;    /* no process can load the saved states of these FMUs, so no checkpoint is saved */
     tl_summary resumed; /* what was done before the first tick of a resumed run; else zeroes */
 } tl_cycle_settings;
 
-/* State of the cycle, for the status line and for comparison. Counts begin at the start or at the
- * last change of role. Those of a shadow begin when it has caught up with the plant for the first
- * time. Fits tl_latest. */
+/* State of the cycle, for the status line and for a comparison of both twins. Counts begin at the
+ * start or at the last change of role. Those of a shadow begin when it has caught up with the plant
+ * for the first time. The size fits into a tl_latest (os.h). */
 typedef struct tl_cycle_status {
     bool is_shadow;
-    bool is_live; /* false: a shadow that still catches up missed ticks */
+    bool is_live; /* false only for a shadow that still catches up missed ticks */
     int64_t tick; /* the newest tick */
     uint64_t steps;
     uint64_t ticks;
     uint64_t skipped;
-    uint64_t gaps; /* number of times that ticks were skipped, however many at once */
+    uint64_t gaps; /* a gap is one or more skipped ticks in a row */
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;
@@ -114,12 +115,13 @@ typedef struct tl_cycle_status {
     tl_lock_tally lock_before; /* the same with the lock tolerances of the version that a probation may roll back to */
 } tl_cycle_status;
 
-/* Starts the cycle and begins the run in the record queue. Tick 0 is due one period from now. A
- * resumed twin continues with its next tick at the time scale of the earlier run; all ticks since
- * then count as missed. Settings and all that they point to must outlive the cycle. */
+/* Starts the cycle. A new live run begins in the record queue, and its tick 0 is due one period
+ * from now. A resumed twin keeps t_start of the earlier run and continues with its next tick; all
+ * ticks since then count as missed. Settings are copied; all that they point to must outlive the
+ * cycle. */
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
 
-/* Copies the newest state without waiting. Returns false if none could be read. */
+/* Copies the newest status without waiting. Returns false if none could be read. */
 bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
 
 /* Stops the cycle within at most one period, fills the summary, and frees the cycle. *has_run: a
@@ -133,13 +135,13 @@ enum { TL_STATUS_LINE = 78 }; /* bytes with the NUL: a line of a terminal, with 
  * does not fit is left out. Main thread only. */
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]);
 
-/* ---- Safe hold: records the plant without a twin, after a restart loop or until the twin may
- * begin. No FMU runs. Log and status line report the reason and the time of the next retry.
+/* ---- Safe hold: records the plant without a twin: after a restart loop, or while the saved states
+ * of the FMUs are tested. No FMU runs. Log and status line report the reason and the next retry.
  *
  * Purpose: if the twin cannot run, no sample is lost: the recording can be replayed once the fault
  *          is found.
- * Ticks:   as the cycle's, T_S apart. Nothing is computed, so ordinary scheduling is enough, and
- *          late ticks are processed at once.
+ * Ticks:   T_S apart, as in the cycle. Nothing is computed, so ordinary scheduling is enough. Late
+ *          ticks are processed at once.
  * Thread:  the main thread, until a signal ends it.
  */
 
@@ -147,13 +149,12 @@ typedef struct tl_safe_hold_settings {
     const tl_cycle_settings
         *cycle; /* of the cycle that does not run: configuration, plant, record queue, journal, heartbeats */
     tl_thread_heartbeat *heartbeat; /* of this thread */
-    tl_time time;                   /* until the supervisor retries the twin */
-    unsigned missing;               /* starts in a row without a new process; 0: the twin failed */
+    tl_time time;                   /* ns from the start of safe hold until the supervisor retries the twin */
+    unsigned missing;               /* starts in a row that made no new process; 0: the twin itself failed */
     unsigned failures;              /* number of failures in this loop */
     const char *reason;             /* reason of the last failure */
     bool records;                   /* a recorder reads the record queue */
-    tl_time
-        since; /* 0: after a restart loop. Else: samples since then, until the saved states of the FMUs are tested */
+    tl_time since; /* 0: after a restart loop; else the saved states are being tested: samples from then on */
 } tl_safe_hold_settings;
 
 /* Runs safe hold. Returns after a signal to terminate. */

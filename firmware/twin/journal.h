@@ -2,8 +2,8 @@
  *
  * Purpose: the cycle and the drivers report events without waiting; the main thread writes them to
  *          stderr later.
- * Bound:   at most TL_JOURNAL_ENTRIES events are queued. Further ones are counted and reported as
- *          one event.
+ * Bound:   at most TL_JOURNAL_ENTRIES events wait for the log. Further ones are recorded but not
+ *          logged; the log gets their number.
  * Memory:  all inside the struct.
  * Thread:  event() from any thread; it never blocks, and uses a compare-and-swap loop among
  *          writers. drain() from one thread.
@@ -20,9 +20,9 @@
 enum { TL_JOURNAL_ENTRIES = 256, TL_JOURNAL_TEXT = 224 };
 
 typedef struct tl_journal_entry {
-    uint64_t turn; /* sequence number for which the entry is free or filled */
+    uint64_t turn; /* n: free for event number n; n + 1: contains event number n */
     tl_severity severity;
-    bool apart;
+    bool apart; /* event of a shadow */
     char source[16];
     char text[TL_JOURNAL_TEXT];
 } tl_journal_entry;
@@ -34,26 +34,27 @@ typedef void tl_journal_listener(void *context, int64_t tick, tl_severity severi
 typedef struct tl_journal {
     tl_recorder *recorder;         /* NULL: events are only logged */
     tl_journal_listener *on_event; /* NULL: no listener */
-    void *listener;
-    uint64_t head; /* next to write */
-    uint64_t tail; /* next to read */
-    uint64_t dropped;
-    bool apart; /* see tl_journal_set_apart() */
+    void *listener;                /* context of on_event */
+    uint64_t head;                 /* next to write */
+    uint64_t tail;                 /* next to read */
+    uint64_t dropped;              /* not logged since the last drain */
+    bool apart;                    /* see tl_journal_set_apart() */
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
 } tl_journal;
 
-/* `recorder` may be NULL: events are only logged. */
+/* `recorder` must outlive the journal. NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on `on_event` is called with every event, in the thread that reports it. It must be safe
- * to call from any thread. */
+/* From now on `on_event` is called with every event that is not a shadow's, in the thread that
+ * reports it. It must be safe to call from any thread. */
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *on_event, void *context);
 
 /* Adds an event, as tl_recorder_event(). `tick` is −1 if it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
 
-/* True: events from now on are those of a shadow: only logged, as "shadow: …". Any thread. */
+/* `apart` true: the twin is a shadow, so its events are only logged, with the prefix "shadow: ".
+ * Any thread. */
 void tl_journal_set_apart(tl_journal *journal, bool apart);
 bool tl_journal_is_apart(const tl_journal *journal);
 

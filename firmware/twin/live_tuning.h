@@ -1,13 +1,14 @@
 /* Tuning block: passes a configuration that differs only in its tuning to a running twin.
  *
- * Purpose: the config manager writes the block. It has no FMU and no plant. The twin's cycle checks
- *          the number at the start of each tick and applies a new tuning; the recorder stores the
- *          text. Each reports the result in its own status block: tl_live_tuning_answer, and
+ * Purpose: the config manager writes the block. The twin's cycle checks the number at the start of
+ *          each tick and applies a new tuning; the recorder stores the text. Each reports the
+ *          result in its own status block: tl_live_tuning_answer, and
  *          tl_recorder_state_get().tuning. If the next tuning is written before both have answered,
  *          the recorder's answer to the earlier one is lost.
- * Numbers: odd during a write, and if there is no tuning any more; even when the block is complete.
- *          Each number is 2 more than the one before. If the writer dies during a write, the number
- *          stays odd: readers skip the block, and the next writer continues from there.
+ * Numbers: 0: no tuning yet. Even: the block is complete. Odd: a write is in progress, or the
+ *          tuning was invalidated. Each tuning has a higher number than the one before. If the
+ *          writer dies during a write, the number stays odd: readers skip the block, and the next
+ *          writer continues from there.
  * Trust:   the content is untrusted: readers copy it before they validate it. The answer is
  *          untrusted too, because the twin writes it.
  * Memory:  in a block (block.h), zeroed at first; copied word by word, so that no process waits for
@@ -44,14 +45,14 @@ typedef struct tl_live_tuning_head {
 
 typedef struct tl_live_tuning {
     tl_live_tuning_head head;
-    tl_latest tolerances; /* tl_lock_tolerances: a second set, with which the lock is monitored as well; zeroed: none */
+    tl_latest tolerances;               /* a tl_lock_tolerances: second set, for a second lock monitor; zeroed: none */
     char text[TL_CONFIG_MAX_BYTES + 8]; /* size in whole words; terminated by NUL */
 } tl_live_tuning;
 
 /* The twin's answer to the newest tuning that it has processed. */
 typedef struct tl_live_tuning_answer {
-    uint32_t number; /* its number; 0: none so far */
-    uint32_t refused;
+    uint32_t number;         /* its number; 0: none so far */
+    uint32_t refused;        /* 1: the tuning was rejected */
     int64_t tick;            /* first tick with this tuning */
     char why[TL_ERROR_TEXT]; /* why it was rejected */
 } tl_live_tuning_answer;
@@ -62,7 +63,8 @@ typedef struct tl_live_tuning_answer {
  * are those of the text, which has at most TL_CONFIG_MAX_BYTES bytes. */
 uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *head, const char *text);
 
-/* Invalidates the present tuning. The next one gets a number above `number`. */
+/* Invalidates the present tuning: its number becomes odd. The next tuning gets a number above
+ * `number`. */
 void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number);
 
 /* Copies the twin's answer to tuning `number`. Returns false if it has not answered yet. */
@@ -70,13 +72,13 @@ bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t numbe
 
 /* ---- readers ---- */
 
-/* Number of the present tuning, complete or not: one relaxed load. 0: none. */
+/* Number of the block, even or odd; one relaxed load. 0: no tuning yet. */
 static inline uint32_t tl_live_tuning_number(const tl_live_tuning *block) {
     return __atomic_load_n(&block->head.number, __ATOMIC_RELAXED);
 }
 
 /* Copies the head. Errors: TL_TRY_AGAIN: there is no tuning, or it is being written. TL_BAD_DATA:
- * the content is invalid; the number is set, and need not be read again. */
+ * the content is invalid; head->number is set, so that the caller can skip this tuning. */
 tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *head, tl_error *error);
 
 /* As tl_live_tuning_read(), with the text and a NUL. Errors: the same; TL_BAD_DATA also if the text

@@ -28,10 +28,10 @@ enum {
 typedef enum tl_read_back_finding {
     TL_READ_BACK_UNKNOWN, /* not tested, or not completely */
     TL_READ_BACK_IS_EXACT,
-    TL_READ_BACK_ENDS, /* the process that loads it ended, or was killed because loading took too long */
-    TL_READ_BACK_IS_REFUSED,
-    TL_READ_BACK_IS_OTHER, /* after loading, the same inputs give other values */
-    TL_READ_BACK_NOT_FOUND /* the same in the process that saved it: serialisation is not the cause */
+    TL_READ_BACK_ENDS,       /* the process that loads it ended, or was killed because loading took too long */
+    TL_READ_BACK_IS_REFUSED, /* loading the state, or a step after it, failed */
+    TL_READ_BACK_IS_OTHER,   /* after loading, the same inputs give other values */
+    TL_READ_BACK_NOT_FOUND   /* a rollback fails already in the process that saved: serialisation is not the cause */
 } tl_read_back_finding;
 
 /* Of one component. */
@@ -41,14 +41,14 @@ typedef struct tl_read_back_component {
 } tl_read_back_component;
 
 typedef struct tl_read_back_report {
-    bool is_tried;
+    bool is_tried; /* the test was started */
     bool is_exact; /* all components are exact */
     size_t count;
     tl_read_back_component of[TL_RECORDER_COMPONENTS];
 } tl_read_back_report;
 
-/* Starts another process and returns when it has ended. TL_OK: as expected; else the error says how
- * it ended. */
+/* Request to the parent: `ask` starts another process and returns when that has ended. TL_OK: it
+ * ended as expected; else the error says how it ended. */
 typedef struct tl_read_back_host {
     tl_status (*ask)(void *context, tl_error *error);
     void *context;
@@ -62,7 +62,7 @@ void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *hos
 /* Returns true if another process cannot resume from such a state. */
 bool tl_read_back_is_useless(tl_read_back_finding finding);
 
-/* Text for a bad finding: "ends the process that loads it". */
+/* Text for a bad finding, for example "ends the process that loads it". */
 const char *tl_read_back_text(tl_read_back_finding finding);
 
 /* Runs in the second process, whose twin is built: loads the states and writes the results. Errors:

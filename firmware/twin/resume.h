@@ -25,38 +25,37 @@
 
 /* ---- Rule: when a run is resumed, for all sources.
  *
- * Rule:    resumes the newest run that computed a step of its own. It must not have ended regularly
- *          or with an error. Its last tick must be at most `record.resume_s` ago, and a part of its
- *          duration must remain.
+ * Rule:    resumes the newest run that computed at least one step beyond the ticks that it followed
+ *          itself. The run must not have ended regularly or with an error. Its last tick must be at
+ *          most `record.resume_s` ago, and a part of its duration must remain.
  * Result:  false if the rule forbids it; then `why` is the text for an event.
  * Thread:  any: the functions are pure.
  */
 
 enum {
     TL_RESUME_WHY = 160,
-    TL_RESUME_FRUITLESS = 3 /* most restarts in a row that get no further than the run they resumed */
+    TL_RESUME_FRUITLESS = 3 /* most restarts in a row that compute no tick beyond the run that they resume */
 };
 
-/* Writes the reason and returns false. */
+/* Writes the reason to `why` and returns false. */
 bool tl_resume_refuse(char why[TL_RESUME_WHY], const char *format, ...) TL_PRINTF(2, 3);
 
 /* `reason`: end reason of the run; NULL: the run did not end. Returns false if the run was complete
  * or failed, because a resumed one would end in the same way. */
 bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESUME_WHY]);
 
-/* `gap`: ns since the last tick `last` of the run. Returns false if that is too long, or if nothing
- * remains of the configured duration. */
+/* `gap`: ns since the last tick `last` of the run. `lead`: step i is computed at tick i + lead.
+ * Returns false if the gap is too long or negative, or if the configured duration is over. */
 bool tl_resume_is_running(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_RESUME_WHY]);
 
-/* Number of ticks that can be followed in the time allowed for it. `execution`: ns of one
- * execution; 0: unknown. */
+/* Number of ticks that can be followed within 0.5 s, 1 … TL_RESUME_TICKS. `execution`: ns of one
+ * execution of a component; 0: unknown. */
 int64_t tl_resume_most_followed(tl_time execution, size_t components);
 
-/* ---- Ticks to be followed, packed one after the other: the samples of the plant and the committed
- * u.
+/* ---- Packed ticks: the plant's samples and the committed u that a new twin follows.
  *
- * Purpose: compact form in an image. A tick of two signals takes a thirtieth of a tl_resume_tick.
+ * Purpose: compact form in an image. A packed tick of two signals needs 1/30 of a tl_resume_tick.
  * Format:  one byte (does the tick have u, were the FMUs reset before its step), the signals
  *          (recorder_entry.h) with stamps relative to t_start, and u. Private to program and
  *          machine. No alignment is needed.
@@ -68,20 +67,21 @@ int64_t tl_resume_most_followed(tl_time execution, size_t components);
 #define TL_RESUME_FAR (INT64_MAX / 4)
 
 typedef struct tl_resume_tick {
-    tl_sample sample;        /* signals outside of the shape have no link */
+    tl_sample sample;        /* signals that the shape does not contain have quality TL_NO_LINK */
     bool has_u;              /* false for the first ticks of a run */
     bool resets;             /* the FMUs were reset before its step (TL_FLAG_RESET) */
     double u[TL_MAX_ADJUST]; /* zeros if there is none */
 } tl_resume_tick;
 
+/* Bytes of one packed tick. */
 size_t tl_resume_tick_bytes(const tl_recorder_shape *shape);
 
 /* ---- list of packed ticks, to write an image ---- */
 
-/* Zeroed except for its shape: empty. */
+/* Empty if all is zero except the shape. */
 typedef struct tl_resume_ticks {
     tl_recorder_shape shape;
-    int64_t first;
+    int64_t first; /* tick of the first entry */
     size_t count;
     size_t capacity;
     unsigned char *bytes; /* count · tl_resume_tick_bytes() are used */
@@ -117,25 +117,25 @@ int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first);
  *          database or in the record queue of a dead process.
  * Image:   a resume point as bytes without pointers, at most TL_RESUME_MOST: head, checkpoint,
  *          tunings, packed ticks. Valid only for the same program and machine.
- * Samples: an image of the present run, for a twin that starts beside it, contains only ticks
- *          without u (from = TL_RESUMED_NOT).
+ * Samples: an image of the present run, for a shadow, contains only ticks without u
+ *          (from = TL_RESUMED_NOT).
  * Trust:   an image is untrusted; tl_resume_read() validates all of it. It must not change
- *          afterwards. So an image in memory that others can write is copied first, once they have
- *          reported that it is complete.
+ *          afterwards. If another process can write the memory of an image, the reader waits until
+ *          that process reports the image as complete. Then it reads a copy.
  * Owner:   a resume point refers to its image, or to the memory that its source names.
  * Thread:  any: plain data.
  */
 
 enum {
     TL_RESUME_TICKS = 5000, /* most ticks to follow; the recorder needs about 0.1 ms for each */
-    TL_RESUME_TUNINGS = 16, /* the one that applied at first, and the newest later ones */
+    TL_RESUME_TUNINGS = 16, /* most tunings: the one that applies at the first tick, and the newest later ones */
     TL_RESUME_TEXT = 224    /* of a message */
 };
 
 /* Largest size of an image, bytes. */
 #define TL_RESUME_MOST ((size_t)64 * 1024 * 1024)
 
-/* Number of an earlier run in the same record queue, where runs have no numbers. */
+/* Run number for an earlier run in the same record queue, because runs have no numbers there. */
 #define TL_RESUME_UNNUMBERED ((int64_t)-1)
 
 typedef struct tl_resume {
@@ -145,7 +145,7 @@ typedef struct tl_resume {
     tl_time step;        /* T_S, ns */
     double start_s;      /* the FMUs' time at tick 0, s */
     tl_time start;       /* t_start of the run on CLOCK_MONOTONIC */
-    int64_t started;     /* and in UTC, ms */
+    int64_t started;     /* t_start in UTC, ms */
     size_t checkpoint_size, tuning_count;
     tl_recorder_shape shape;
     tl_resumed_from from;         /* TL_RESUMED_NOT: samples only */
@@ -175,6 +175,7 @@ void tl_resume_identify_recorded(const tl_recorder_signal *signals, size_t count
 /* Size of an image with so many ticks and tunings, and a checkpoint of so many bytes. */
 size_t tl_resume_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
 
+/* Size of the image of this resume point, bytes. */
 size_t tl_resume_size(const tl_resume *resume);
 
 /* Selects the tunings of a run that matter for the ticks `first` to `last`, and moves them to the
@@ -184,9 +185,9 @@ size_t tl_resume_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t fi
 /* Writes the image, of tl_resume_size() bytes. It does not contain gap and age. */
 void tl_resume_write(const tl_resume *resume, void *image);
 
-/* Validates an image and fills `resume`. `now`: CLOCK_MONOTONIC. `config`: with second look-ups as
+/* Validates an image and fills `resume`. `now`: CLOCK_MONOTONIC. `config`: with further look-ups as
  * signals (tl_config_use_lookups()).
- * Errors: TL_BAD_DATA: no valid image, or not of a run that was running until just now. */
+ * Errors: TL_BAD_DATA: the image is invalid, contains only samples, or ended too long ago. */
 tl_status tl_resume_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_resume *resume,
                          tl_error *error);
 
@@ -202,20 +203,20 @@ bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *ou
 /* ---- Following: brings a new twin to the point at which an earlier run ended.
  *
  * Purpose: the twin loads the checkpoint, or starts with the FMUs' start values. It then executes
- *          the ticks of the resume point without a search. The FMUs are reset at the same steps as
+ *          the ticks of the resume point without a search. It resets the FMUs at the same steps as
  *          in that run. The time without a running twin counts as missed ticks, which the cycle
  *          catches up.
  * Record:  the followed ticks and the checkpoint are recorded again, as part of the new run. So the
  *          new run needs nothing of the earlier one, neither for its replay nor for a later resume.
- * Waiting: no tick is due meanwhile. So the twin waits for room in the record queue, for two
- *          seconds in all; after that, entries without room are lost.
+ * Waiting: the cycle has not started, so no tick is due. If the record queue is full, the twin
+ *          waits for room, 2 s in total; after that, entries without room are lost.
  * Thread:  the FMU thread, before the cycle starts.
  */
 
 typedef enum tl_resume_outcome {
     TL_RESUME_FOLLOWED, /* the twin has reached the end of the run */
     TL_RESUME_REFUSED,  /* the checkpoint cannot be used; nothing was recorded, the twin is new: try an older one */
-    TL_RESUME_FAILED    /* as refused, but a run with some steps was begun: end it, and begin a new run */
+    TL_RESUME_FAILED    /* as refused, but a new run was begun: end it, and begin another one */
 } tl_resume_outcome;
 
 typedef struct tl_resume_follow_settings {
@@ -243,8 +244,8 @@ tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_r
  *          configuration and FMUs.
  * Trust:   the content is untrusted, because a dying process may have written anything. It is
  *          validated like any image.
- * Owner:   resume points are copies, so the record queue may be written while one is followed. Call
- *          next() for another one before that.
+ * Owner:   resume points are copies, so the record queue may be written while one is followed. Once
+ *          the queue was written, tl_resume_queue_next() returns no further one.
  * Thread:  the writer of the record queue.
  */
 
@@ -278,7 +279,7 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
 typedef struct tl_resume_history tl_resume_history;
 
 typedef struct tl_resume_history_settings {
-    const tl_config *config; /* with second look-ups as signals */
+    const tl_config *config; /* with further look-ups as signals */
     const char *path;        /* of the database */
     const char *fmus;        /* identity of the FMUs (tl_twin_recorder_identify()) */
     const char *boot;        /* identity of the boot (tl_identity_boot()) */
@@ -287,8 +288,8 @@ typedef struct tl_resume_history_settings {
     void *context; /* of tell */
 } tl_resume_history_settings;
 
-/* Opens the database. Returns NULL if `record.resume_s` is 0, or if it cannot be read; that is
- * reported, and the twin can start without it. */
+/* Opens the database. Returns NULL if `record.resume_s` is 0, or if the database cannot be read.
+ * The latter is reported; the twin can then start a new run. */
 tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *settings);
 
 /* NULL is allowed. */
@@ -298,12 +299,12 @@ void tl_resume_history_close(tl_resume_history *history);
  * further one exists; a reason worth reporting was reported. NULL is allowed. */
 const tl_resume *tl_resume_history_next(tl_resume_history *history);
 
-/* If the newest run is not resumed (for example: another configuration): the time of its last tick,
- * on the present clock. 0: unknown. NULL is allowed. */
+/* If the newest run cannot be resumed (for example: another configuration): the instant of its last
+ * tick, on the present CLOCK_MONOTONIC. 0: unknown. NULL is allowed. */
 tl_time tl_resume_history_ended(const tl_resume_history *history);
 
-/* ---- Recorded samples of the present run, for a twin that starts beside it: a shadow has computed
- * some minutes before it is compared.
+/* ---- Recorded samples of the present run, for a shadow. The shadow computes these ticks first, so
+ * that its comparison with the live twin has a longer basis.
  *
  * Run:     the newest one of this boot that is still being recorded. Earlier ticks come from the
  *          run that it resumed, which has the same t_start.

@@ -10,8 +10,8 @@
  *          being called. So are a call timeout and an exceeded limit (memory, threads, files); then
  *          the process is killed. Earlier results remain valid.
  * Owner:   the caller owns a child until tl_twin_child_close().
- * Thread:  one thread calls all functions. Another thread of ours relays the output of the process,
- *          answers its denied system calls and checks its limits (twin_process.h).
+ * Thread:  one thread calls all functions. The watch thread and the output thread of this program
+ *          check limits, answer denied system calls and forward output (twin_process.h).
  * Errors:  TL_TRY_AGAIN if the system is out of resources; TL_FMU_FAILED if the process has failed.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_CHILD_H
@@ -28,25 +28,24 @@
 #include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
-/* Process title, in place of "twin", of a process that only loads states; the role is the same. */
+/* Process title of a process that only loads states, instead of "twin"; its role is also "twin". */
 #define TL_TWIN_READER "states"
 
 typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config
-        *config; /* from the job's text, without delays, with look-ups; must exist until the work has ended */
-    FILE *page;  /* receives the printed page of a check; NULL: dropped */
-    tl_twin_page *print_page; /* as in main() */
+    const tl_config *config;  /* from the job's text, without delays, with further look-ups; must outlive the child */
+    FILE *page;               /* receives the printed page of a check; NULL: dropped */
+    tl_twin_page *print_page; /* prints the page of a check (twin_role.h) */
     tl_time call_limit;       /* ns, call timeout */
     uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */
-    const tl_block *others;   /* states of another process, which this one loads; NULL: none */
+    const tl_block *others;   /* block with states of another process, for this one to load; NULL: none */
 } tl_twin_child_settings;
 
 /* Result of a comparison of two twins, or of a trial of rollback methods. */
 typedef struct tl_twin_outcome {
-    tl_twin_pair_account pair; /* as far as the process came; texts are sanitised */
+    tl_twin_pair_account pair; /* as far as the process completed it; texts are sanitised */
     tl_component_methods ways;
     bool has_ended;   /* the process ended unannounced, or was killed */
     tl_status status; /* of the process or of the second twin; TL_OK: completed */
@@ -72,19 +71,20 @@ void tl_twin_child_get_methods(const tl_twin_child *child, tl_component_methods 
 /* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);
 
-/* Reports the system calls of FMUs that were denied since the last call of this function. They are
- * in the log already. */
+/* Calls `on_event` for each system call of FMUs that was denied since the last call of this
+ * function. The log contains them already. */
 void tl_twin_child_report(tl_twin_child *child, tl_fmu_refusals_listener *on_event, void *context);
 
-/* Enqueues a tick; at most TL_CHANNEL_DEPTH may be under way. `last`: it only completes the record
- * before. The process is notified by tl_twin_child_push(). */
+/* Enqueues a tick; at most TL_CHANNEL_DEPTH ticks may have no result yet. `last`: no step is
+ * computed; the sample only completes the last record. Notify the process with
+ * tl_twin_child_push(). */
 tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
 void tl_twin_child_push(tl_twin_child *child);
 
-/* Takes the result of the oldest tick under way, which must be `tick`. If no result is there yet,
- * sleeps until `wanted` results are there, or all that will come. *stopped: the process has stopped
- * on request and there is no result.
+/* Takes the result of the oldest enqueued tick, which must be `tick`. If no result is available
+ * yet, sleeps until `wanted` results are available, or no more will come. *stopped: the process has
+ * stopped on request and there is no result.
  * Errors: that of the step, with the result filled; that with which the process announced its end;
  *         else TL_FMU_FAILED: the process has ended, and nothing is filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
@@ -104,8 +104,8 @@ bool tl_twin_child_was_refused(const tl_twin_child *child);
 /* Returns true if the process has ended; how it ended was reported. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);
 
-/* After that: returns true if another process ended it by SIGKILL, as the kernel does if memory is
- *             short. */
+/* After the process has ended: returns true if SIGKILL ended it, and this program did not send it.
+ * The kernel does that if memory is short. */
 bool tl_twin_child_was_killed_by_others(const tl_twin_child *child);
 
 /* After tl_twin_child_end(): waits until the FMUs are freed and the process has ended. Errors:
@@ -118,7 +118,7 @@ void tl_twin_child_close(tl_twin_child *child);
 /* ---- Feed: reads a recording ahead, sends its ticks to a twin, and returns the results in order.
  *
  * Purpose: a twin in another process is efficient only if neither side waits for the other at each
- *          tick. So ticks are sent ahead, and results are taken as they come.
+ *          tick. So the feed sends several ticks before it takes their results.
  * Ends:    at the end of the recording, at the configured duration, or when asked to stop. In mode
  *          ahead a step is computed only if its measurement will come, so the last tick only
  *          completes the record before it.
@@ -130,20 +130,20 @@ typedef struct tl_twin_feed tl_twin_feed;
 typedef struct tl_twin_feed_settings {
     const tl_config *config;
     const tl_account *account; /* of the built twin */
-    tl_recording *recording;   /* not read by others meanwhile */
+    tl_recording *recording;   /* only the feed may read it */
     tl_twin_child *child;      /* the twin */
     bool plant;                /* every tick of the recording is a step, even after the configured duration */
-    bool paced;                /* a tick is sent only when it is wanted, not ahead */
+    bool paced;                /* a tick is sent only when the caller asks for its result */
 } tl_twin_feed_settings;
 
 /* A tick and its result; valid until the next one. */
 typedef struct tl_twin_fed {
     const tl_recording_tick *tick;
     const tl_twin_result *result;
-    bool last; /* no step was computed: the sample only completed the record before */
+    bool last; /* no step was computed: the sample only completed the last record */
 } tl_twin_fed;
 
-/* Settings are copied; what they point to must outlive the feed. Errors: TL_TRY_AGAIN. */
+/* Settings are copied; all that they point to must outlive the feed. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed **feed, tl_error *error);
 
 /* The next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */

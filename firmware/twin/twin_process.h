@@ -1,25 +1,26 @@
 /* Process with FMUs, seen from its parent.
  *
  * Purpose: sets up all that an FMU process needs for any task: a private folder, a user of its own
- *          if we are root, an environment, a job, pipes for its output, and two threads of ours.
+ *          if we are root, an environment, a job, pipes for its output, and two parent threads.
  *          The process runs this same program in the role "twin" (twin_role.h).
  * Users:   twin_child.h adds a channel. A live twin has shared blocks, and a supervisor that
  *          monitors it.
  * Watch:   the watch thread answers the denied system calls. It kills the process after a call
  *          timeout, or if a limit of memory, threads or files is exceeded. It never blocks,
- *          whatever FMUs do. It forwards termination signals of this program to the process once
- *          that has installed its handlers; a second signal kills it. It does not forward them if a
- *          supervisor does that.
+ *          whatever FMUs do. If this program gets a termination signal, the thread forwards it once
+ *          the process has installed its handlers; a second signal kills the process. It does not
+ *          forward signals if a supervisor does.
  * Output:  the output thread forwards the output of the process, and logs each kind of denied
- *          system call once, with FMU and function. Only this thread may wait for the reader of our
- *          log, at most 2 s; later output is dropped and counted.
+ *          system call once, with FMU and function. If the reader of our log is slow, only this
+ *          thread waits for it, at most 2 s; then output is dropped and counted.
  * Bound:   lines without a level: the first 32 MiB are forwarded, then 16 KiB per second. Lines
  *          with a level (our own, or forged ones) have a separate limit of the same size. Further
  *          lines are dropped; that is logged once, and their number at the end. The page of a check
  *          has at most 64 MiB.
- * Marks:   a line of an FMU gets the prefix "fmu: ". A line that begins with "<3>" to "<7>" is
- *          taken for ours. An FMU can forge that, because both come from one process.
- * Waiting: only kill and close wait for the death of the process.
+ * Marks:   a line of an FMU gets the prefix "fmu: ". A line that begins with a level, "<3>" to
+ *          "<7>", counts as ours. An FMU can forge a level, because both write from the same
+ *          process.
+ * Waiting: only tl_twin_process_kill() and _close() wait until the process has died.
  * Death:   if other code reaps the process, the caller must first call tl_twin_process_let_go().
  * Owner:   the caller owns the process until tl_twin_process_close().
  * Thread:  the thread that started the process; was_killed, was_refused and flush from any.
@@ -55,16 +56,16 @@ typedef struct tl_twin_process tl_twin_process;
 /* `calls`, `channel`, `page`, `tasks` and `context` must exist until the process is closed, all
  * else during the start. The caller keeps the descriptors. */
 typedef struct tl_twin_process_settings {
-    const tl_twin_job *job; /* folder, file_bytes, memory and user are set here */
+    const tl_twin_job *job; /* this module sets its folder, memory and user */
     tl_twin_fmus fmus;
     unsigned which;    /* 0 … 63, different for processes at the same time, so that each has its own user */
     const char *title; /* "twin [motor]" */
     int given
         [TL_ROLE_DESCRIPTORS]; /* in addition to null, output, page, job and start socket (twin_role.h); -1: none */
     const tl_fmu_calls *calls; /* in memory that the process writes; for the watch thread */
-    tl_channel *channel;       /* its thread is notified if the process ends or is killed; NULL: none */
-    FILE *page;                /* receives the printed page of a check; NULL: nothing is printed */
-    bool is_silent;            /* drop its output and denied system calls, because another process reports the same */
+    tl_channel *channel; /* the thread that waits on it is notified if the process ends or is killed; NULL: none */
+    FILE *page;          /* receives the printed page of a check; NULL: nothing is printed */
+    bool is_silent;      /* drop its output and denied system calls, because another process reports the same */
     bool passes_signals; /* the watch thread forwards termination signals, and kills the process after a call timeout */
     tl_time call_limit;  /* ns, call timeout; 0: none */
     uint64_t memory_limit;           /* bytes that the process may use; 0: tl_confine_fair_memory() */
@@ -77,30 +78,30 @@ typedef struct tl_twin_process_settings {
 /* Reads the sizes of the FMU files; a missing file counts 0 bytes. */
 tl_twin_fmus tl_twin_fmus_of(const tl_config *config);
 
-/* Starts the process and does not wait for its work. The process reports its confinement by other
- * means. Errors: TL_TRY_AGAIN; then nothing remains. */
+/* Starts the process and does not wait until it is ready. The process reports its confinement by
+ * its channel or its blocks. Errors: TL_TRY_AGAIN; then nothing remains to be closed. */
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);
 
-/* Its process ID (0 if it was reaped or let go) and, if it has ended, how. */
+/* Process ID (0 if the process was reaped or let go) and, if it has ended, how it ended. */
 const tl_role *tl_twin_process_role(const tl_twin_process *process);
 
-/* Reaps it without waiting. Returns true if it has ended and is reaped. */
+/* Reaps the process without waiting. Returns true if it has ended and is reaped. */
 bool tl_twin_process_reap(tl_twin_process *process);
 
-/* Kills it if it has not ended, and reaps it. */
+/* Kills the process if it has not ended, and reaps it. */
 void tl_twin_process_kill(tl_twin_process *process);
 
-/* Call it for a dead process before other code reaps it: its process ID is not used any more.
- * Forwards its remaining output. */
+/* Call it for a dead process before other code reaps that process: this module does not use the
+ * process ID any more. Forwards the remaining output. */
 void tl_twin_process_let_go(tl_twin_process *process);
 
-/* Returns true if the watch thread has killed it or is about to; `text` is the reason. */
+/* Returns true if the watch thread has killed the process or is about to; `text` is the reason. */
 bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILLED_TEXT]);
 
-/* Returns true if a system call of it was denied. */
+/* Returns true if a system call of the process was denied. */
 bool tl_twin_process_was_refused(tl_twin_process *process);
 
-/* Reports denied system calls that this function has not reported yet. */
+/* Calls `on_event` for each denied system call that this function has not reported yet. */
 void tl_twin_process_report(tl_twin_process *process, tl_fmu_refusals_listener *on_event, void *context);
 
 /* Returns after all its output until now has been forwarded. */

@@ -1,7 +1,7 @@
-/* Recorder of a twin: opened with the data of configuration and account, and fed with the twin's
- * counts.
+/* Recorder of a twin: takes its settings from the configuration and the account of the twin, and
+ * its counts from the twin.
  *
- * Purpose: run and replay record the same, whether the twin is in this process or in another.
+ * Purpose: a run and a replay record the same data, also if the twin is in another process.
  * Owner:   the caller closes the recorder that tl_twin_recorder_open() returns.
  * Thread:  that of the recorder's functions (recorder.h); the counts are read in the twin's thread.
  */
@@ -14,14 +14,14 @@
 #include "firmware/store/recorder.h"
 #include "master/twin/account.h"
 
-/* Data of a run that are known without a twin: all that the beginning of a run in a record queue
- * does not contain. */
+/* Data of a run that are known without a twin. The entry that begins a run in the record queue does
+ * not contain them. */
 typedef struct tl_twin_record {
     tl_recorder_settings settings; /* its texts belong to the configuration or to this struct */
     tl_recorder_names names;
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
-    char format[TL_IDENTITY_TEXT];
+    char fmus[TL_SHA256_TEXT];     /* tl_twin_recorder_identify() */
+    char boot[TL_IDENTITY_TEXT];   /* tl_identity_boot() */
+    char format[TL_IDENTITY_TEXT]; /* tl_identity_format() */
 } tl_twin_record;
 
 /* Fills the record for a run that is recorded at `path`. The configuration and the record must
@@ -41,15 +41,16 @@ void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT
 void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
                               tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]);
 
-/* Reads the present ledger, for tl_recorder_put_step(). In mode ahead it is one step ahead of the
- * record. Returns the number of components. */
+/* Reads the present ledger (counts of executions per component), for tl_recorder_put_step(). In
+ * mode ahead it is one step ahead of the record. Returns the number of components, the plant
+ * included. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
 /* Live run: begins a run in the record queue. `start`: instant of tick 0 (CLOCK_MONOTONIC). `twin`
  *           NULL: without a twin. */
 void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start);
 
-/* Enqueues a step with the present ledger. */
+/* Live run: enqueues a step with the present ledger. */
 void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin);
 
 /* At the end of a run: reports components that were executed more often than their ledger predicts,

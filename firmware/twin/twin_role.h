@@ -1,15 +1,16 @@
 /* FMU process: what the program does if it was started as "twinlock: twin [NAME]".
  *
  * Purpose: reads its job, opens the FMU files, drops all access rights that FMUs do not need
- *          (confine.h), and only then loads them. It builds the twin. Then it answers each tick
- *          with a result, prints the page of a check, or runs beside a plant. It has no user file,
- *          no terminal and no socket; it writes to pipes and blocks of shared memory.
- * Order:   log, parent, title; signals; job; files; confinement. Then it reports that it is ready,
- *          or runs live.
- * Live:    the live run is code of a higher layer, so it is passed in. It has no channel; its
- *          blocks have the numbers defined below. If an FMU tries to reach another process, this is
- *          denied and the twin continues, because the plant's data continue. The process may lock
- *          its memory. Its parent may give it the configured priority, though it has no capability.
+ *          (confine.h), and only then loads the FMUs. It builds the twin. Then it does its task
+ *          (tl_twin_task), for example a check or a live run. It has no file of the user, no
+ *          terminal and no socket; it writes to pipes and blocks of shared memory.
+ * Order:   sets up the log and the process; installs signal handlers; reads the job; opens the FMU
+ *          files; confines itself. Then it reports that it is ready, or starts the live run.
+ * Live:    the live run is code of a higher layer, so the caller passes it in (tl_twin_live). It
+ *          has no channel; its blocks have other descriptors (live_blocks.h). If an FMU
+ *          tries to reach another process, the call is denied and the twin continues, because the
+ *          plant continues too. The process may lock its memory. Its parent may give it the
+ *          configured priority, although the process has no capability.
  * Thread:  the main thread waits; the FMUs have their own (fmu_thread.h).
  * Errors:  reported to the parent; the exit code is set.
  */
@@ -64,15 +65,15 @@ typedef struct tl_twin_job {
     uint64_t memory;        /* bytes that the process may use; 0: no limit */
     uint32_t user;          /* user ID to switch to; 0: no change */
     tl_recording_time time; /* of the recording */
-    bool plain;             /* save no executions */
-    bool variables;         /* the page lists the variables */
-    bool brief;             /* a check without the late verification */
-    bool states_only;       /* only test if another process can use the FMUs' states (tl_twin_check.why) */
-    bool reads_back; /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
-    bool alone;      /* of two twins, only the first */
+    bool plain;       /* reuse no executions: no sequence cache, and every component executes in every candidate */
+    bool variables;   /* the page lists the variables */
+    bool brief;       /* a check without the late verification (twin_trial.h) */
+    bool states_only; /* only test if another process can use the FMUs' states (tl_twin_check.why) */
+    bool reads_back;  /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
+    bool alone;       /* of two twins, only the first */
     unsigned char rollback[TL_RECORDER_COMPONENTS]; /* tl_rollback of each component; TL_ROLLBACK_NONE: as configured */
-    bool unconfined;
-    bool holds;                /* safe hold: no FMU is loaded */
+    bool unconfined;                                /* FMUs run without confinement, with the user's rights */
+    bool holds;                                     /* safe hold: no FMU is loaded */
     const unsigned char *live; /* private data of the live run; unaligned after tl_twin_job_read() */
     size_t live_size;
 } tl_twin_job;
@@ -81,9 +82,9 @@ enum { TL_TWIN_CHECK_WHY = 400 };
 
 /* Results of a check, in addition to its page. */
 typedef struct tl_twin_check {
-    uint32_t warnings; /* number on the page */
-    tl_time least;     /* ns of a step without search; 0: unknown */
-    tl_time worst;     /* ns of a step that uses all its evaluations; 0: unknown, or there is no search */
+    uint32_t warnings; /* number of warnings on the page */
+    tl_time least;     /* ns of a step without a search; 0: unknown */
+    tl_time worst;     /* ns of a step that uses all evaluations of its budget; 0: unknown, or there is no search */
     uint64_t memory;   /* bytes that the twin will need, in addition to the memory of the process before it steps */
     char why[TL_TWIN_CHECK_WHY]; /* with states_only: why another process cannot use the states; "": no fault found */
 } tl_twin_check;
@@ -149,7 +150,7 @@ typedef struct tl_twin_extra {
 
 /* In the block of the parent, beside its messages. */
 typedef struct tl_twin_orders {
-    uint32_t stop; /* 1: compute nothing more. A signal cannot be used, because FMUs can send one to themselves */
+    uint32_t stop; /* 1: compute nothing more. This is not a signal, because FMUs could send that to themselves */
     char error[TL_ERROR_TEXT]; /* of TL_MESSAGE_SEEN */
 } tl_twin_orders;
 

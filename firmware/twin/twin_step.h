@@ -43,31 +43,31 @@ typedef struct tl_twin_result {
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];
         double outputs[TL_MAX_SIGNALS];
-    } besides; /* only as many as exist */
+    } besides; /* only one of them, by tl_twin_tells; only as many elements as exist */
 } tl_twin_result;
 
-/* Size of a result in bytes; the unused part of `besides` is omitted. */
+/* Bytes of a result; the unused part of `besides` does not count. */
 size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
 
-/* Validates a result of another process: outcomes and qualities must exist, and the step must not
- * be before `least` or after the tick. Numbers are not checked. */
+/* Validates a result of another process: status, outcomes and qualities must be known codes, and
+ * the step must not be before `least` or after the tick. Measured and computed values are not
+ * checked. */
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least);
 
-/* Tunings of a run that is repeated: an array of tl_run_tuning, unaligned, and how many of them
- * were applied. Zeroed: none. */
+/* Tunings of a run that is repeated: an unaligned array of tl_run_tuning. Zeroed: none. */
 typedef struct tl_twin_tunings {
     const unsigned char *bytes;
     size_t count;
-    size_t taken;
+    size_t taken; /* number of tunings applied */
 } tl_twin_tunings;
 
 /* Takes the next tuning that applies from this tick on. Returns false if none remains. */
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
 
-/* Executes a tick without a clock: searched as configured; or as in the recording, if that tick was
- * caught up, followed, cut short, or came after a reset of the FMUs. `recovery` receives the
- * result, and resets the FMUs as in a live run. Errors: those of tl_twin_step(), also in the
- * result. */
+/* Executes a tick without a clock. It searches as configured; or it repeats the recording, if that
+ * tick was caught up, followed, cut short, or came after a reset of the FMUs. `recovery` receives
+ * the record and requests a reset of the FMUs as in a live run (not for TL_TELLS_OUTPUTS). Errors:
+ * those of tl_twin_step(), also in the result. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error);
 
@@ -76,7 +76,7 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
                           tl_twin_result *result);
 
 /* ---- Verification in the remaining time of a tick: checks if the rollback of the FMUs is still
- * exact, and describes a finding.
+ * exact. A finding is a rollback that is not exact.
  *
  * Purpose: the live cycle and a replay call the same verification (tl_twin_verify()) and report the
  *          same text.
@@ -88,7 +88,7 @@ enum { TL_TWIN_FINDING_TEXT = 400 };
 /* Result of a verification. */
 typedef struct tl_twin_verify_report {
     bool found;  /* false: no finding, and the other fields are undefined */
-    bool mended; /* the finding has no effect any more */
+    bool mended; /* repaired: another rollback method is in use, so the finding has no further effect */
     char component[TL_ASSEMBLY_NAME];
     char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
 } tl_twin_verify_report;

@@ -21,8 +21,8 @@
  *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until())
  *          after as many steps as possible.
  * Bound:   TL_FAR_STEPS steps and TL_FAR_LONGEST (0.5 s).
- * Not for: a twin that adjusts nothing, has an event horizon, or has verification off: nothing is
- *          tested.
+ * Not for: a twin that adjusts nothing, has an event horizon, or has verification off. Then the
+ *          test makes no step.
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
  */
 
@@ -31,11 +31,11 @@ enum { TL_FAR_STEPS = 1000 };
 #define TL_FAR_LONGEST (TL_SECOND / 2)
 
 typedef struct tl_late_verification {
-    int64_t first;                 /* its first tick */
-    int64_t steps;                 /* number of steps; ends at a finding that is not mended, or if an FMU fails */
-    uint64_t times;                /* number of rollbacks and comparisons */
+    int64_t first;                 /* first tick of the test */
+    int64_t steps;                 /* steps made; the test ends early if a finding is not repaired or an FMU fails */
+    uint64_t times;                /* number of verifications: rollback and comparison */
     tl_twin_verify_report outcome; /* the last finding */
-    tl_status status;              /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
+    tl_status status; /* TL_FMU_FAILED: an FMU failed with the moved inputs; this is no finding about its rollback */
     tl_error error;
 } tl_late_verification;
 
@@ -49,7 +49,7 @@ void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late
  * Purpose: for `check`, in a process of its own. The first twin computes some steps. Then the
  *          second one is built beside it and computes the same steps. Its FMUs have their own
  *          copies of the libraries, as every component has (own_copies.h). Every value of every FMU
- *          must be equal to the bit.
+ *          must be equal, bit by bit.
  * Inputs:  the plant's initial values. The adjusted variables move as in the late verification;
  *          with an event horizon they are constant.
  * Account: in memory that another process reads, because this one may crash, hang or write false
@@ -60,19 +60,19 @@ void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late
 
 enum { TL_PAIR_STEPS = 100, TL_PAIR_LEAST = 10, TL_PAIR_NAME = TL_ASSEMBLY_NAME };
 
-/* The first twin starts no further step after this time (0.25 s), once it has made TL_PAIR_LEAST.
- * The second twin makes as many. */
+/* Time limit for the steps of the first twin (0.25 s), but it makes at least TL_PAIR_LEAST steps.
+ * The second twin makes as many steps as the first one. */
 #define TL_PAIR_LONGEST (TL_SECOND / 4)
 
 typedef struct tl_twin_pair_account {
-    uint32_t steps;                /* of the first twin; 0: it cannot step with the plant's initial values */
+    uint32_t steps;                /* steps of the first twin; 0: it cannot step with the plant's initial values */
     uint64_t marks[TL_PAIR_STEPS]; /* hashes of all values after each step */
     uint32_t has_second;           /* 1: the second twin was started */
     char component[TL_PAIR_NAME];  /* first component that differs or fails; "": none */
 } tl_twin_pair_account;
 
-/* Compares the twins. `first` was built, `second` has a configuration. `alone`: only the first twin
- * runs. error->text describes their difference; "": they are equal.
+/* Compares the twins. `first` was built; `second` has only its configuration and is built here.
+ * `alone`: only the first twin runs. error->text describes their difference; "": they are equal.
  * Errors: TL_TRY_AGAIN. Any other, with a text or a logged cause: the second twin cannot be built,
  *         or cannot step. */
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
@@ -81,9 +81,9 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
 /* ---- Rollback methods of the components and their cost, as an FMU process reports them to its
  * parent.
  *
- * Purpose: for `check`. Notes the methods of a twin that was checked. In a process of its own it
- *          tests other methods (check_trials.h): the same proof and late verification as in a
- *          check, then it measures the time of a save and a restore.
+ * Purpose: for `check`. Notes the methods of a twin that was checked. To test other methods
+ *          (check_trials.h), a separate process does the same proof and late verification as a
+ *          check. Then it measures the time of a save and of a restore.
  * Account: in memory that another process reads, because this one may crash, hang or write false
  *          values.
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
@@ -92,25 +92,25 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
 typedef struct tl_component_method {
     uint32_t rollback; /* tl_rollback in use */
     uint32_t
-        is_given_again;   /* 1: by its state; the values set before are set again, because it does not contain them */
+        is_given_again; /* 1: after a restore its inputs are set again, because its saved state does not contain them */
     uint32_t is_measured; /* 1: the values below are measured */
     int64_t save;         /* ns, median */
-    int64_t restore;
-    uint64_t bytes; /* of a state; 0: unknown */
+    int64_t restore;      /* ns, median */
+    uint64_t bytes;       /* size of a state; 0: unknown */
 } tl_component_method;
 
 typedef struct tl_component_methods {
     uint32_t cannot_return;           /* 1: the rollback of a component is not exact */
-    char component[TL_ASSEMBLY_NAME]; /* this component, or the one that made a trial fail; "": none or unknown */
+    char component[TL_ASSEMBLY_NAME]; /* that component, or the one whose failure ended a trial; "": none or unknown */
     tl_component_method of[TL_RECORDER_COMPONENTS];
 } tl_component_methods;
 
 /* Notes the methods of a twin that has begun. */
 void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods *ways);
 
-/* Builds the assembly and tests it. It must be opened, with the methods to test set in its
- * components. TL_OK: all rollbacks are exact; or, if ways->component is set, that of this component
- * is not, and error->text describes how. Only the output of FMUs is logged.
+/* Builds the assembly and tests it. The caller has opened it and set the methods to test in its
+ * components. TL_OK: all rollbacks are exact; or, if ways->component is set, the rollback of this
+ * component is not exact, and error->text describes how. Only the output of FMUs is logged.
  * Errors: the twin cannot be built or cannot begin; the component's name is set if it is known. */
 tl_status tl_component_methods_try(tl_assembly *assembly, tl_component_methods *ways, tl_error *error);
 

@@ -1,8 +1,9 @@
 /* Watch: turns samples and records into events for the operator.
  *
- * Purpose: reports changes, not states, so that a bad hour is two lines. Examples: a signal became
- *          bad or good, the twin runs free, the lock state changed. Others: a variable is not
- *          identifiable, the fallback solver was used, a stroke changed u, ticks were missed.
+ * Purpose: reports changes, not states, so that a fault that lasts an hour gives two events.
+ *          Examples: a signal became bad or good, the twin runs free, the lock state changed.
+ *          Others: a variable is not identifiable, the fallback solver was used, a stroke changed u
+ *          (event horizon), ticks were missed.
  * Thread:  the one that steps the twin.
  * Memory:  all inside the struct.
  */
@@ -18,13 +19,14 @@
 #include "firmware/twin/journal.h"
 #include "master/twin/twin.h"
 
-/* A condition ends after this many searches in a row without it, and TL_WATCH_REST. */
+/* The end of a condition is reported after this many searches in a row without it, and not before
+ * TL_WATCH_REST. */
 enum { TL_WATCH_STEPS = 20 };
 
-/* Least time since the last step with the condition before its end is reported: 60 s. */
+/* Least time from the last step with a condition to the report of its end: 60 s. */
 #define TL_WATCH_REST (60 * TL_SECOND)
 
-/* Condition that may appear in many steps, but not in all of them. Its beginning and its end are
+/* Intermittent condition: it may be absent in some steps. Only its beginning and its end are
  * reported. */
 typedef struct tl_watch_trouble {
     bool was_reported; /* the beginning was reported */
@@ -33,15 +35,15 @@ typedef struct tl_watch_trouble {
     int64_t last;      /* newest step with it */
 } tl_watch_trouble;
 
-/* Rejected readings of a signal: the first ones of a minute are reported one by one; the number of
- * the others at its end. */
+/* Rejected readings of a signal: in each minute the first TL_WATCH_REJECTED are reported one by
+ * one. The number of further ones is reported with the first rejected reading after that minute. */
 enum { TL_WATCH_REJECTED = 10 };
 #define TL_WATCH_MINUTE (60 * TL_SECOND)
 
 typedef struct tl_watch_rejected {
     tl_time stamp;   /* of the newest reading */
     double accepted; /* the last accepted value; NaN: none yet */
-    int64_t since;   /* first tick of the minute */
+    int64_t since;   /* first tick of the present minute */
     uint64_t count;  /* rejected in this minute */
 } tl_watch_rejected;
 
@@ -49,13 +51,13 @@ typedef struct tl_watch {
     const tl_config *config;
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as reported last */
-    bool had_value[TL_MAX_SIGNALS];  /* a good one */
-    uint64_t moved;                  /* bit i: reported that a value of signal i was moved to a limit */
+    bool had_value[TL_MAX_SIGNALS];  /* a good value was seen */
+    uint64_t moved;                  /* bit i: it was reported that a value of signal i was moved to a limit */
     tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
-    bool out_of_tolerance;                   /* event horizon: of the last stroke */
-    tl_watch_trouble held[TL_MAX_ADJUST];    /* variables that are not identifiable */
-    tl_watch_trouble fallback;               /* the second solver takes over */
+    bool out_of_tolerance;                   /* event horizon: result of the last stroke */
+    tl_watch_trouble held[TL_MAX_ADJUST];    /* variables that are not identifiable and kept at nominal */
+    tl_watch_trouble fallback;               /* the fallback solver is used */
     tl_watch_trouble stagnation;             /* solvers make no progress */
     uint64_t abandoned;                      /* event horizon: strokes in a row whose search was not completed */
     double stroke_u;                         /* event horizon: u before the present stroke */
@@ -68,17 +70,19 @@ typedef struct tl_watch {
     bool refused;                            /* reported: a candidate could not be evaluated */
     bool rests;                              /* reported: u stays at nominal */
     bool no_way_back;                        /* reported: an FMU cannot be rolled back by replay */
-    uint64_t skipped;                        /* not reported yet */
-    tl_time skipped_since;
-    tl_noise_watch noise; /* of the matched outputs */
+    uint64_t skipped;                        /* missed ticks not reported yet */
+    tl_time skipped_since;                   /* `now` of the last report; TL_TIME_NEVER: none */
+    tl_noise_watch noise;                    /* of the matched outputs */
 } tl_watch;
 
+/* Both must outlive the watch. */
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal);
 
+/* Call it for each sample. */
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
 
-/* Call it for each complete record. `tick`: at which it was complete. Events carry this tick, not
- * the step, so that they are in order. */
+/* Call it for each complete record. `tick`: tick at which the record was complete. Events carry
+ * this tick, not the step, so that they are in order. */
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 
 /* Reports a new state of the lock monitor (lock_monitor.h), found with the record that was complete
@@ -91,9 +95,9 @@ void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor 
 /* Reports that the twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);
 
-/* Reports missed ticks at most once a second; so call it at every tick, also with `count` 0.
- * `count`: number of ticks before `tick` at which a step was due and missed. `now`: any clock that
- * never goes backwards. */
+/* Reports missed ticks at most once a second. So call it at every tick, also if `count` is 0.
+ * `count`: number of ticks just before `tick` that were missed although a step was due. `now`: any
+ * clock that never goes backwards. */
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now);
 
 #endif

@@ -15,10 +15,11 @@
 typedef struct tl_archive {
     unsigned char *to;         /* saving; NULL: bytes are only counted */
     const unsigned char *from; /* loading; NULL: saving */
-    size_t size;               /* of either */
-    size_t at;                 /* bytes so far; larger than `size`: the bytes did not fit, or were missing */
+    size_t size;               /* bytes at `to` or `from` */
+    size_t at;                 /* bytes so far; above `size`: bytes did not fit, were missing, or were rejected */
 } tl_archive;
 
+/* `to` NULL: only counts the bytes. The memory must outlive the archive. */
 tl_archive tl_archive_saving(unsigned char *to, size_t size);
 tl_archive tl_archive_loading(const unsigned char *from, size_t size);
 
@@ -28,23 +29,23 @@ bool tl_archive_is_loading(const tl_archive *archive);
  * are missing. */
 void tl_archive_part(tl_archive *archive, void *memory, size_t size);
 
-/* The next `size` bytes in place, to write or to read. NULL if they do not fit or are only counted.
- */
+/* The next `size` bytes of the archive's own memory, without a copy: room to write when saving,
+ * bytes to read when loading. NULL if they do not fit, are missing, or are only counted. */
 unsigned char *tl_archive_room(tl_archive *archive, size_t size);
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size);
 
-/* Saves or loads a flag as one byte. Loading rejects any value but 0 and 1, since a bool must not
- * hold another one. */
+/* Saves or loads a flag as one byte. Loading rejects any byte except 0 and 1, because a bool can
+ * hold no other value. */
 void tl_archive_flag(tl_archive *archive, bool *flag);
 
-/* When loading: rejects the archive if `right` is false. The bytes may be damaged or hostile, so a
- *               module checks each index, count, time and number that it has loaded. */
+/* When loading: rejects the archive if `right` is false. The bytes may be damaged or malicious, so
+ *               a module checks each index, count, time and number that it has loaded. */
 void tl_archive_require(tl_archive *archive, bool right);
 
 /* When loading: rejects the archive if a value is not finite. */
 void tl_archive_require_finite(tl_archive *archive, const double *values, size_t count);
 
-/* False: a part did not fit, was missing, or was rejected. */
+/* False: a part did not fit, was missing, or was rejected; or bytes were only counted. */
 bool tl_archive_is_whole(const tl_archive *archive);
 
 #endif

@@ -22,9 +22,9 @@ typedef struct tl_arena {
 
 void tl_arena_init(tl_arena *arena);
 
-/* `count` zeroed objects of `size` bytes, aligned for any type; valid until tl_arena_release().
- * Returns NULL if the arena is sealed, if count·size overflows, or if memory is out. count = 0
- * gives a valid pointer that must not be dereferenced. */
+/* Allocates `count` zeroed objects of `size` bytes, aligned for any type; valid until
+ * tl_arena_release(). Returns NULL if the arena is sealed, if count·size overflows, or if memory is
+ * out. If `count` is 0, the pointer is valid but must not be dereferenced. */
 void *tl_arena_take(tl_arena *arena, size_t count, size_t size);
 
 /* A copy of `text`; NULL as for tl_arena_take(). */

@@ -1,4 +1,4 @@
-/* Durations: measured, expected, and estimates of rare long ones.
+/* Durations: measured and expected ones, for operations that must meet a deadline.
  *
  * Thread:  any; pure.
  */
@@ -18,7 +18,7 @@
  * Range:   0 … 1000 s, also if the clock jumps: sums of many durations cannot overflow.
  */
 
-/* Time between two readings of a clock. */
+/* Time between two readings of a clock, ns, limited to 0 … 1000 s. */
 static inline tl_time tl_duration(tl_time begun, tl_time ended) {
     const tl_time longest = 1000 * TL_SECOND;
     if (ended <= begun) {
@@ -27,10 +27,12 @@ static inline tl_time tl_duration(tl_time begun, tl_time ended) {
     return ended - longest > begun ? longest : ended - begun;
 }
 
+/* Decays an expected duration once, by 1/16. */
 static inline tl_time tl_duration_fade(tl_time expected) {
     return expected - expected / 16;
 }
 
+/* Expected duration after an execution that took `took`, ns. */
 static inline tl_time tl_duration_expect(tl_time expected, tl_time took) {
     tl_time faded = tl_duration_fade(expected);
     return took > faded ? took : faded;
@@ -44,10 +46,10 @@ static inline tl_time tl_duration_sum(tl_time first, tl_time each, uint64_t time
 
 /* ---- Expected duration of an operation that a deadline can suppress.
  *
- * Purpose: an operation that was slow once must be tried again, or one stall would disable it for
- *          ever. So the estimate decays by 1/16 in each step in which there is no time for it. If
- *          the operation is slow again, each retry would be late; so each such failure halves the
- *          rate of decay.
+ * Purpose: an operation that was slow once must be retried, or one stall would disable it for ever.
+ *          So the estimate decays by 1/16 in each step in which there is no time for the operation.
+ *          If the operation is always slow, each retry misses a deadline. So each failed retry
+ *          halves the rate of decay.
  */
 
 /* The rate of decay is halved at most this often: to 1/4096. */
@@ -56,10 +58,11 @@ enum { TL_ESTIMATE_PATIENCE = 8 };
 typedef struct tl_estimate {
     tl_time most; /* ns, what it is expected to take */
     int patience; /* failed retries in a row */
-    bool tried;   /* it ran in this step */
+    bool tried;   /* it ran in this step; the caller clears it at the start of a step */
     bool rested;  /* it was suppressed before it last ran */
 } tl_estimate;
 
+/* Notes that the operation ran in this step and took `took`, ns. */
 static inline void tl_estimate_took(tl_estimate *estimate, tl_time took) {
     if (estimate->rested) {
         bool vain = took > estimate->most;
@@ -70,7 +73,7 @@ static inline void tl_estimate_took(tl_estimate *estimate, tl_time took) {
     estimate->tried = true;
 }
 
-/* Ends a step in which there was no time for the operation. */
+/* Call it after a step in which there was no time for the operation. No effect if it ran. */
 static inline void tl_estimate_rest(tl_estimate *estimate) {
     if (!estimate->tried) {
         estimate->most -= estimate->most >> (4 + estimate->patience);

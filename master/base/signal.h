@@ -55,7 +55,7 @@ typedef struct tl_reading {
 } tl_reading;
 
 /* The plant at one instant t_m = t_start + tick·T_S: of each signal the newest reading at or before
- * t_m. If plant and simulation are apart in time, the reading at a fixed time before t_m
+ * t_m. With a configured delay between plant and simulation: the reading at a fixed time before t_m
  * (plan/plan.h). */
 typedef struct tl_sample {
     int64_t tick;
@@ -63,10 +63,10 @@ typedef struct tl_sample {
     double values[TL_MAX_SIGNALS];
     tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER: there was no reading yet */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
-    uint64_t moved; /* bit i: the value of signal i was slightly beyond a limit, and is at it now; not recorded */
+    uint64_t moved; /* bit i: the value of signal i was slightly beyond a limit and was moved to it; not recorded */
 } tl_sample;
 
-/* True if any conditioning is configured. */
+/* Returns true if any conditioning is configured. */
 bool tl_condition_is_needed(const tl_condition *condition);
 
 /* "good", "stale", "out of range", "not a number", "no link", "outlier". */

@@ -12,9 +12,9 @@
 typedef int64_t tl_time; /* ns */
 
 #define TL_SECOND ((tl_time)1000000000)
-#define TL_TIME_NEVER INT64_MIN
+#define TL_TIME_NEVER INT64_MIN /* no instant, for example: no reading yet, no deadline */
 
-/* Seconds to the nearest nanosecond. |seconds| must be below 9.2e9. */
+/* Converts seconds to ns, rounded to the nearest. |seconds| must be below 9.2e9. */
 static inline tl_time tl_time_of_seconds(double seconds) {
     return (tl_time)llround(seconds * 1e9);
 }

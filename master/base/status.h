@@ -1,8 +1,8 @@
 /* Status codes, error texts and reports of many problems.
  *
  * Purpose: every failure in twinlock is a returned tl_status with a text: what failed, where, and
- *          what to do. Nothing below firmware/ prints or exits.
- * Owner:   the caller places tl_error and tl_report; no allocation.
+ *          what to do. Library code in board/ and master/ never prints or exits.
+ * Owner:   the caller owns tl_error and tl_report; nothing is allocated.
  * Thread:  no shared state; one thread at a time uses an object.
  */
 #ifndef TL_MASTER_BASE_STATUS_H
@@ -23,7 +23,7 @@ typedef enum tl_status {
     TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
     TL_FMU_FAILED,  /* an FMU returned an error */
     TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: none of its functions may be called again */
-    TL_TRY_AGAIN,   /* a resource is missing now: disk, memory, lock, port */
+    TL_TRY_AGAIN,   /* a resource is not available now: disk, memory, lock, port */
     TL_INTERRUPTED, /* the user or the system asked to stop */
     TL_NOT_LOCKED   /* all was done, but the twin was not in lock as required */
 } tl_status;
@@ -45,15 +45,15 @@ tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL
 typedef struct tl_report {
     void (*add)(void *context, tl_status status, const char *where, const char *text);
     void *context;
-    size_t count;    /* problems so far; 0 means all is well */
-    tl_status worst; /* status of the first problem, TL_OK where there is none */
+    size_t count;    /* problems so far; 0: none */
+    tl_status worst; /* status of the first problem; TL_OK if there is none */
 } tl_report;
 
-/* `where` NULL: "". */
+/* Adds one problem to the report and calls `add`. `where` NULL: "". */
 void tl_report_add(tl_report *report, tl_status status, const char *where, const char *format, ...) TL_PRINTF(4, 5);
 
 /* The process exit code for a status: 0 done, 2 usage, 3 not in lock, 65 data, 69 plant I/O, 70
- * FMU, 75 try again. */
+ * FMU, 75 try again or interrupted. */
 int tl_exit_code(tl_status status);
 
 #endif

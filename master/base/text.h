@@ -1,4 +1,4 @@
-/* Texts: the nearest of given words, and valid UTF-8.
+/* Texts: search for the most similar name, and validation of UTF-8.
  *
  * Thread:  any; pure.
  */
@@ -11,25 +11,26 @@
 
 /* ---- Nearest name, to suggest in an error message.
  *
- * Purpose: finds the existing name nearest to a name that does not exist: at most 2 edits away, and
- *          fewer than half of its characters. An edit inserts, deletes or replaces a character or
- *          swaps two neighbours; case is ignored.
+ * Purpose: finds the existing name nearest to a name that does not exist. The distance is at most 2
+ *          edits, and less than half of the existing name's length. An edit inserts, deletes or
+ *          replaces a character, or swaps two neighbours; case is ignored.
  * Thread:  plain data.
  */
 
 typedef struct tl_nearest {
     const char *text; /* the name to look for; the rest starts as zeros */
     const char *best; /* NULL: no candidate is near */
-    size_t distance;
+    size_t distance;  /* of `best`, in edits */
 } tl_nearest;
 
+/* Compares one existing name; it must live as long as `nearest`. */
 void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
 
 /* ---- UTF-8 characters, and which of them may be shown.
  *
- * Purpose: the one rule for names, units and messages of others. It rejects what is no character,
- *          controls a terminal, changes the direction of text, or is invisible. The caller shows
- *          something else in its place.
+ * Purpose: one rule for all names, units and messages that come from outside. It rejects bytes that
+ *          are no character, and characters that control a terminal, change the direction of text,
+ *          or are invisible. The caller shows a substitute.
  * Thread:  pure; safe in a signal handler.
  */
 

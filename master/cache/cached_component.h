@@ -1,21 +1,23 @@
-/* Cached component: executes only those steps of a component that its sequence cache does not hold.
+/* Cached component: executes only those steps of a component that its sequence cache does not
+ *                   contain.
  *
  * Purpose: stands between the exchange and an FMU. A candidate walks down the tree from the root,
  *          the committed state at t_i. If its next input is in the tree, the stored outputs are
  *          delivered and the FMU is not called. Otherwise the FMU is restored to the candidate's
  *          position, executed, and the result stored. The committed step moves the root one node
  *          down, so the next horizon reuses the results of this one.
- * States:  the FMU's state is saved as late as possible, when the FMU leaves a node, and restored
+ * States:  the FMU's state is saved as late as possible, when the FMU leaves a node. It is restored
  *          only to execute from another node (table 4.1, right column). TL_KEEP_OUTPUTS saves
  *          states only every `spacing` steps; from there the FMU catches up (left column).
- * Final:   a step tells the FMU that no earlier state will be restored, if all candidates pass the
- *          newest saved state before it. Then the FMU can drop what it has buffered; that state
- *          itself may still be restored. There is no such step while each horizon starts with
- *          results of the one before, or while the owner keeps an earlier state (`is_kept_from`).
+ * Final:   some steps tell the FMU that no earlier state will be restored, so that the FMU can drop
+ *          its buffers. A step is final in this sense if all candidates pass the newest saved state
+ *          before it; that state itself may still be restored. No step is final while each horizon
+ *          starts with results of the one before, or while the owner keeps an earlier state
+ *          (`is_kept_from`).
  * Full:    if the pool is full, a result is used and counted, but not stored.
- * Room:    if not all nodes may have a state (`states`), some go without, and the FMU catches up
- *          from the node above, as with TL_KEEP_OUTPUTS. One handle is reserved for the committed
- *          instant, which must have a state.
+ * Room:    if fewer state handles than nodes are allowed (`states`), some nodes have no state. The
+ *          FMU then catches up from a node above, as with TL_KEEP_OUTPUTS. One handle is reserved
+ *          for the committed instant, which must have a state.
  * Failure: after a failed step the FMU is at no node; the next execution starts with a restore.
  * Thread:  the twin's. Memory: the arena, at start-up. State handles belong to the FMU: at most one
  *          per node and never more than `states`. With TL_KEEP_STATES the usual number, at most
@@ -41,13 +43,13 @@ typedef struct tl_cached_component {
     tl_keep keep;
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
     uint32_t root;        /* the committed instant t_i */
-    uint32_t position;    /* node of the candidate; TL_NO_NODE: beyond what the pool could keep */
-    uint32_t at;          /* node of the FMU; TL_NO_NODE: none, or with the candidate beyond the pool */
+    uint32_t position;    /* node of the candidate; TL_NO_NODE: the pool was full, so its node was not stored */
+    uint32_t at;          /* node of the FMU; TL_NO_NODE: none, or that of the candidate, which was not stored */
     unsigned char *key;   /* scratch: inputs of the current step */
-    unsigned char *value; /* and its outputs */
+    unsigned char *value; /* scratch: its outputs */
     bool is_kept_from;    /* the owner keeps a state that is older than the root, and will restore it */
-    uint32_t states;      /* most handles, ≥ 2 */
-    uint32_t made;        /* handles created */
+    uint32_t states;      /* largest number of state handles, ≥ 2 */
+    uint32_t made;        /* state handles created */
     uint64_t repeated;    /* executions repeated to bring the FMU to a node */
     uint64_t uncached;    /* executions whose result was not stored */
 } tl_cached_component;
@@ -57,33 +59,33 @@ typedef struct tl_cached_component {
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
 
-/* Size of one state in bytes, for an initialised FMU: as it reports it, and by how much its heap
- * grows with some states. 0 if neither is known. `heap`: bytes allocated in this process; NULL: not
- * known. */
+/* Measures the size of one state in bytes, for an initialised FMU. The FMU reports it; else it is
+ * the larger of the serialised size and the growth of the heap per state. 0: unknown. `heap`:
+ * returns the bytes allocated in this process; NULL: unknown. */
 tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap)(void), size_t *size, tl_error *error);
 
-/* Sets the most handles. Before the start. */
+/* Sets the largest number of state handles. Call it before the start. */
 void tl_cached_component_limit(tl_cached_component *cached, uint32_t states);
 
 /* Creates the root and the first state handles. The FMU must be initialised at t_0. */
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
 
-/* Restarts the tree after the FMU was reset and initialised at what is t_i from now on: drops all
- * results. Handles stay; those that tl_cached_component_end() has freed are created again. */
+/* Drops all results and starts a new tree. Call it after the FMU was reset and initialised at the
+ * new t_i. Handles stay; those that tl_cached_component_end() has freed are created again. */
 tl_status tl_cached_component_reset(tl_cached_component *cached, tl_error *error);
 
 /* Moves the candidate to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
-/* Moves the FMU to the root, which is before macro step `step`. If can_stand() is false, the FMU
- * has to catch up, because there is no state of the root. */
+/* Moves the FMU to the root, which is before macro step `step`. If can_stand() is false, the root
+ * has no saved state, so the FMU has to catch up from a node above. */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
 tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error);
 
 /* Between steps: saves the FMU's state at the root to a handle of the caller; the FMU stays where
- *                it is. *taken is false if there is no such state (TL_KEEP_OUTPUTS), or if the FMU
- *                is at no node. `full_copy`: a second handle of the caller, for the FMU's present
- *                state. */
+ *                it is. *taken is false if the root has no saved state and the FMU is not there
+ *                (TL_KEEP_OUTPUTS), or if the FMU has failed. `full_copy`: a second handle of the
+ *                caller, for the FMU's present state. */
 tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                         bool *taken, tl_error *error);
 

@@ -26,8 +26,8 @@
 
 typedef struct tl_sequence_node {
     uint32_t parent;
-    uint32_t child;   /* newest */
-    uint32_t sibling; /* older; also the list of free nodes */
+    uint32_t child;   /* newest child */
+    uint32_t sibling; /* next older sibling; of a free node: next free node */
     bool used;
     fmi2FMUstate state; /* after this sequence; NULL: not saved */
 } tl_sequence_node;
@@ -40,7 +40,7 @@ typedef struct tl_sequence_cache {
     uint32_t peak;  /* most nodes ever in use */
     uint32_t free;  /* first free node */
     uint32_t spare_count;
-    fmi2FMUstate *spare; /* state handles without a node; those of dropped nodes return here */
+    fmi2FMUstate *spare; /* state handles without a node; handles of dropped nodes are added here */
     tl_sequence_node *nodes;
     unsigned char *bytes; /* capacity × (key, value) */
 } tl_sequence_cache;
@@ -56,17 +56,17 @@ size_t tl_sequence_cache_memory(const tl_sequence_cache *cache);
 /* Creates the root of an empty tree. */
 uint32_t tl_sequence_cache_plant(tl_sequence_cache *cache);
 
-/* The child of a node by its key; TL_NO_NODE if there is none. */
+/* Returns the child of a node with this key; TL_NO_NODE if there is none. */
 uint32_t tl_sequence_cache_find(const tl_sequence_cache *cache, uint32_t node, const void *key);
 
-/* Adds a child that does not exist yet; TL_NO_NODE if the pool is full. */
+/* Adds a child that does not exist yet. Returns TL_NO_NODE if the pool is full. */
 uint32_t tl_sequence_cache_add(tl_sequence_cache *cache, uint32_t parent, const void *key, const void *value);
 
 const unsigned char *tl_sequence_cache_key(const tl_sequence_cache *cache, uint32_t node);
 const unsigned char *tl_sequence_cache_value(const tl_sequence_cache *cache, uint32_t node);
 
-/* Takes a spare handle to save a state in (NULL: there is none), and returns one. There must never
- * be more than one per node. */
+/* Takes a spare handle for a new state (NULL: there is none); adds a handle to the spare ones. At
+ * any time there may be at most one handle per node. */
 fmi2FMUstate tl_sequence_cache_take_spare(tl_sequence_cache *cache);
 void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state);
 

@@ -22,26 +22,28 @@
  * Thread:  plain data.
  */
 
-/* Reports all parts of a plan that are not possible with its event horizon. */
+/* Reports all parts of a plan that cannot be used with its event horizon. */
 void tl_event_plan_check(const tl_plan *plan, tl_report *report);
 
-/* Number of the plant's samples to keep: a search may take as long as a stroke. */
+/* Number of the plant's samples to keep, because a search may take as long as a stroke. */
 size_t tl_event_plan_window(const tl_plan *plan);
 
 /* ---- Event horizon: matches the twin around an event of the plant, not in every step (eq. 5.4,
  * 5.5).
  *
  * Purpose: if only an event is measured (a cylinder has reached its end), one step contains no
- *          information about u: its effect shows at the end of the stroke. So the twin runs with
- *          the u found last, and its state is saved at the start of a stroke. Around the plant's
- *          event, each candidate starts there and runs over the whole stroke. J is summed over T_F,
- *          half of it before the event and half after it, so that too early costs as much as too
- *          late. The best candidate is continued to the present instant and becomes the twin. Steps
- *          committed meanwhile are not changed.
- * Phases:  waiting for the start; in the stroke; waiting until the window is complete (lag) or not
- *          (hold: the newest sample stands in for later ones, and a plant whose signal returns
- *          within the window is searched again at its end); searching; continuing the best
- *          candidate.
+ *          information about u: its effect shows at the end of the stroke. A stroke lasts from the
+ *          start signal to the plant's event. The twin runs with the u found last, and its state is
+ *          saved at the start of the stroke. After the event, each candidate starts from that state
+ *          and runs over the whole stroke. J is summed over the window T_F: half of it before the
+ *          event, half after it. So too early costs as much as too late. The best candidate
+ *          is continued to the present instant and becomes the twin. Steps committed meanwhile are
+ *          not changed.
+ * Phases:  waiting for the start; in the stroke; waiting for the end of the window (lag only);
+ *          searching; continuing the best candidate.
+ * Hold:    the search starts before the window is complete, and uses the newest sample in place of
+ *          later ones. If the plant's signal returns within the window, the stroke is searched
+ *          again at the end of the window.
  * Time:    a search may take many cycles. In each cycle the live step comes first; then candidates
  *          run for as many macro steps as fit the budget. Between cycles the FMUs are those of the
  *          live twin. A search is abandoned if the next stroke starts, or if the samples of its
@@ -49,8 +51,8 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          better than nominal.
  * First:   the u in use is the first candidate. Its result is known already, except for the part of
  *          the window that lies ahead.
- * Doubt:   a stroke is not searched if it takes too long or if one of its edges falls into a gap of
- *          the measurements.
+ * Doubt:   a stroke is not searched if it exceeds the configured limit, or if one of its edges
+ *          falls into a gap of the measurements.
  * Limits:  one Real variable without a connection; modes lag and hold; a Boolean output matches the
  *          end signal.
  * Thread:  the twin's. Memory: the arena, at start-up; it owns five states of each FMU.

@@ -7,12 +7,12 @@
  *          again from its start through the stored trials, at no cost, until it asks for a u that
  *          is not stored.
  * Plateau: if the simulated event falls outside the window, J is constant and a solver cannot use
- *          it. But the side is known. So the search first moves away from the guess, to either side
- *          in turn with doubled steps, until a trial falls inside or on the other side. Then it
- *          bisects until one falls inside. It never goes beyond a trial that failed. From there the
- *          solver continues. If the solver ends outside the tolerance, bisection continues between
- *          the nearest early and late trials.
- * Source:  thesis 5.6.3 (eq. 5.4, 5.5); the plateau is ours.
+ *          it. But the side is known. So the search first moves away from the guess, to both sides
+ *          in turn. It doubles the distance until a trial falls inside or on the other side. Then
+ *          it bisects until one falls inside. It never goes beyond a trial that failed. From there
+ *          the solver continues. If the solver ends outside the tolerance, bisection continues
+ *          between the nearest early and late trials.
+ * Source:  thesis 5.6.3 (eq. 5.4, 5.5); the method for the plateau is not from the thesis.
  * Thread:  the twin's. Memory: the arena, at start-up; NLopt allocates in each call (optimiser.h).
  */
 #ifndef TL_MASTER_EVENT_EVENT_SEARCH_H
@@ -31,8 +31,8 @@ typedef enum tl_event_side {
     TL_EVENT_BEFORE,  /* before the window: on the plateau */
     TL_EVENT_EARLY,   /* within the window */
     TL_EVENT_EXACT,   /* in the same step */
-    TL_EVENT_LATE,
-    TL_EVENT_AFTER /* after it: on the plateau */
+    TL_EVENT_LATE,    /* within the window */
+    TL_EVENT_AFTER    /* after the window: on the plateau */
 } tl_event_side;
 
 /* One trial. */
@@ -45,7 +45,7 @@ typedef struct tl_event_trial {
 typedef struct tl_event_search {
     const tl_optimiser_class *solver;
     tl_optimiser *optimiser;
-    tl_optimiser_space space; /* of z: u = origin + scale·z */
+    tl_optimiser_space space; /* search space of the solver's variable z; u = origin + scale·z */
     double z_step;
     double z_lower;
     double z_upper;
@@ -57,9 +57,9 @@ typedef struct tl_event_search {
     uint32_t stagnation; /* trials without progress that stop the solver */
     tl_event_trial *trials;
     size_t count;
-    size_t most;  /* most trials of a search */
-    double asked; /* proposed by the solver, not evaluated yet */
-    bool asks;
+    size_t most;  /* largest number of trials of a search */
+    double asked; /* u that the solver proposed and that is not evaluated yet */
+    bool asks;    /* `asked` is valid */
 } tl_event_search;
 
 enum { TL_EVENT_STAGNATION = 6 };
@@ -88,7 +88,7 @@ void tl_event_search_begin(tl_event_search *search);
  * try or if J is within tolerance. */
 bool tl_event_search_next(tl_event_search *search, double *u);
 
-/* Reports a trial; there must be room. */
+/* Reports the result of a trial. The search must not be full. */
 void tl_event_search_report(tl_event_search *search, double u, double value, tl_event_side side);
 
 bool tl_event_search_is_full(const tl_event_search *search);

@@ -35,8 +35,8 @@ typedef struct tl_ports {
     fmi2Boolean *booleans;
 } tl_ports;
 
-/* All values of one direction as bytes: their size, from the ports, to the ports. Equal values have
- * equal bytes, except −0 and 0. */
+/* All values of one direction as bytes: returns their size; copies them from the ports; copies them
+ * to the ports. Equal values have equal bytes, except −0 and 0. */
 size_t tl_ports_size(const tl_ports *ports);
 void tl_ports_read(const tl_ports *ports, unsigned char *bytes);
 void tl_ports_write(const tl_ports *ports, const unsigned char *bytes);
@@ -63,8 +63,8 @@ typedef struct tl_component {
     const char *name;
     const tl_model *model;
     const tl_fmi2 *fmi;
-    const fmi2CallbackFunctions *callbacks; /* arguments of fmi2Instantiate */
-    const char *resources;                  /* the same */
+    const fmi2CallbackFunctions *callbacks; /* argument of fmi2Instantiate */
+    const char *resources;                  /* argument of fmi2Instantiate */
     const tl_start_value *starts;
     size_t start_count;
     fmi2Component instance;
@@ -75,12 +75,12 @@ typedef struct tl_component {
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
     bool reads_late;      /* the FMU rejects fmi2GetXXX in initialisation mode: outputs are read after it */
     bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
-    bool says_final;      /* each step is final, whatever the caller says: for a proof */
-    bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
-    bool reals_only;      /* no other ports: set by the exchange once they are placed */
-    uint64_t executions;  /* fmi2DoStep calls */
-    double start_s;       /* the FMU's time at t = 0, s; the times of the calls below count from it */
-    double stop_s;        /* its stop time, s; not above start_s: none */
+    bool says_final;   /* each step is reported as final, also if the caller passes false: for tests of the rollback */
+    bool prefers_copy; /* tl_component_prefer_copy() is in effect */
+    bool reals_only;   /* all ports are Real; set by the exchange when it has placed the ports */
+    uint64_t executions; /* fmi2DoStep calls */
+    double start_s;      /* the FMU's time at t = 0, s; the times of the calls below count from it */
+    double stop_s;       /* the FMU's stop time, s; not above start_s: none */
 } tl_component;
 
 /* fmi2Instantiate; then start values may be set. If the FMU rejects it, it is called once more with
@@ -95,9 +95,8 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
 /* Sets all of `starts`. */
 tl_status tl_component_set_starts(tl_component *component, tl_error *error);
 
-/* Resets the FMU: fmi2Reset, and `starts` again. Initialisation follows. Saved states stay the
- * FMU's until they are freed, and their handles may be reused. TL_FMU_FAILED: use
- * tl_component_renew(). */
+/* Resets the FMU: fmi2Reset, and `starts` again. The caller initialises it then. Saved states still
+ * belong to the FMU: free their handles or reuse them. TL_FMU_FAILED: use tl_component_renew(). */
 tl_status tl_component_reset(tl_component *component, tl_error *error);
 
 /* The same for an FMU that rejects fmi2Reset: fmi2FreeInstance, fmi2Instantiate, and `starts`
@@ -112,16 +111,16 @@ tl_status tl_component_enter_initialization(tl_component *component, double star
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
 /* Writes the inputs to the FMU; reads the outputs from it. A Real output that is not finite is NaN,
- * always with the same bits. If the FMU rejects reading in initialisation mode, as ControlBuild's
- * do, the outputs keep their values, and it is not read again before the end of that mode. */
+ * always with the same bits. If the FMU rejects reading in initialisation mode (as FMUs of
+ * ControlBuild do), the outputs keep their values. They are then not read again in that mode. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
 /* Sets the inputs, steps from start_s + `now` by `step` (both s), reads the outputs. If the FMU has
- * ended itself, the error says so, with its time.
+ * terminated itself, the error text says this, with the time.
  * `final`: no earlier state will be restored any more. An FMU that is rolled back without its
- * knowledge (tl_fmi2.is_unaware) is always told that a step is final, as in a run without rollback,
- * because the outputs of some FMUs depend on it. */
+ * knowledge (tl_fmi2.is_unaware) always gets final steps, as in a run without rollback. The outputs
+ * of some FMUs depend on this. */
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
 /* The same for `count` components in one call. If one fails, *failed is its index, and those after
@@ -134,34 +133,35 @@ void tl_component_mark_outputs(const tl_component *component);
 
 /* Saves and restores the FMU's hidden state; needs canGetAndSetFMUstate. Port values belong to the
  * graph. A handle that is not NULL is reused; tl_component_forget() frees it. If an FMU has once
- * returned another handle than the given one, each handle is freed before the next save: some FMUs
- * lose the old state, which would consume all memory within weeks. */
+ * returned another handle than the given one, each handle is freed before the next save. Otherwise
+ * some FMUs leak the old state, which would consume all memory within weeks. */
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
 /* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states
- * are wrong. Returns false if there is no method for it. */
+ * are wrong. It replaces an earlier copy. Returns false if no copy could be made. */
 bool tl_component_save_copy(tl_component *component);
 
-/* Bytes that this copy would take now; 0: not known, or there is no method. */
+/* Bytes that such a copy would take now; 0: unknown, or no copy can be made. */
 size_t tl_component_copy_size(const tl_component *component);
 
-/* Restores the kept copy. States saved since are invalid: forget them before. With `why`, the
- * description of what is wrong with its states (may be ""), states are saved and restored by the
- * other method from now on. Returns false if the FMU cannot, and has given the reason. */
+/* Restores the kept copy. States saved since are invalid: forget them before. `why` not NULL: what
+ * is wrong with the FMU's states (may be ""); from now on states are saved and restored as such
+ * copies. Returns false if this is not possible; then the FMU has logged the reason. */
 bool tl_component_restore_copy(tl_component *component, const char *why);
 
 /* For an FMU with a kept copy: true if a copy of its memory could replace its own states. The
- * second function switches to copies because they are faster; the FMU must have no states and stand
- * where it was kept. Returns false if it cannot. */
+ * second function switches to copies because they are faster. The FMU must have no saved states and
+ * be at the instant of the kept copy. `times`: the measured durations. Returns false
+ * if it cannot switch. */
 bool tl_component_has_choice(const tl_component *component);
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times);
 
 /* Frees the kept copy. */
 void tl_component_drop_copy(const tl_component *component);
 
-/* Reserves memory for so many states at a time, besides existing ones. TL_TRY_AGAIN if memory is
- * out. */
+/* Reserves memory for `states` states at the same time, in addition to existing ones. TL_TRY_AGAIN
+ * if memory is out. */
 tl_status tl_component_reserve_states(const tl_component *component, size_t states, tl_error *error);
 
 /* Bytes of one more state; 0: not known in advance. */
@@ -170,8 +170,8 @@ size_t tl_component_state_size(const tl_component *component);
 /* True if the FMU declares that it can serialise a saved state. */
 bool tl_component_can_serialize(const tl_component *component);
 
-/* A saved state as bytes: their number, the bytes, and a state from bytes. Bytes are valid only for
- * the same FMU binary. A handle that is not NULL is reused. */
+/* A saved state as bytes: returns their number; writes them; makes a state from them. Bytes are
+ * valid only for the same FMU binary. A handle that is not NULL is reused. */
 tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate state, size_t *size, tl_error *error);
 tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
                                  tl_error *error);
@@ -183,7 +183,7 @@ tl_status tl_component_deserialize(tl_component *component, const unsigned char 
 void tl_component_forget(tl_component *component, fmi2FMUstate *state);
 
 /* Ends the instance as its mode allows; allowed in any mode. The caller checks that no other
- * instance of the same FMU has returned fmi2Fatal, which is valid for all of them. */
+ * instance of the same FMU has returned fmi2Fatal, because that forbids calls of all of them. */
 void tl_component_free(tl_component *component);
 
 #endif

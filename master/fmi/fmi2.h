@@ -1,7 +1,8 @@
 /* Function table of one loaded FMI 2.0 for Co-Simulation binary.
  *
  * Purpose: component.c calls an FMU through it. The module that loads the binary (firmware) fills
- *          it, so that the master knows neither files nor dlopen.
+ *          it, so that the master needs neither files nor dlopen.
+ * Owner:   the module that filled it; it must outlive every instance.
  * Source:  FMI 2.0.4, section 2.1 and 4.2.
  */
 #ifndef TL_MASTER_FMI_FMI2_H
@@ -19,30 +20,34 @@ struct tl_ports;
 typedef struct tl_fmi2_step {
     fmi2Real now;      /* s: communication point */
     fmi2Real size;     /* s */
-    fmi2Boolean final; /* no earlier state will be restored */
-    bool last;         /* no other instance is stepped directly after this one */
+    fmi2Boolean final; /* no state from before `now` will be restored */
+    bool last;         /* the master does not step another instance directly after this one */
 } tl_fmi2_step;
 
-/* Not part of FMI: fmi2SetReal, fmi2DoStep and fmi2GetReal in one call, for an instance that has no
- * other ports. A wrapper of an FMU then does its own work once and not three times, which matters
- * for a small FMU. *done counts the calls that were followed by another one; the status is that of
- * the last call. */
+/* Not part of FMI: fmi2SetReal, fmi2DoStep and fmi2GetReal in one call, for an instance that has
+ * only Real ports. A wrapper of an FMU then does its own work once and not three times. This saves
+ * much time if the FMU is small. Returns the status of the last of the three calls that was made.
+ * *done: number of calls before that one, 0 … 2. */
 typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
                                       const struct tl_ports *outputs, const tl_fmi2_step *step, unsigned *done);
 
-/* Duration of save, step and restore in two ways, ns. */
+/* Duration of one round (save, step and restore) by each of two rollback methods, ns. */
 typedef struct tl_fmi2_times {
-    int64_t by_states;
-    int64_t by_copy;
+    int64_t by_states; /* by the FMU's own states */
+    int64_t by_copy;   /* by a copy of its memory */
 } tl_fmi2_times;
 
-/* Not part of FMI: another rollback method for an FMU whose own states may be wrong. `keep` makes a
- * full copy of the FMU, replacing the one before. `come_back` restores it. `give_up_states`
- * restores it and switches saving and restoring to this method. `let_go` frees the copy. `size`:
- * bytes of such a copy; 0: not known. fmi2Error: not possible, and the FMU has given the reason.
- * `has_choice`: the copy is one of the FMU's memory, and its states are its own, which may be
- * slower. `prefer_copy`, if so and while nothing else is kept: switches to copies, until
- * `give_up_states` switches back. */
+/* Not part of FMI: another rollback method for an FMU whose own states may be wrong.
+ * `keep`:           makes a full copy of the FMU and drops the earlier copy.
+ * `come_back`:      restores the copy.
+ * `give_up_states`: restores the copy and rolls back by the next method from now on. `why`: cause
+ *                   for the log; "" if it is not known.
+ * `let_go`:         frees the copy.
+ * `size`:           bytes of a copy; 0: not known.
+ * `has_choice`:     true if the FMU is rolled back by its own states and its memory can be copied.
+ * `prefer_copy`:    only if has_choice() is true and no state is saved: rolls back by copies of the
+ *                   memory from now on. `give_up_states` returns to the FMU's own states.
+ * Errors: fmi2Error if it is not possible; the reason was logged. */
 typedef struct tl_fmi2_fallback {
     fmi2Status (*keep)(fmi2Component instance);
     fmi2Status (*come_back)(fmi2Component instance);
@@ -53,13 +58,13 @@ typedef struct tl_fmi2_fallback {
     fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
 } tl_fmi2_fallback;
 
-/* Not part of FMI: rollback by replay; the instance is reset and given its inputs again. Zeroed:
- * another method, or none. */
+/* Not part of FMI: rollback by replay. The instance is reset, and its steps are executed again with
+ * the same inputs. Zeroed: another method is used, or none. */
 typedef struct tl_fmi2_replay {
-    uint32_t most;     /* most steps from its start to a restored instant; 0: no replay */
-    bool is_over;      /* it cannot be rolled back any more: its inputs did not fit, */
-    bool differs;      /* or the repeated steps gave other outputs */
-    uint64_t steps;    /* executed again */
+    uint32_t most;     /* largest number of steps from its start to a restored instant; 0: no replay */
+    bool is_over;      /* its inputs did not fit into memory: no rollback any more */
+    bool differs;      /* the repeated steps gave other outputs: no rollback any more */
+    uint64_t steps;    /* number of steps that were executed again */
     size_t bytes;      /* memory for its inputs */
     int64_t beginning; /* longest duration of a reset with initialisation so far, ns */
 } tl_fmi2_replay;
@@ -68,11 +73,11 @@ typedef struct tl_fmi2_replay {
  * step. */
 typedef void tl_fmi2_note_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
 
-/* Not part of FMI: bytes of one more state, if known without calling the FMU. */
+/* Not part of FMI: bytes that one more state would need; 0: not known. Does not call the FMU. */
 typedef size_t tl_fmi2_state_size(fmi2Component instance);
 
-/* Not part of FMI: reserves memory for so many states now, and none later. fmi2Error: memory is
- * out, and the error was logged. */
+/* Not part of FMI: allocates the memory for `states` states now, so that none is allocated later.
+ * fmi2Error: memory is out, and the error was logged. */
 typedef fmi2Status tl_fmi2_reserve_states(fmi2Component instance, size_t states);
 
 /* Functions that an FMU may omit (see its capability flags) are NULL. */
@@ -102,14 +107,13 @@ typedef struct tl_fmi2 {
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2GetBooleanStatusTYPE *get_boolean_status;              /* optional */
     fmi2DoStepTYPE *do_step;
-    tl_fmi2_step_reals *step_reals;    /* NULL: the three are called one by one */
-    const tl_fmi2_fallback *full_copy; /* NULL: there is no such method */
+    tl_fmi2_step_reals *step_reals;    /* NULL: the three functions are called one by one */
+    const tl_fmi2_fallback *full_copy; /* NULL: there is no other method */
     tl_fmi2_note_ports *know_ports;    /* NULL: not needed */
     tl_fmi2_replay replay;
-    bool
-        is_unaware; /* it is rolled back without its knowledge: no earlier state is ever restored from its point of view */
-    tl_fmi2_state_size *state_size;         /* NULL: it is not known */
-    tl_fmi2_reserve_states *reserve_states; /* NULL: each is created when it is saved */
+    bool is_unaware;                        /* rolled back from outside: every step is marked as final */
+    tl_fmi2_state_size *state_size;         /* NULL: the size is not known */
+    tl_fmi2_reserve_states *reserve_states; /* NULL: each state is allocated when it is saved */
 } tl_fmi2;
 
 #endif

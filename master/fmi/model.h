@@ -58,9 +58,9 @@ typedef struct tl_variable {
     double minimum; /* −infinity if none is declared */
     double maximum; /* +infinity if none is declared */
     double nominal; /* > 0; 1 if none is declared */
-    uint64_t items; /* Enumeration: bit k: minimum + k is an item; 0: unknown, or more than 64 apart */
+    uint64_t items; /* Enumeration: bit k: minimum + k is an item; 0: not known, or a range of more than 64 */
     tl_initial initial;
-    bool is_ambiguous; /* the model has another variable of this name: neither can be used */
+    bool is_ambiguous; /* another variable has the same name: neither can be used */
 } tl_variable;
 
 typedef struct tl_capabilities {
@@ -79,17 +79,18 @@ typedef struct tl_model {
     double stop_time;  /* the same */
     const tl_variable *variables;
     size_t variable_count;
-    const tl_unit *units; /* those defined, then those that variables only name */
+    const tl_unit *units; /* defined units, then undefined ones that variables name */
     size_t unit_count;
 } tl_model;
 
+/* Variables that tl_model_nearest() compares. */
 enum { TL_MODEL_OFFERED = 10000 };
 
 /* The variable of that name, or NULL. O(variable_count). */
 const tl_variable *tl_model_variable(const tl_model *model, const char *name);
 
-/* The nearest name to one that no variable has, or NULL (text.h). O(variable_count); of a very
- * large model only the first TL_MODEL_OFFERED variables are compared. */
+/* For a misspelt name: the most similar name of a variable, or NULL (text.h). Compares only the
+ * first TL_MODEL_OFFERED variables. */
 const char *tl_model_nearest(const tl_model *model, const char *name);
 
 /* The unit of that name, or NULL. */

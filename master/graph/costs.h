@@ -1,11 +1,13 @@
 /* Cost of executions, measured with as few clock readings as possible.
  *
- * Purpose: a deadline needs the cost of an execution, but for a cheap FMU a clock reading costs
- *          more than its step. So the clock is read at most once per macro step: a lap. The
- *          duration of a lap is shared among the components executed in it, in proportion to their
- *          expected costs. If all components execute in one call, the duration is that of the call.
- * Closely: to correct the proportions, some macro steps are measured component by component: in
- *          every sixteenth step, and if a lap took longer than expected.
+ * Purpose: a search with a deadline must know the cost of an execution. But for a small FMU, a
+ *          clock reading takes longer than a step. So the clock is read at most once per macro
+ *          step. The time between two readings is a lap. A lap's duration is shared among the
+ *          components executed in it, in proportion to their expected costs. If all components
+ *          execute in one call, only the duration of the call is learned.
+ * Closely: to correct the proportions, some macro steps are measured component by component: one in
+ *          every sixteenth step, and one after a lap that took 1.5 times as long as expected.
+ * Step:    here a step of the twin, with all its candidates and its committed macro step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_GRAPH_COSTS_H
@@ -20,50 +22,50 @@
 
 typedef struct tl_cost {
     tl_time most; /* ns: the longest recent duration, decaying */
-    double mean;  /* ns, recent mean over candidates; the committed step may take many times as long, but comes once */
+    double mean;  /* ns: recent mean over candidates, without the committed step, which may take far longer */
 } tl_cost;
 
-/* Expected cost of `times` executions in a row. A few count as if each took the longest recent
- * duration. Many count with the mean, since the caller asks again after each. */
+/* Expected cost of `times` executions in a row, ns. The first 16 count with the longest recent
+ * duration, all others with the mean. That is enough, because the caller asks again after each. */
 tl_time tl_cost_of(const tl_cost *cost, tl_time times);
 
 typedef struct tl_costs {
     tl_time (*now)(void *clock); /* NULL: nothing is measured */
     void *clock;
-    tl_time read;  /* last reading of the clock */
-    tl_cost *each; /* of one execution of each component, including the save of its state */
-    tl_cost all;   /* of one execution of all components in one call */
+    tl_time read;  /* last reading of the clock, ns */
+    tl_cost *each; /* cost of one execution of each component, including the save of its state */
+    tl_cost all;   /* cost of one execution of all components in one call */
     size_t count;
     size_t *ran; /* components that were executed in this lap */
     size_t ran_count;
-    bool ran_all;   /* all in one call */
+    bool ran_all;   /* all were executed in one call in this lap */
     bool closely;   /* the current macro step is measured component by component */
-    size_t looked;  /* components measured so far */
-    tl_time seen;   /* their duration */
+    size_t looked;  /* components measured one by one in the current macro step */
+    tl_time seen;   /* sum of their durations, ns */
     bool apart;     /* the committed step is being executed */
-    bool walked;    /* something else was executed in this step */
-    uint32_t steps; /* steps started with a clock */
+    bool walked;    /* a candidate was executed in this step */
+    uint32_t steps; /* number of steps that were started with a clock */
 } tl_costs;
 
 /* For `count` components. Returns false if memory is out. */
 bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count);
 
-/* Starts a step and reads the clock; NULL: without one. */
+/* Starts a step and reads the clock `now`; NULL: nothing is measured in this step. */
 void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock);
 
-/* There was no time for something in the last step. If that was all of its candidates, their mean
- * cost decays, so that they are tried again later. */
+/* Call before tl_costs_begin() if time ran out in the last step. If no candidate was executed in
+ * it, decreases the mean costs, so that a later step tries candidates again. */
 void tl_costs_rest(tl_costs *costs);
 
-/* Until the next lap, the committed step is executed. */
+/* The current lap executes the committed step: its duration is not part of the means. */
 void tl_costs_commit(tl_costs *costs);
 
 /* Records that one component was executed, or all in one call. */
 void tl_costs_ran(tl_costs *costs, size_t component);
 void tl_costs_ran_all(tl_costs *costs);
 
-/* Ends a lap and reads the clock, which must exist. If components were executed, assigns them the
- * duration and returns 0; otherwise returns the duration, ns. */
+/* Ends a lap and reads the clock; not allowed without one. If components were executed, adds the
+ * duration to their costs and returns 0. Else returns the duration, ns. */
 tl_time tl_costs_lap(tl_costs *costs);
 
 #endif

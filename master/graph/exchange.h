@@ -4,12 +4,12 @@
  *          present inputs, then all outputs are read, then all inputs are assigned through the
  *          connections. A candidate starts with the committed values of t_i and runs over the
  *          horizon; the committed step advances t_i.
- * Saving:  by structure (approach 1) component k takes part only in the first reach[k] = Γ_k steps
- *          of a candidate; by sequences (approach 2) each component has a cache. Neither changes a
- *          committed value by a bit.
- * NaN:     a Real output that is not finite is NaN and is not delivered: the inputs that read it
- *          keep their last value. They belong to the port values, so each candidate starts with
- *          those of the committed instant.
+ * Saving:  saves executions by two approaches. By structure (approach 1), component k takes part
+ *          only in the first reach[k] = Γ_k steps of a candidate. By sequences (approach 2), each
+ *          component has a cache of its results. Neither changes a committed value by a bit.
+ * NaN:     a Real output that is not finite becomes NaN and is not delivered: the inputs that read
+ *          it keep their last value. These inputs are port values too. So each candidate starts
+ *          with the inputs of the committed instant.
  * Memory:  all port values lie in one block, so that they are saved by one copy.
  * Errors:  functions that call FMUs return TL_FMU_FAILED or TL_FMU_FATAL from the first component
  *          that failed; the text names it. Components after it were not called.
@@ -42,22 +42,22 @@ typedef struct tl_integer_copy {
     fmi2Integer *adjusted; /* as above */
 } tl_integer_copy;
 
-/* Input of an adjusted variable: where the exchange holds u and û, by its type. */
+/* Input of an adjusted variable: addresses of its u and û in the exchange. */
 typedef struct tl_adjusted_input {
-    fmi2Real *real;                       /* u; NULL: it is Boolean */
-    fmi2Boolean *boolean;                 /* u; NULL: it is Real */
-    const fmi2Real *delivered_real;       /* û of a connection that is cut */
+    fmi2Real *real;                       /* u; NULL: the input is Boolean */
+    fmi2Boolean *boolean;                 /* u; NULL: the input is Real */
+    const fmi2Real *delivered_real;       /* û that a cut connection delivers */
     const fmi2Boolean *delivered_boolean; /* both NULL: no connection delivers û */
-    double nominal;                       /* û in that case */
+    double nominal;                       /* û if no connection delivers it */
 } tl_adjusted_input;
 
-/* Inputs and outputs of one component in a committed step, and its inputs in the last candidate, as
- * bytes of its ports (tl_ports_read()). */
+/* Buffers of the verifier, as bytes of ports (tl_ports_read()): inputs and outputs of one component
+ * in a committed step, and its inputs in the last candidate. */
 typedef struct tl_exchange_note {
     size_t component;
     unsigned char *inputs;
     unsigned char *outputs;
-    unsigned char *tried; /* one entry of tried_bytes for each depth below tried_most */
+    unsigned char *tried; /* inputs in the candidate: tried_bytes for each depth below tried_most */
     size_t tried_bytes;
     uint32_t tried_most;
     uint32_t tried_count; /* entries that have been set */
@@ -67,38 +67,38 @@ typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
     tl_plant plant;
-    tl_time step;                /* T_S */
-    double step_s;               /* the same, s */
-    uint32_t *reach;             /* Γ_k of each component, the plant is the last; NULL: all take part in all steps */
+    tl_time step;                /* T_S, ns */
+    double step_s;               /* T_S, s */
+    uint32_t *reach;             /* Γ_k of each component, then of the plant; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: nothing is saved by sequences */
-    uint32_t beside;             /* states of each component that other modules keep, within the same bound */
+    uint32_t beside;             /* states per component that other modules keep; they count towards the memory bound */
     tl_state_room *rooms;        /* one per component, for its cache; filled by tl_exchange_start() */
-    bool whole;                  /* nothing is saved: all components execute in one call */
+    bool whole;                  /* no executions are saved: all components execute in one call */
     tl_costs costs;              /* of executions */
-    uint64_t executions;         /* of all components without the plant */
-    size_t failed;               /* the component at which the last macro step failed */
+    uint64_t executions;         /* number of executions of all components, without the plant */
+    size_t failed;               /* index of the component at which the last macro step failed */
     unsigned char *values;       /* reals, then integers, then booleans of all ports; then û of cut connections */
-    tl_snapshot home;            /* where candidates start; with caches, its values only */
+    tl_snapshot home;            /* start of candidates: values and states; with caches, only the values */
     bool *is_kept;               /* of each component: a full copy exists during a proof */
-    int64_t begun;               /* first step of the FMUs */
-    tl_exchange_note *note;      /* the committed step is noted there; NULL: it is not */
+    int64_t begun;               /* first macro step since initialisation or reset */
+    tl_exchange_note *note;      /* each committed step is copied to it; NULL: no copy */
     bool is_kept_from;           /* a module keeps a state from before the committed instant: no step is final */
-    bool is_kept_always;         /* the same for the whole run */
+    bool is_kept_always;         /* is_kept_from stays true for the whole run */
     const fmi2Real *outputs;     /* the Real outputs of all components, contiguous */
     size_t output_count;
     size_t values_size;
-    size_t real_count;    /* of `values`, at its start */
+    size_t real_count;    /* number of reals at the start of `values` */
     tl_real_copy *copies; /* connections without unit conversion */
     size_t copy_count;
     tl_real_copy *conversions;
     size_t conversion_count;
     tl_integer_copy *integer_copies;
     size_t integer_copy_count;
-    tl_adjusted_input adjusted[TL_MAX_ADJUST]; /* by variable */
+    tl_adjusted_input adjusted[TL_MAX_ADJUST]; /* index: adjusted variable */
 } tl_exchange;
 
-/* Places all values and copies; the graph must be complete. `window`: samples of the plant that are
- * kept. */
+/* Allocates all port values and builds the tables of copies. The graph must be complete. `window`:
+ * number of plant samples to keep. */
 tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error);
 
 /* Address of a port's value: a double, an fmi2Integer or an fmi2Boolean by its type. The second
@@ -121,57 +121,63 @@ static inline void tl_exchange_set_adjusted(tl_exchange *exchange, size_t variab
     }
 }
 
-/* Changes û of a variable that no connection delivers; u stays. */
+/* Changes û of a variable whose û no connection delivers. Does not change u. */
 void tl_exchange_set_nominal(tl_exchange *exchange, size_t variable, double nominal);
 
-/* The present u; and the present û. */
+/* Return the present u and the present û. */
 double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable);
 double tl_exchange_nominal(const tl_exchange *exchange, size_t variable);
 
-/* Sets all values to those before the first initialisation. */
+/* Sets all port values to those before the first initialisation. */
 void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph);
 
 /* Initialises all components at the instant of macro step `first`: fmi2SetupExperiment …
- * fmi2ExitInitializationMode, with outputs and inputs exchanged in between until they agree. The
- * plant must have a sample; that of tick `shown` is delivered first. If FMUs reject reading in
- * initialisation mode and then fail, all are instantiated again, and those are not read in it. */
+ * fmi2ExitInitializationMode, with outputs and inputs exchanged in between until they agree. First
+ * delivers the plant's sample of tick `shown`, which must exist. Some FMUs reject reading in
+ * initialisation mode and then fail. In this case all FMUs are instantiated again, and these FMUs
+ * are read only after that mode. */
 tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error);
 
-/* Assigns all inputs from the outputs, except from those that are NaN. */
+/* Assigns outputs to the inputs that read them. Outputs that are NaN are skipped. */
 void tl_exchange_deliver(tl_exchange *exchange);
 
 /* True if all Real outputs of the FMUs are finite. */
 bool tl_exchange_is_finite(const tl_exchange *exchange);
 
-/* Enables saving of executions, before initialisation: `reach` has an entry per component and for
- * the plant, or is NULL; `capacity` has the nodes of each cache, or is NULL. Both must stay valid.
- */
+/* Enables saving of executions. Call it before initialisation. Returns false if memory is out.
+ * `keep`:     one entry per component.
+ * `reach`:    Γ_k of each component, then of the plant; NULL: no saving by structure.
+ * `capacity`: number of nodes of each component's cache; NULL: no saving by sequences.
+ * `reach` and `capacity` must outlive the exchange. `prediction`: T_P. */
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
                                  const uint32_t *capacity, uint32_t prediction);
 
 /* Expected cost of `steps` macro steps of all components, ns. */
 tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);
 
-/* After initialisation: t_0 is the committed instant. With caches, saves the first states. All
- * states together, at their present size, stay within `bytes` (0: no bound), except the two that
- * each component must have. `heap` as in tl_cached_component_measure(). */
+/* Call after initialisation: makes t_0 the committed instant and, with caches, saves the first
+ * states. `bytes`: bound for all states together at their present size; 0: no bound. Each component
+ * gets at least two states, even beyond the bound. `heap`: see tl_cached_component_measure(). */
 tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error);
 
-/* The same after all FMUs were reset and initialised at the instant of macro step `step`: drops all
- * saved results. */
+/* Call after all FMUs were reset and initialised at the instant of macro step `step`: makes it the
+ * committed instant and drops all saved results. */
 tl_status tl_exchange_reset(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* Between steps, before macro step `step`: empties the caches and counts all executions from 0.
- * *done is false, and nothing is dropped, if an FMU would have to be executed again for it. */
+/* Between steps, before macro step `step`: empties the caches and counts all executions from 0. If
+ * an FMU would have to be executed again for this, does nothing and sets *done to false. */
 tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl_error *error);
 
-/* Makes the committed values and states the start of candidates. Once per step, before the first
- * candidate. Without caches it saves all states; with caches it calls no FMU and cannot fail. */
+/* Makes the committed values and states the start of candidates. Call it once per step, before the
+ * first candidate. Without caches it saves all states. With caches it calls no FMU and cannot fail.
+ */
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);
 
-/* True if a component (the plant is the last one) takes part at a depth. Then: its step as in
- * tl_exchange_try(), from the position of its cache; and the converted value of a connection's
- * source, or the input's present value if that is not finite. */
+/* Parts of tl_exchange_try(), for track.h.
+ * takes_part(): true if a component (the plant is the last one) executes the step at this depth.
+ * advance():    executes this step of one component, from the position of its cache.
+ * convert():    returns the converted value of a connection's source; if it is not finite, the
+ *               present value of the input. */
 bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint32_t depth);
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error);
 double tl_exchange_convert(const tl_real_copy *copy);
@@ -180,63 +186,67 @@ double tl_exchange_convert(const tl_real_copy *copy);
  * fail. */
 tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error);
 
-/* Executes a candidate's macro step, from t_step to t_(step+1); `depth` counts from 0 at the
- * committed instant. If it fails, `failed` is the component, and tl_exchange_rewind() rolls back
- * unless the error was fatal. */
+/* Executes a candidate's macro step, from t_step to t_(step+1). `depth`: number of steps since the
+ * committed instant. If it fails, `exchange->failed` is the component's index. Then call
+ * tl_exchange_rewind(), unless the error was fatal. */
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error);
 
-/* Executes the committed macro step of all components. No state before t_step will be needed any
- * more. If it fails, tl_exchange_rewind() rolls back, if tl_exchange_begin() was called or
- * executions are saved. */
+/* Executes the committed macro step of all components. States from before t_step cannot be restored
+ * afterwards. After a failure, tl_exchange_rewind() can roll back if tl_exchange_begin() was called
+ * or if executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* Before macro step `step`: the first component that cannot be rolled back any more, or not `ahead`
- * steps later; NULL: all can. It can still be stepped. */
+/* Call before macro step `step`: returns the first component that cannot be rolled back at this
+ * step or `ahead` steps later; NULL: all components can. The component can still execute steps. */
 const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t step, uint32_t ahead);
 
 /* Between steps: copies a component's state at the committed instant, as
- *                tl_cached_component_copy_root(). The second function tells whether a module keeps
- *                such a state for longer. */
+ * tl_cached_component_copy_root(). A module that keeps such a state after the next committed step
+ * calls tl_exchange_keep_from() with true, and with false when it does not need the state any more.
+ */
 tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                  bool *taken, tl_error *error);
 void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from);
 
-/* The same for all components and the whole run. */
+/* As tl_exchange_keep_from() with true, for all components and the whole run. */
 void tl_exchange_keep_always(tl_exchange *exchange);
 
-/* Saves and restores all components and values without the caches, for the rollback proof. Uses the
- * place where candidates start. */
+/* For the rollback proof: save and restore all components and values, without the caches. The state
+ * is saved in `home`, in place of the start of candidates. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 
-/* Without the caches: every component executes macro step `step` from its present state with the
- * inputs in the ports; then the following sample is delivered. */
+/* For the rollback proof: every component executes macro step `step` from its present state with
+ * the inputs in the ports. Then delivers the next sample of the plant. Does not use the caches. */
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* For the rollback proof: keeps a full copy of each component besides its states, before
- * tl_exchange_save(). tl_exchange_restore_copy() restores this copy, which the given component must
- * have. With `why`, which may be "", the states of that component are wrong and are not used any
- * more. Other components are restored from their copies too, or get their next rollback method.
- * Returns false if that is not possible. */
+/* For the rollback proof: keep_copies() saves a full copy of each component in addition to its
+ * states. Call it before tl_exchange_save(). drop_copies() frees the copies.
+ * restore_copy() restores every component from its copy or, if it has none, from its state. It
+ * returns false if the given component has no copy, or if a restore fails.
+ * `why`: NULL: the rollback methods stay. Else the text is the cause, or "". The given component
+ *        then gets its next rollback method, because its states are wrong. So does every other
+ *        component that cannot be restored. */
 void tl_exchange_keep_copies(tl_exchange *exchange);
 bool tl_exchange_restore_copy(tl_exchange *exchange, size_t component, const char *why);
 void tl_exchange_drop_copies(tl_exchange *exchange);
 
-/* Between steps, before macro step `step`: the rollback of a component is not exact. From now on it
- * is saved and restored by its other method (tl_fmi2_fallback), from its present state; all caches
- * are emptied. *done is false if there is no such method, or not now. */
+/* Call it between steps, before macro step `step`, if the rollback of a component is not exact.
+ * From now on the component is rolled back by its other method (tl_fmi2_fallback), starting with
+ * its present state. Empties all caches. *done is false if no other method can be used now. */
 tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
                                      tl_error *error);
 
-/* Saves the committed instant, before macro step `step`, to `home`; between steps only. If
- * can_take() is false, an FMU would have to catch up for it. tl_exchange_return() restores what was
- * loaded into `home`, before tl_exchange_start(). */
+/* Between steps, before macro step `step`: tl_exchange_take() saves the committed instant to
+ * `home`. It is possible without an additional execution if can_take() is true.
+ * tl_exchange_return() restores an instant that was loaded into `home`; call it before
+ * tl_exchange_start(). */
 bool tl_exchange_can_take(const tl_exchange *exchange);
 tl_status tl_exchange_take(tl_exchange *exchange, int64_t step, tl_error *error);
 tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error);
 
-/* Frees the states in a component's cache, before the component is freed. Not for an FMU that may
- * not be called any more. */
+/* Frees the states in a component's cache. Call it before the component is freed, but not after the
+ * FMU returned fmi2Fatal. */
 void tl_exchange_end_component(tl_exchange *exchange, size_t component);
 
 #endif

@@ -1,6 +1,6 @@
 /* Graph of components and connections, with units.
  *
- * Thread:  one per graph.
+ * Thread:  one thread at a time uses a graph.
  */
 #ifndef TL_MASTER_GRAPH_GRAPH_H
 #define TL_MASTER_GRAPH_GRAPH_H
@@ -25,8 +25,9 @@ typedef struct tl_conversion {
     double offset;
 } tl_conversion;
 
-/* Returns false if the dimensions differ, or if the names differ and there are no base units. A
- * unit that is NULL or has an empty name fits every unit. */
+/* Computes the conversion from one unit to another. Returns false if the dimensions differ, or if
+ * the names differ and a unit has no base unit. A unit that is NULL or has no name fits every
+ * unit. */
 bool tl_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
 
 bool tl_conversion_is_identity(const tl_conversion *conversion);
@@ -47,9 +48,9 @@ bool tl_conversion_is_identity(const tl_conversion *conversion);
 typedef struct tl_port {
     size_t node;
     const tl_variable *variable; /* NULL for a signal of the plant */
-    size_t signal;               /* of the plant */
-    bool adjusted;               /* set by candidates */
-    bool input;                  /* set before each step (inputs, adjusted parameters); else read after it */
+    size_t signal;               /* index of the plant's signal, if `variable` is NULL */
+    bool adjusted;               /* candidates set its value */
+    bool input;                  /* set before each step (input, adjusted parameter); else read after each step */
     tl_type type;                /* TL_REAL, TL_INTEGER (enumerations too) or TL_BOOLEAN */
     size_t index;                /* among the component's ports of this direction and type */
 } tl_port;
@@ -58,7 +59,7 @@ typedef struct tl_connection {
     const tl_port *from;
     const tl_port *to;
     tl_conversion conversion;
-    bool cut;            /* `to` is adjusted: this connection delivers û, not the input */
+    bool cut;            /* `to` is adjusted: this connection delivers û and does not set the input */
     const void *nominal; /* address of û if cut, in the port's type; placed by exchange.h */
 } tl_connection;
 
@@ -73,7 +74,8 @@ typedef struct tl_graph {
     size_t connection_count;
 } tl_graph;
 
-/* Components (not yet instantiated) and connections of the plan. Problems go to the report. */
+/* Builds components (not yet instantiated) and connections of the plan. Problems go to the
+ * report. */
 void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report);
 
 /* The port of an output (or local variable) to match or read. NULL if a problem was reported. */
@@ -84,8 +86,8 @@ const tl_port *tl_graph_output(tl_graph *graph, const char *name, const char *wh
 size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const tl_port *port,
                              tl_conversion *conversion, tl_report *report);
 
-/* The port of an adjusted variable; its connection, if any, is cut. NULL if a problem was reported.
- */
+/* Returns the port of an adjusted variable and cuts the connection to it, if there is one. NULL if
+ * a problem was reported. */
 const tl_port *tl_graph_adjust(tl_graph *graph, const tl_plan_adjust *adjust, tl_report *report);
 
 /* The connection to a port; NULL if there is none. */
@@ -94,24 +96,25 @@ const tl_connection *tl_graph_connection_to(const tl_graph *graph, const tl_port
 /* Reports each input that has no source. Call after all tl_graph_adjust(). */
 void tl_graph_check_inputs(const tl_graph *graph, tl_report *report);
 
-/* Values of a signal of the plant that the inputs fed by it permit, in the signal's unit. */
+/* Permitted values of a plant signal, in the signal's unit. The inputs that read the signal declare
+ * them. */
 typedef struct tl_signal_bounds {
-    double least, most;   /* ∓infinity: none. Declared by the inputs, or of their type of values */
-    double scale;         /* > 0: the largest nominal value of these inputs; 0: no input declares a bound */
-    uint64_t items;       /* of Enumerations: bit k: `least` + k is permitted; 0: all values within the bounds */
-    const tl_port *input; /* the first of these inputs; NULL: none */
+    double least, most;   /* bounds that inputs or their types declare; ∓infinity: none */
+    double scale;         /* > 0: largest nominal value of the inputs that declare a bound; 0: no input does */
+    uint64_t items;       /* Enumeration: bit k: `least` + k is permitted; 0: all values within the bounds */
+    const tl_port *input; /* the first input that declares a bound; NULL: none */
 } tl_signal_bounds;
 
-/* The intersection over all connections of the signal, also of those that only deliver û. If there
- * is no common value, least > most. */
+/* The bounds are the intersection over all connections of the signal, also those that only deliver
+ * û. If there is no common value, least > most. */
 tl_signal_bounds tl_graph_signal_bounds(const tl_graph *graph, size_t signal);
 
-/* c̃(from, to) over connections that are not cut; TL_UNREACHABLE if there is no path. `scratch` has
- * component_count + 1 entries. */
+/* c̃(from, to): macro steps of the shortest path over connections that are not cut; TL_UNREACHABLE
+ * if there is no path. `from`, `to`: nodes. `scratch`: component_count + 1 entries. */
 size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch);
 
-/* Converts the value of a `set` entry to the variable's type. Returns false if it does not fit,
- * with the expected type in words. */
+/* Converts the value of a `set` entry to the variable's type. Returns false if the value does not
+ * fit. *expected: the expected type in words, for a message. */
 bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected);
 
 #endif

@@ -1,17 +1,17 @@
 /* The plant as a component: outputs only, from samples.
  *
  * Purpose: keeps the newest samples by tick and delivers them step by step, as the thesis's CSV FMU
- *          does (5.4.2). It counts in K and in the executions.
- * Bad:     a value whose quality is not good is replaced by the last good one of the signal
- *          (`initial` before the first); the quality is kept. A good value that is not finite, or
- *          too large for an integer signal, is not good.
- * Later:   the newest sample stands in for a tick whose sample has not arrived (modes `hold` and
- *          `ahead`).
- * Shift:   the plant at the instant t_i is the sample of tick i + shift, which compensates a delay
- *          of inputs. Before tick 0 it is that of tick 0.
- * Saving:  if executions are saved, the plant's key is the number of the delivered sample, so that
- *          a stand-in is never taken for the real sample. Its sequence has no branches: within a
- *          tick it is the same for every candidate.
+ *          does (section 5.4.2). The plant counts as a component in K, and its steps as executions.
+ * Bad:     a value whose quality is not good is replaced by the last good value of the signal, or
+ *          by `initial` before the first good one. The quality is kept. A value that is not finite,
+ *          or too large for an integer signal, is also bad.
+ * Later:   if the sample of a tick has not arrived, the newest sample is used in its place (modes
+ *          `hold` and `ahead`).
+ * Shift:   the plant at the instant t_i is the sample of tick i + shift. This compensates the delay
+ *          of inputs. If i + shift is below 0, it is the sample of tick 0.
+ * Saving:  if executions are saved, a step of the plant is known if it delivers the same tick's
+ *          sample as before. So a sample that replaced a later one is not mistaken for it. Within a
+ *          tick, the samples are the same for every candidate.
  * Thread:  the twin's.
  */
 #ifndef TL_MASTER_GRAPH_PLANT_H
@@ -38,14 +38,14 @@ typedef struct tl_plant {
     size_t signal_count;
     tl_plant_output *outputs;    /* signal_count */
     size_t delivered_signals;    /* signals before this index may be delivered; the others are only matched */
-    double held[TL_MAX_SIGNALS]; /* last good value */
+    double held[TL_MAX_SIGNALS]; /* last good value of each signal */
     tl_sample *window;           /* ring by tick */
     size_t window_mask;          /* size of the ring, a power of two, minus 1 */
-    int64_t newest;              /* tick; −1: none */
-    int64_t shift;               /* ticks */
-    int64_t known;               /* saving: the samples delivered in macro steps before this one are known */
-    int64_t *delivered;          /* these samples, by step, in a ring; NULL: every step is an execution */
-    size_t delivered_size;
+    int64_t newest;              /* tick of the newest sample; −1: none */
+    int64_t shift;               /* see above; in ticks */
+    int64_t known;               /* saving: macro steps before this one are known */
+    int64_t *delivered;          /* ring by macro step: tick of the delivered sample; NULL: no saving */
+    size_t delivered_size;       /* entries of this ring */
     uint64_t executions;
 } tl_plant;
 
@@ -56,33 +56,36 @@ bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t
 /* Sets the value of a signal before its first good one; default 0. */
 void tl_plant_set_initial(tl_plant *plant, size_t signal, double value);
 
-/* Enables saving: known steps are not executed again. `horizon` is T_P. */
+/* Enables saving: known steps do not count as executions. `horizon` is T_P. Returns false if memory
+ * is out. */
 bool tl_plant_save_executions(tl_plant *plant, tl_arena *arena, size_t horizon);
 
-/* Adds the sample of the next tick, without its stamps. */
+/* Adds the sample of the next tick. Its stamps are not stored. */
 void tl_plant_push(tl_plant *plant, const tl_sample *sample);
 
-/* The sample of a tick, with bad values replaced. After the newest tick it is the newest, before
- * tick 0 that of tick 0. Ticks older than the window are not allowed. There must be a sample. */
+/* Returns the sample of a tick, with bad values replaced: the newest sample for later ticks, that
+ * of tick 0 for negative ones. A tick older than the window is not allowed. There must be a sample.
+ * Valid until the next tl_plant_push(). */
 const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick);
 
-/* Archives all data from samples. */
+/* Saves or loads all data that comes from samples. */
 void tl_plant_archive(tl_plant *plant, tl_archive *archive);
 
-/* Determines which signals are delivered, once the outputs are placed. */
+/* Determines which signals are delivered. Call it when the pointers in `outputs` are set. */
 void tl_plant_placed(tl_plant *plant);
 
-/* The tick of the sample that is the plant at t_i if `newest` is the newest. */
+/* Tick of the sample that is delivered for t_i if `newest` is the newest tick. */
 int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest);
 
 /* Delivers the sample of `tick` to the outputs. */
 void tl_plant_deliver(tl_plant *plant, int64_t tick);
 
-/* Drops what is known of macro step `step` and later ones. */
+/* Macro step `step` and later ones are not known any more. */
 void tl_plant_forget(tl_plant *plant, int64_t step);
 
-/* Executes macro step `step`: delivers the plant at its end, t_(step+1). Counts as an execution if
- * it was not known. Steps start at the committed one, at most T_P of them. */
+/* Executes macro step `step`: delivers the sample for its end, t_(step+1). Counts as an execution
+ * if the step was not known. `step`: the step to be committed next, or one of the T_P − 1 after
+ * it. */
 void tl_plant_step(tl_plant *plant, int64_t step);
 
 #endif

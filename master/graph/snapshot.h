@@ -16,13 +16,13 @@
 
 /* ---- Number of states of each FMU within a memory bound.
  *
- * Purpose: a state may have a hundred bytes or ten megabytes; only the FMU knows. The bound is
- *          shared by bytes: a component that needs less than an equal share gets what it needs, and
- *          the others share the rest.
+ * Purpose: a state of an FMU has between some hundred bytes and many megabytes. Each component gets
+ *          an equal share of the bound, in bytes. A component that needs less leaves the rest of
+ *          its share to the others.
  * Thread:  plain data.
  */
 
-/* Fewest states of a component: one at the committed instant and one on the way. */
+/* Fewest states of a component: one at the committed instant and one within a candidate. */
 enum { TL_STATES_LEAST = 2 };
 
 /* One component. */
@@ -50,23 +50,24 @@ uint64_t tl_state_room_bytes(const tl_state_room *rooms, size_t count);
 typedef struct tl_snapshot {
     tl_component *components;
     size_t component_count;
-    unsigned char *live; /* address of the present port values */
+    unsigned char *live; /* the present port values, owned by the exchange */
     size_t values_size;
-    unsigned char *values;
-    fmi2FMUstate *states; /* one per component; NULL: none yet */
+    unsigned char *values; /* the saved port values */
+    fmi2FMUstate *states;  /* one per component; NULL: none yet */
 } tl_snapshot;
 
 /* Initialises an empty snapshot of these components and values. Returns false if memory is out. */
 bool tl_snapshot_init(tl_snapshot *snapshot, tl_arena *arena, tl_component *components, size_t component_count,
                       unsigned char *live, size_t values_size);
 
-/* Saves the present instant, replacing the one before; and restores it, any number of times. */
+/* take() saves the present instant and replaces the earlier one. restore() restores it, any number
+ * of times. */
 tl_status tl_snapshot_take(tl_snapshot *snapshot, tl_error *error);
 tl_status tl_snapshot_restore(const tl_snapshot *snapshot, tl_error *error);
 
-/* Archives the snapshot: the serialised state of each FMU, then all values. After loading,
- * tl_snapshot_restore() restores it. TL_BAD_DATA if the bytes end too soon. Every component must be
- * able to serialise. */
+/* Saves the snapshot to an archive, or loads it: the serialised state of each FMU, then all values.
+ * After loading, call tl_snapshot_restore(). Every component must be able to serialise its state.
+ * Errors: TL_BAD_DATA if the bytes end too soon. */
 tl_status tl_snapshot_archive(tl_snapshot *snapshot, tl_archive *archive, tl_error *error);
 
 /* Frees one component's state, before the component is freed. */

@@ -1,15 +1,16 @@
 /* Track of the last candidate, so that the next one only executes what differs.
  *
- * Purpose: in a long chain, two candidates often differ in only one component per step of the
- *          horizon. Looking up all others in their caches would make an execution more expensive
- *          the longer the chain is. The track holds, for each step, all values and the cache
- *          position of each component. A component is visited only if its inputs or its position
- *          differ from the track.
- * Method:  a component that changes its outputs activates those that read them, for the next step.
- *          One that returns to its old position becomes inactive. Differences are written into the
- *          track, which then is that of the present candidate. An output that is not finite lets
- *          its readers keep their inputs, which may differ. Results are those of stepping every
- *          component, to the bit.
+ * Purpose: in a long chain of components, two candidates often differ in only one component per
+ *          step of the horizon. A look-up of all others in their caches would make each
+ *          execution slower, the more the longer the chain is. The track holds, for each step, all
+ *          values and the cache position of each component. A component is executed or looked up
+ *          only if its inputs or its position differ from the track.
+ * Method:  a component whose outputs change activates the components that read them, for the next
+ *          step. A component that returns to its position on the track becomes inactive.
+ *          Differences are written into the track, so that it becomes the track of the present
+ *          candidate. If an output is not finite, its readers keep their inputs, and these may
+ *          differ from the track. Results are the same, to the bit, as if every component executed
+ *          every step.
  * Use:     candidates run through the track, not through the exchange below it; only commits use
  *          the exchange directly.
  * Thread:  the twin's. Memory: the arena, at start-up: T_P + 1 times the values of the exchange.
@@ -26,8 +27,9 @@
 
 typedef struct tl_track tl_track;
 
-/* For an exchange whose values are placed, after tl_exchange_save_executions(). Without saved
- * sequences there is nothing to track: every component steps. NULL if memory is out. */
+/* Call after tl_exchange_init() and tl_exchange_save_executions(). If executions are not saved by
+ * sequences, nothing is tracked, and every component steps. `prediction`: T_P. Returns NULL if
+ * memory is out. */
 tl_track *tl_track_create(tl_arena *arena, tl_exchange *exchange, const tl_graph *graph, uint32_t prediction);
 
 /* As tl_exchange_begin(), _rewind() and _try(). Set the adjusted inputs before every step of a

@@ -18,21 +18,22 @@
 
 /* ---- Delays of signals through dead times and asynchronous cycles.
  *
- * Purpose: Δi and Δo (eq. 4.14, 4.15) from the model of asynchronous cycles (eq. 4.16).
- * Model:   a signal passes a chain of participants. Participants on one time base are synchronous.
- *          Consecutive ones form a group, and every dead time in a group of two or more counts
- *          once. A link from one time base to another waits for the next cycle of the target: a
- *          uniform delay over its cycle time, without dead time. The densities of the links are
- *          convolved.
- * Exact:   the density of a sum of uniforms is a piecewise polynomial between the sums of its
- *          parts, which are whole nanoseconds. These parts are stored. The density is evaluated by
- *          the recurrence of box splines, which has no negative term, so nothing cancels even if
- *          the cycles differ widely.
+ * Purpose: computes Δi and Δo, the delays of inputs and outputs (eq. 4.14, 4.15), from the model of
+ *          asynchronous cycles (eq. 4.16).
+ * Model:   a signal passes a chain of participants. Participants with the same time base are
+ *          synchronous. Consecutive synchronous participants form a group. In a group of two or
+ *          more, each dead time counts once. A link to another time base waits for the next cycle
+ *          of its target. This delay is uniform over the target's cycle time, without dead time.
+ *          The densities of the links are convolved.
+ * Exact:   only the cycle times are stored, in whole nanoseconds. The density of a sum of uniforms
+ *          is a piecewise polynomial; its breakpoints are sums of cycle times. It is evaluated by
+ *          the recurrence of box splines. This recurrence has no negative term, so no digits cancel
+ *          even if the cycles differ widely.
  * Mode:    the density of a sum of uniforms is symmetric and falls from its middle on. The largest
- *          cycle L, spread over the density g of the others, gives (G(t) − G(t − L))/L with G = ∫g.
- *          If L is larger than the sum of the others, this has a plateau of 1/L from that sum to L,
- *          and the rightmost mode is L. Otherwise it grows while g(t) > g(t − L), that is up to the
- *          middle: half the sum of all.
+ *          cycle L, convolved with the density g of the others, gives (G(t) − G(t − L))/L with
+ *          G = ∫g. If L is larger than the sum of the others, this density has a plateau of 1/L
+ *          from that sum to L, and the rightmost mode is L. Otherwise it grows while
+ *          g(t) > g(t − L), up to the middle, which is half the sum of all cycles.
  * Units:   ns; densities in 1/s. Thread: plain data.
  */
 
@@ -43,48 +44,49 @@ enum {
 
 /* A part of a chain: a bus, a controller, the simulation. */
 typedef struct tl_delay_participant {
-    tl_time dead;  /* τ, ≥ 0 */
-    tl_time cycle; /* θ, > 0 */
+    tl_time dead;  /* dead time τ, ns, ≥ 0 */
+    tl_time cycle; /* cycle time θ, ns, > 0 */
     size_t base;   /* participants with the same time base are synchronous */
 } tl_delay_participant;
 
 /* Delay of a chain: a constant plus a sum of uniforms. */
 typedef struct tl_delay_density {
-    tl_time dead;
-    size_t count;
-    tl_time cycles[TL_DELAY_LINKS]; /* each uniform from 0 to this */
+    tl_time dead;                   /* the constant, ns */
+    size_t count;                   /* number of uniforms */
+    tl_time cycles[TL_DELAY_LINKS]; /* ns: each uniform is from 0 to its cycle time */
 } tl_delay_density;
 
-/* Delay of the chain of `length` indices into `participants`. Returns false if it has more than
- * TL_DELAY_LINKS asynchronous links. */
+/* Computes the delay of a chain: `length` indices into `participants`. Returns false if the chain
+ * has more than TL_DELAY_LINKS asynchronous links. */
 bool tl_delay_of_chain(const tl_delay_participant *participants, const size_t *chain, size_t length,
                        tl_delay_density *density);
 
-/* The rightmost mode (to half a nanosecond), and the longest possible delay. */
+/* Return the rightmost mode (exact to half a nanosecond) and the longest possible delay, ns. */
 tl_time tl_delay_mode(const tl_delay_density *density);
 tl_time tl_delay_longest(const tl_delay_density *density);
 
 /* The density at a delay, in 1/s; 0 if the delay is constant. Bound: O(3^count · count). */
 double tl_delay_density_at(const tl_delay_density *density, tl_time delay);
 
-/* Look-up at an instant `shift` after t_j (before it if negative), in samples taken once per tick.
- */
+/* Look-up of the value at t_j + `shift` in samples that are taken once per tick. `shift` may be
+ * negative. */
 typedef struct tl_delay_lookup {
     int32_t ticks;     /* the look-up uses the sample of tick j + ticks */
-    tl_time look_back; /* this sample holds values from so long before its own instant, ≥ 0 */
+    tl_time look_back; /* ns, ≥ 0: the values in this sample are this much older than its instant */
 } tl_delay_lookup;
 
-/* The look-up for `shift`, delayed by at least `wait`: the longest time that a sample may wait for
- * the next reading. |shift| + wait is less than 2^31 steps. */
+/* Returns the look-up for `shift`. `wait`: the look-up comes at least this much later, because a
+ * sample may wait so long for the next reading. `step`: T_S. All in ns. |shift| + wait must be less
+ * than 2^31 steps. */
 tl_delay_lookup tl_delay_look_up(tl_time shift, tl_time wait, tl_time step);
 
-/* The nearest number of ticks by which a look-up moves so that ŷ is `delay` before y, if samples
- * look back by `look_back`. */
+/* Returns the `ticks` of a look-up (rounded to the nearest) so that ŷ is `delay` before y.
+ * `look_back`: as in tl_delay_lookup. `step`: T_S. All in ns. */
 int32_t tl_delay_ticks(tl_time look_back, tl_time delay, tl_time step);
 
 /* ---- Plan: everything that a twin is built from, with names not yet resolved.
  *
- * Purpose: the one description that a configuration becomes, and that tests write by hand. twin.h
+ * Purpose: the parser of configurations fills a plan; tests fill one by hand. tl_twin_build()
  *          checks it (names, types, units, paths, horizon) and builds the twin.
  * Owner:   the caller; everything that a plan points to must outlive the twin (models, functions,
  *          texts).
@@ -106,7 +108,7 @@ typedef struct tl_plan_set {
 /* How the executions of a component are saved (approach 2, see cache/cached_component.h). */
 typedef enum tl_keep {
     TL_KEEP_STATES, /* outputs and states of every input sequence: no step is executed twice */
-    TL_KEEP_OUTPUTS /* outputs, and a state only sometimes: for FMUs whose state costs more than a step */
+    TL_KEEP_OUTPUTS /* all outputs, but few states: for FMUs whose save takes longer than a step */
 } tl_keep;
 
 typedef struct tl_plan_component {
@@ -148,8 +150,8 @@ typedef struct tl_plan_adjust {
     double step;              /* first step of the search, in the variable's unit; > 0; required for a Real */
     double lower;             /* default: −infinity, no bound; the declared minimum of the variable applies as well */
     double upper;             /* default: +infinity, no bound; the declared maximum of the variable applies as well */
-    double deviation_penalty; /* ≥ 0: adds this times ((u − û)/step)² to J for each unknown */
-    double rate_penalty;      /* ≥ 0: adds this times ((u − u before)/step)² to J */
+    double deviation_penalty; /* ≥ 0: for each unknown, J grows by this times ((u − û)/step)² */
+    double rate_penalty;      /* ≥ 0: J grows by this times ((u − u of the step before)/step)² */
     tl_time dwell;            /* Boolean: shortest time between two changes; ns, 0: no limit */
 } tl_plan_adjust;
 
@@ -158,9 +160,9 @@ typedef struct tl_plan_match {
     const char *where;
     const char *variable; /* required; "component.variable" */
     const char *to;       /* required; "plant.signal" */
-    const char *reading;  /* the signal with its readings as they come; NULL: `to`; "": none */
+    const char *reading;  /* plant signal whose single readings are compared too; NULL: `to`; "": none */
     double tolerance;     /* required; > 0, in the variable's unit; may be 1 if weight is 0 */
-    double weight;        /* default: 1; 0: compared and reported, not matched */
+    double weight;        /* ≥ 0; default: 1; 0: compared and reported, but not part of J */
     double huber;         /* > 0: errors above this many tolerances count linearly; 0: all quadratically */
 } tl_plan_match;
 
@@ -172,9 +174,9 @@ typedef struct tl_plan_output {
 
 /* Pairing: which measurements a step uses (docs/decisions/README.md, time and pairing). */
 typedef enum tl_pairing {
-    TL_LAG,   /* step i → i+1 is computed at tick t_(i+T_P) with all its measurements */
-    TL_AHEAD, /* step i → i+1 is computed at t_i; the newest measurement stands in for later ones */
-    TL_HOLD   /* step i → i+1 is computed at t_(i+1); the newest measurement stands in for later ones */
+    TL_LAG,   /* step i → i+1 is computed at t_(i+T_P), with all measurements of its horizon */
+    TL_AHEAD, /* step i → i+1 is computed at t_i; the newest measurement is used in place of later ones */
+    TL_HOLD   /* step i → i+1 is computed at t_(i+1); the newest measurement is used in place of later ones */
 } tl_pairing;
 
 /* Unknowns of a search over a horizon that is longer than T_D. */
@@ -196,53 +198,54 @@ typedef struct tl_plan_edge {
     bool falls;
 } tl_plan_edge;
 
-/* Longest stroke of an event horizon, in macro steps; its samples are kept twice. */
+/* Longest stroke of an event horizon, in macro steps. The twin stores its samples twice. */
 enum { TL_LONGEST_STROKE = 10000 };
 
-/* Event horizon (event/event_horizon.h): a horizon around an event of the plant, in place of T_P
- * steps. */
+/* Event horizon (event/event_horizon.h): J is computed around an event of the plant, and not over
+ * T_P steps. A stroke is the motion from the edge `start` to the event. */
 typedef struct tl_plan_event {
     const char *where;
     tl_plan_edge start; /* start of a stroke; signal NULL: there is no event horizon */
-    tl_plan_edge end;   /* the event; a Boolean output matches the signal */
-    tl_time window;     /* T_F, ns: J counts half of it before the event and half after it */
+    tl_plan_edge end;   /* the event; a Boolean output must be matched with this signal */
+    tl_time window;     /* T_F, ns: J covers one half of it before the event and one half after it */
     tl_time longest;    /* ns; a longer stroke is not searched */
 } tl_plan_event;
 
-/* Largest lag of a measured delay, in macro steps to either side. */
+/* Largest lag, in macro steps in both directions, of a measured delay. */
 enum { TL_DELAY_LAGS = 32 };
 
 /* Measurement of Δo (measure/delay_meter.h). */
 typedef struct tl_plan_measure {
     uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
-    tl_time range;     /* usable range of the remaining delay: −range … range, less than (N − 1)·T_S */
-    tl_time look_back; /* of the samples of matched signals */
+    tl_time range;     /* ns: a measured delay is limited to −range … range; less than (N − 1)·T_S */
+    tl_time look_back; /* ns: as in tl_delay_lookup, of matched signals */
 } tl_plan_measure;
 
-/* Default of `evaluations`, also for a budget. */
+/* Default number of evaluations in a plan and in a budget. */
 enum { TL_PLAN_EVALUATIONS = 60 };
 
 /* Time of the FMUs, s. */
 typedef struct tl_experiment {
-    double start_s; /* at tick 0; finite */
-    double stop_s;  /* stop time that the FMUs are given; not above start_s: none was configured */
+    double start_s; /* time of the FMUs at tick 0; finite */
+    double stop_s;  /* stop time for fmi2SetupExperiment; ≤ start_s: none was configured */
 } tl_experiment;
 
-/* Without an end, FMUs get the stop time start + this, s: 20 years in whole days. Some cannot start
- * without a stop time, some need whole days, and some count seconds in 32 bits. */
+/* If a run has no end, the FMUs get the stop time start_s + this: 20 years in whole days, s. Some
+ * FMUs cannot start without a stop time, some need whole days, and some count seconds in 32
+ * bits. */
 #define TL_EXPERIMENT_FAR (7300 * 86400.0)
 
 typedef struct tl_plan {
     tl_time step; /* required; T_S, ns, > 0 */
     tl_experiment experiment;
-    tl_time length; /* ns; without stop_s, the stop time is so much after the start, plus T_P; 0: there is no end */
+    tl_time length; /* length of the run, ns; without stop_s, the stop time is start + length + T_P; 0: no end */
     const tl_plan_component *components;
     size_t component_count;
     const tl_plan_signal *signals;
     size_t signal_count;
     const tl_plan_connection *connections;
     size_t connection_count;
-    const tl_plan_adjust *adjust; /* none: the twin runs free and only compares */
+    const tl_plan_adjust *adjust; /* if there are none, the twin runs free and only compares */
     size_t adjust_count;
     const tl_plan_match *match;
     size_t match_count;
@@ -255,36 +258,35 @@ typedef struct tl_plan {
     int32_t input_ticks; /* the inputs of t_i come from the sample of tick i + this (Δi; base/signal.h) */
     tl_plan_measure measure;
     int32_t output_ticks;     /* ŷ of t_j comes from the sample of tick j + this (Δo) */
-    tl_time output_look_back; /* that sample holds values from so long before its own instant */
+    tl_time output_look_back; /* ns: as in tl_delay_lookup */
     /* See tl_twin_solver_names(). NULL: "secant"; "boolean" for Booleans; "nelder-mead" with an
      * event horizon. */
     const char *algorithm;
     const char *fallback; /* the solver to use if the first one fails or stagnates; NULL: none */
     uint32_t stagnation;  /* evaluations without progress that stop a solver; 0: never */
-    /* A correction must lower J to at most (1 − margin) times that of nominal, [0, 1). Default:
-     * 0.01. */
+    /* [0, 1): a corrected u outside the tolerance is used only if its J is at most (1 − margin)
+     * times the J of nominal. Default: 0.01. */
     double margin;
-    /* ≥ 0: a variable is not identifiable if its `step` moves no matched output by this many
-     * tolerances; it is held at nominal for the step. 0: never. Default: 0.001. */
+    /* ≥ 0, in tolerances: a variable is not identifiable if its `step` moves no matched output by
+     * this much. It is then held at nominal in this step. 0: no such check. Default: 0.001. */
     double noise_floor;
-    uint32_t evaluations; /* most evaluations of a step's budget; sizes caches and ledger, for at least 60; 0: 60 */
+    uint32_t evaluations; /* most evaluations per step; 0: 60; caches and ledger have room for at least 60 */
     tl_plan_saving saving;
     uint32_t verify_every; /* committed steps between two verifications by tl_twin_verify(); 0: none; default: 400 */
-    uint32_t
-        free_twin; /* free-run check (sync/free_twin.h): steps until a prediction is independent of the measurements used at its start; 0: no check. Not with an event horizon */
-    uint64_t state_bytes; /* memory for states saved by sequences, of all FMUs; 0: no bound; default: 128 MiB */
-    size_t (*heap)(void); /* bytes allocated in this process, to measure the size of states; NULL: not known */
+    uint32_t free_twin;    /* free-run check: `guard` of tl_free_twin_init(); 0: no check; not with an event horizon */
+    uint64_t state_bytes;  /* bytes for saved states of all FMUs; 0: no bound; default: 128 MiB */
+    size_t (*heap)(void);  /* returns the bytes allocated in this process, to measure states; NULL: not known */
     tl_time (*now)(
-        void *clock); /* monotonic clock, ns: measures two exact rollback methods at the start; NULL: no measurement */
+        void *clock); /* monotonic clock, ns, to choose the faster rollback method (sync/proof.h); NULL: no choice */
 } tl_plan;
 
-/* Settings with all defaults. The arguments are the required ones. */
+/* Return settings with all defaults. The arguments are required numbers and names. */
 tl_plan tl_plan_defaults(tl_time step);
 tl_plan_adjust tl_plan_adjust_defaults(const char *variable, double step);
 tl_plan_match tl_plan_match_defaults(const char *variable, const char *to, double tolerance);
 
-/* Reports numbers that are out of range. Returns false if there are more items than a twin has room
- * for; then nothing may be built from the plan. */
+/* Reports numbers that are out of range. Returns false if the plan has more items than a twin can
+ * hold. Then no twin may be built from it. */
 bool tl_plan_check(const tl_plan *plan, tl_report *report);
 
 #endif

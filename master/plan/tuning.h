@@ -3,8 +3,8 @@
  * Purpose: tolerances, weights, bounds and budgets are numbers; changing them needs no new twin and
  *          keeps all that the twin has learned.
  * Fixed:   the number of matches and adjusted variables, which matches have a weight, which
- *          variables have a nominal of their own, and the evaluations that the caches are sized for
- *          (tl_tuning_fits()).
+ *          variables have a configured nominal, and the largest number of evaluations, because it
+ *          sizes the caches (tl_tuning_fits()).
  * Trust:   may come from another process's memory, so tl_tuning_check() checks every value. No
  *          pointers, no padding.
  * Thread:  plain data.
@@ -19,7 +19,8 @@
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 
-/* Most evaluations of a step in any plan; and the number that every twin has room for. */
+/* Largest number of evaluations of a step in any plan, and the number that every twin has room for.
+ */
 enum { TL_TUNING_EVALUATIONS = 100000, TL_TUNING_ROOM = TL_PLAN_EVALUATIONS };
 
 /* As in tl_plan_match. */
@@ -32,9 +33,9 @@ typedef struct tl_tuning_match {
 /* As in tl_plan_adjust. */
 typedef struct tl_tuning_adjust {
     uint64_t has_nominal; /* 0 or 1 */
-    double nominal;       /* in the variable's unit; of a Boolean 0 or 1 */
-    double lower;         /* −infinity: none; the variable's declared minimum holds as well */
-    double upper;         /* +infinity: none */
+    double nominal;       /* û, in the variable's unit; Boolean: 0 or 1 */
+    double lower;         /* −infinity: no bound; the declared minimum of the variable applies as well */
+    double upper;         /* +infinity: no bound; the declared maximum applies as well */
     double deviation_penalty;
     double rate_penalty;
 } tl_tuning_adjust;
@@ -45,15 +46,16 @@ typedef struct tl_tuning {
     double margin;
     double noise_floor;
     uint64_t evaluations; /* of a step's budget, 1 … TL_TUNING_EVALUATIONS */
-    tl_time time;         /* of a step's budget, ns; 0: none but the step itself */
+    tl_time time;         /* of a step's budget, ns; 0: limited only by the length of the step */
     tl_tuning_match match[TL_MAX_MATCH];
     tl_tuning_adjust adjust[TL_MAX_ADJUST];
 } tl_tuning;
 
-/* The tuning of a checked plan. A plan has no time budget: 0. */
+/* Extracts the tuning of a checked plan. `time` is 0, because a plan has no time budget. */
 void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning);
 
-/* Checks that a plan may have each number. Errors: TL_BAD_DATA, and the text names the number. */
+/* Checks the range of each number, as for a plan. Errors: TL_BAD_DATA; the text names the
+ * number. */
 tl_status tl_tuning_check(const tl_tuning *tuning, tl_error *error);
 
 /* Evaluations that a twin built for `evaluations` has room for. */
@@ -61,8 +63,8 @@ static inline uint64_t tl_tuning_room(uint64_t evaluations) {
     return evaluations > TL_TUNING_ROOM ? evaluations : TL_TUNING_ROOM;
 }
 
-/* Checks that a twin built with `built` can use the tuning; both are checked before. Errors:
- * TL_BAD_DATA, and the text names what cannot change. */
+/* Checks that a twin that was built with `built` can use the tuning. Both must have passed
+ * tl_tuning_check(). Errors: TL_BAD_DATA; the text names the number that cannot change. */
 tl_status tl_tuning_fits(const tl_tuning *tuning, const tl_tuning *built, tl_error *error);
 
 #endif

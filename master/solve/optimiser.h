@@ -1,9 +1,9 @@
-/* Solver interface: from a start point, evaluate J until told to stop or until nothing improves.
+/* Solver interface: a solver proposes points from a start point on, until the caller stops it or
+ * until it finds no better point.
  *
- * Purpose: one interface for NLopt's solvers and our own. The caller keeps the best point and
- *          decides when J is good enough and when the budget is spent; a solver only proposes
- *          points.
- * Add one: a file with a tl_optimiser_class, and a line in optimiser.c.
+ * Purpose: one interface for NLopt's solvers and our own. The caller evaluates J, keeps the best
+ *          point and stops the solver if J is good enough or the budget is spent.
+ * Add one: write a file with a tl_optimiser_class and add a line to optimiser.c.
  * Thread:  the twin's. Allocation: our code allocates nothing after create. NLopt allocates small
  *          blocks: a constant number per search (BOBYQA, L-BFGS), or at most about one per
  *          evaluation (Nelder-Mead, Sbplx).
@@ -17,25 +17,25 @@
 
 #include "master/base/arena.h"
 
-/* J below this: every output is within its tolerance. */
+/* If J is below this, the outputs count as within tolerance. */
 #define TL_OBJECTIVE_TOLERANCE 1.0
 
-/* Unknowns: per adjusted variable one (static horizon) or several in order of time (dynamic). All
- *           arrays have `count` entries. Bounds and residual_count may change between searches (see
- *           `retune`); the rest is fixed. */
+/* Unknowns of a search: one per adjusted variable (static horizon), or several in order of time
+ * (dynamic). `step`, `lower`, `upper` and `dwell` have `count` entries. Only bounds and
+ * residual_count may change between searches (see `retune`). */
 typedef struct tl_optimiser_space {
     size_t count;
     const double *step;    /* first step, > 0; 1 for a Boolean */
     const double *lower;   /* −infinity: none; 0 for a Boolean */
     const double *upper;   /* +infinity: none; 1 for a Boolean */
-    const uint32_t *dwell; /* Boolean: macro steps without change after a change; else 0 */
-    size_t residual_count; /* of a search: samples, damping, penalties */
-    size_t residual_most;  /* largest residual_count */
-    size_t sample_count;
-    size_t damping_count;
+    const uint32_t *dwell; /* Boolean: macro steps for which a changed value stays, from the change on; else 0 */
+    size_t residual_count; /* residuals of a search: of samples, damping and penalties, in this order */
+    size_t residual_most;  /* largest possible residual_count */
+    size_t sample_count;   /* residuals of samples */
+    size_t damping_count;  /* residuals of damping */
     const bool
-        *damped; /* of each damping residual: it belongs to J in this search; else it is computed and not counted */
-    bool held;   /* static horizon over several samples: the result will be used in later steps too */
+        *damped; /* for each damping residual: true if it is part of J in this search; it is computed in any case */
+    bool held;   /* static horizon over several samples: later steps use the same result */
 } tl_optimiser_space;
 
 /* One search. */
@@ -45,19 +45,20 @@ typedef struct tl_search {
     /* Residuals at the start: J = Σ residuals² of those that belong to J. Undefined if start_value
      * is HUGE_VAL. Valid until the first evaluation. */
     const double *start_residuals;
-    /* Evaluates J and residuals at u (valid until the next evaluation), or returns false: stop now.
-     * The value is finite or HUGE_VAL, never NaN; with HUGE_VAL the residuals are undefined.
-     * `residuals` may be NULL. A u that is not finite or outside the bounds gives HUGE_VAL. */
+    /* Evaluates J and the residuals at u. Returns false if the solver must stop now. *value is
+     * finite or HUGE_VAL, never NaN: HUGE_VAL if u is not finite or outside the bounds. The
+     * residuals are valid until the next evaluation, and undefined with HUGE_VAL. `residuals` may
+     * be NULL. */
     bool (*evaluate)(void *context, const double *u, double *value, const double **residuals);
     void *context;
 } tl_search;
 
 /* Data for a first guess, before anything is evaluated. */
 typedef struct tl_forecast {
-    const double *u;         /* the unknowns that continue from the step before; within the bounds */
-    const double *residuals; /* expected at u */
-    const double *noise;     /* mean noise of the measurements in their squares */
-    const bool *free;        /* those that may be guessed; the others stay, so that their executions are reused */
+    const double *u;         /* the unknowns as they continue from the step before; within the bounds */
+    const double *residuals; /* residuals that are expected at u */
+    const double *noise;     /* mean part of the measurement noise in the square of each residual */
+    const bool *free;        /* unknowns that a guess may change; others stay, to reuse their executions */
     const double *nominal;   /* target if nothing needs a correction; may be outside the bounds */
 } tl_forecast;
 
@@ -72,28 +73,31 @@ typedef struct tl_optimiser tl_optimiser;
 typedef struct tl_optimiser_class {
     const char *name; /* as configured */
     int number;       /* number in the thesis (table 5.1): 1, 100, 1000; 0: none */
-    bool booleans;    /* takes only Boolean unknowns; else only Real ones */
+    bool booleans;    /* true: for Boolean unknowns only; false: for Real unknowns only */
     /* NULL if memory is out. `space` and what it points to must outlive the solver. */
     tl_optimiser *(*create)(tl_arena *arena, const tl_optimiser_space *space);
-    /* Makes a first guess that is better than nominal, from a forecast and from earlier searches.
-     * Returns false if it cannot yet. NULL: it never can. */
+    /* Makes a first guess from a forecast and from earlier searches. Returns false if the solver
+     * does not know enough for a guess yet. NULL: the solver never guesses. */
     bool (*guess)(tl_optimiser *optimiser, const tl_forecast *forecast, double *u);
-    /* Undoes the last guess, of which there must be one, because nothing was evaluated in its step.
-     * NULL if `guess` is NULL. */
+    /* Undoes the last guess, because nothing was evaluated in its step. There must be a guess. NULL
+     * if `guess` is NULL. */
     void (*retract)(tl_optimiser *optimiser);
+    /* Searches until evaluate() returns false, or until the solver finds no better point. */
     tl_search_end (*minimise)(tl_optimiser *optimiser, const tl_search *search);
-    /* True if it has no data for a guess yet. Then it may search once although all is within
-     * tolerance. NULL: it never guesses. */
+    /* True if the solver has no data for a guess yet. Then it may search once although all outputs
+     * are within tolerance. NULL: the solver never guesses. */
     bool (*is_new)(const tl_optimiser *optimiser);
-    /* Sets unknowns that must not change yet to their committed values. NULL: none must. */
+    /* Sets unknowns within their dwell time to their committed values. NULL: there is no dwell
+     * time. */
     void (*rest)(const tl_optimiser *optimiser, double *u);
     /* Reports each committed step with its unknowns. NULL: not needed. */
     void (*committed)(tl_optimiser *optimiser, const double *u);
-    /* From now on residual i, of residual_most, is factors[i] times what it was. `space` is up to
-     * date. NULL: it remembers no residuals. */
+    /* A tuning changes the residuals: scales remembered residual i by factors[i] (residual_most
+     * entries). `space` has the new values already. NULL: the solver remembers no residuals. */
     void (*retune)(tl_optimiser *optimiser, const double *factors);
-    /* Drops all that it remembers of earlier steps. NULL: it remembers nothing. */
+    /* Drops all data of earlier steps. NULL: the solver has none. */
     void (*forget)(tl_optimiser *optimiser);
+    /* Frees what NLopt allocated; the solver's own memory is in the arena. */
     void (*destroy)(tl_optimiser *optimiser);
 } tl_optimiser_class;
 
@@ -106,9 +110,9 @@ const tl_optimiser_class *tl_optimiser_numbered(int number);
 /* The names, comma separated and quoted, for messages. */
 const char *tl_optimiser_names(void);
 
-extern const tl_optimiser_class tl_secant;      /* secant.c: ours, on the residual vector */
-extern const tl_optimiser_class tl_boolean;     /* boolean.c: the better of value and negation */
-extern const tl_optimiser_class tl_nelder_mead; /* nlopt_solver.c, this one and the following */
+extern const tl_optimiser_class tl_secant;      /* secant.c: own solver, uses the residual vector */
+extern const tl_optimiser_class tl_boolean;     /* boolean.c: tries the negation of each value */
+extern const tl_optimiser_class tl_nelder_mead; /* this one and the following: nlopt_solver.c */
 extern const tl_optimiser_class tl_bobyqa;
 extern const tl_optimiser_class tl_lbfgs;
 extern const tl_optimiser_class tl_sbplx;

@@ -1,18 +1,19 @@
-/* Execution ledger: predicts the number of executions from the graph, to check the number that was
- * done.
+/* Execution ledger: predicts the number of executions from the graph, so that the counted number
+ * can be checked.
  *
- * Purpose: eq. 4.5 to 4.13 as accounting. The ledger knows paths, the u of every candidate and the
- *          sample numbers of the plant, but neither caches nor outputs. It predicts that component
- *          k executes horizon step j if j < Γ_k, and if no earlier candidate agrees in everything
- *          that can have reached k by then. The number done is the same for any FMU whose outputs
- *          tell different inputs apart; see docs/decisions/README.md, fewest executions.
- * Limits:  repeated executions of TL_KEEP_OUTPUTS and of a full cache are counted by the cache, not
- *          predicted here. A fixed pool holds the candidates; if it is too small, `incomplete` says
- *          that the prediction is too high.
+ * Purpose: counts executions by eq. 4.5 to 4.13. The ledger knows paths, the u of every candidate
+ *          and the ticks of the plant's samples, but neither caches nor outputs. It predicts that
+ *          component k executes horizon step j if j < Γ_k, unless an earlier candidate had the same
+ *          u and samples in everything that can have reached k by then. The counted number is the
+ *          same if different inputs always give different outputs; see docs/decisions/README.md,
+ *          fewest executions.
+ * Limits:  the cache counts repeated executions (TL_KEEP_OUTPUTS, or a full cache); the ledger does
+ *          not predict them. The candidates are in a ring of fixed size. If it is too small,
+ *          `incomplete` is true, and the prediction is too high.
  * Cost:    per candidate, linear in the nodes and in the remembered candidates: those of the step,
- *          and of up to T_P earlier steps. In the modes hold and ahead they stay until they end. In
- *          mode lag they are dropped once no later candidate can share more with them than with the
- *          steps committed since.
+ *          and of up to T_P earlier steps. In the modes hold and ahead, a candidate is remembered
+ *          until the end of its horizon is committed. In mode lag it is dropped earlier: when no
+ *          later candidate can share more steps with it than with the committed steps.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LEDGER_H
@@ -32,11 +33,11 @@
 /* One simulated candidate. */
 typedef struct tl_ledger_entry {
     int64_t first;                  /* its first macro step */
-    int64_t newest;                 /* the plant's newest sample at that time */
+    int64_t newest;                 /* tick of the plant's newest sample at that time */
     uint32_t depth;                 /* macro steps it completed */
-    size_t partial;                 /* components before this one executed one more step */
-    int64_t compared;               /* last step that was compared with the committed steps */
-    int64_t parted[TL_MAX_ADJUST];  /* first of these steps at which each variable differs */
+    size_t partial;                 /* if it failed: components before this index executed one more step */
+    int64_t compared;               /* steps before this one were compared with the committed steps */
+    int64_t parted[TL_MAX_ADJUST];  /* first of these steps at which each variable differs; INT64_MAX/2: none */
     int64_t differs[TL_MAX_ADJUST]; /* scratch: first step at which each variable differs from the current candidate */
 } tl_ledger_entry;
 
@@ -46,33 +47,33 @@ typedef struct tl_ledger {
     size_t signal_count;
     tl_plan_saving saving;
     bool ahead;   /* mode ahead: when step i is committed, the newest sample is that of tick i */
-    int64_t step; /* i */
+    int64_t step; /* i: the step to be committed next */
     size_t capacity;
-    size_t oldest; /* ring of entries */
-    size_t count;
+    size_t oldest; /* index of the oldest entry in the ring `entries` */
+    size_t count;  /* used entries */
     tl_ledger_entry *entries;
-    double *sequences; /* by entry, depth, variable */
-    double *committed; /* by step in a ring of T_P, then variable */
-    double *current;   /* the current candidate: by depth, then variable */
-    uint32_t *known;   /* its steps of each node that need no execution */
-    int64_t *settled;  /* last step up to which each node agrees with candidates that the committed steps have left */
-    int64_t *until;    /* scratch: last step up to which each node agrees with one earlier candidate */
-    uint64_t *saved;   /* executions of each node that were not needed; the plant is the last */
+    double *sequences;     /* by entry, depth, variable */
+    double *committed;     /* by step in a ring of T_P, then variable */
+    double *current;       /* the current candidate: by depth, then variable */
+    uint32_t *known;       /* of each node: number of the candidate's first steps that need no execution */
+    int64_t *settled;      /* of each node: its steps before this one are known from dropped candidates */
+    int64_t *until;        /* scratch, of each node: its steps before this one are known from one candidate */
+    uint64_t *saved;       /* executions of each node that were not needed; the plant is the last */
     uint64_t saved_in_all; /* their sum */
     uint64_t plain;        /* executions of each node if nothing were saved */
-    bool incomplete;
+    bool incomplete;       /* the ring was too small: the prediction is too high */
 } tl_ledger;
 
-/* `evaluations`: the most per step. Returns false if memory is out. */
+/* `evaluations`: largest number per step. Returns false if memory is out. */
 bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
                     const tl_plan *plan, uint32_t evaluations);
 
-/* Finds what is known of a candidate that will start at the committed instant. `u`: its unknowns.
- */
+/* Call before a candidate starts at the committed instant: finds its steps that need no execution.
+ * `u`: its unknowns. */
 void tl_ledger_expect(tl_ledger *ledger, const double *u);
 
-/* Expected cost of the rest of the candidate from `depth` on, ns. `cost`: one execution of each
- * component. */
+/* Returns the expected cost of the candidate's steps from `depth` on, ns. `cost`: cost of one
+ * execution of each component. */
 tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_cost *cost, uint32_t depth);
 
 /* Records that the candidate was simulated for `depth` whole steps. If a component failed in the
@@ -86,10 +87,10 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values);
  * later ones. */
 void tl_ledger_reset(tl_ledger *ledger);
 
-/* The same, and sets the counts of predicted executions to 0. */
+/* As tl_ledger_reset(); also sets the counts of predicted executions to 0. */
 void tl_ledger_forget(tl_ledger *ledger);
 
-/* Predicted executions so far: of a node, and of all nodes. */
+/* Return the predicted executions so far: of one node, and of all nodes. */
 uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node);
 uint64_t tl_ledger_total(const tl_ledger *ledger);
 

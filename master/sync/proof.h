@@ -1,4 +1,5 @@
-/* Rollback proof before a run, and choice of the faster of two exact rollback methods.
+/* Rollback proof: tests before a run that each rollback is exact, and chooses the faster of two
+ * exact rollback methods.
  *
  * Thread:  the one that steps the twin.
  */
@@ -18,16 +19,17 @@
 
 /* ---- Choice between two exact rollback methods: copies of the memory, or the FMU's own states.
  *
- * Purpose: a copy of the memory lacks nothing that the FMU keeps there. Own states are as exact as
- *          their author made them: some lack what only a candidate changes. But for an FMU with
- *          much memory its own states may be far faster, and a search does little else. So both are
- *          measured in repeated rounds of save, step and restore.
- * Choice:  a copy, unless a round by it takes TL_ROLLBACK_TIMING_MARGIN times as long and the
- *          difference is not negligible. Then own states.
- * Exact:   the copy is not proved yet; the caller proves all components again. If the copy is not
+ * Purpose: a copy of the memory contains all data that the FMU has in its memory. Own states are
+ *          only as exact as the FMU's exporter made them: some lack data that only a candidate
+ *          changes. But if the FMU has much memory, its own states may be far faster, and a search
+ *          mostly saves and restores. So both are measured in repeated rounds of save, step and
+ *          restore.
+ * Choice:  copies of the memory, unless a round with them takes TL_ROLLBACK_TIMING_MARGIN times as
+ *          long as with own states and the difference is not negligible.
+ * Exact:   copies are not proved yet, so the caller proves all components again. If a copy is not
  *          exact, the component returns to its own states (tl_component_restore_copy()).
- * Bits:    no result depends on the choice, because both methods are exact. The number of states
- *          that fit may.
+ * Bits:    no result depends on the choice, because both methods are exact. But the number of
+ *          states that fit into the memory bound may.
  * Thread:  the twin's. Allocates no memory of the twin.
  */
 
@@ -37,73 +39,75 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
 #define TL_ROLLBACK_TIMING_MARGIN 1.5
 
-/* ---- Rollback proof: some FMUs declare saved states and do not restore them exactly.
+/* ---- Rollback proof: some FMUs declare that they can save states, but do not restore them
+ * exactly.
  *
  * Purpose: runs before the first step of a synchronised twin, on all components together. It
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
  *          Then it makes all excursions from the first state, in two orders, and repeats the steps
- *          after each. An excursion moves one adjusted variable by 1 or 4 first steps of the
- *          search up or down, or sweeps all of them; so it crosses an event, if inputs can cause
- *          one. Every repeated output must have the same bits.
+ *          after each. An excursion executes steps with other inputs: it moves one adjusted
+ *          variable up or down by 1 or 4 times its `step`, or sweeps all variables. This causes
+ *          events that inputs can cause. Every repeated output must have the same bits.
  *          One step is not enough: an internal solver that restarts after a restore shows a
- *          difference in the second step. One state is not enough: some FMUs can hold only one. One
- *          excursion is not enough: some states lack a mode that only some inputs enter.
- *          Finally the first state is saved again: an FMU may have done something in these steps
- *          that neither its states nor a copy undo, such as opening a file. The next save is
- *          refused because of that, and it must not be the first one of the run.
+ *          difference only in the second step. One state is not enough: some FMUs can hold only
+ *          one. One excursion is not enough: some states lack a mode that only certain inputs
+ *          enter. Finally the first state is saved again. In these steps an FMU may have done
+ *          something that no rollback undoes, such as opening a file. Then this save fails, here
+ *          and not later in the run.
  * Fallback: a component whose states are wrong gets its next rollback method, if there is one
- *           (tl_fmi2_fallback), and all are proved again. If there is a full copy of it, the cause
- *           of the difference is determined (verifier.h). If a copy is as exact as its states, the
- *           component uses the copy unless it is far slower, and all are proved again. Own states
- *           that are kept for their speed must give the same excursions as copies.
+ *           (tl_fmi2_fallback). Then all components are proved again. If there is a full copy of
+ *           the component, the cause of the difference is determined (verifier.h). If its states
+ *           are exact and it can be copied too, the faster method is chosen as above. If it keeps
+ *           its own states, all excursions must give the same outputs with them as with copies.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 
-/* Steps that are repeated. If an FMU rejects a later step, the proof ends there: that says nothing
- * about its rollback. */
+/* Number of steps that are repeated, step before which the second state is saved, and largest
+ * number of excursions. If an FMU rejects a later step, only the steps before it are repeated,
+ * because this is no fault of its rollback. */
 enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5, TL_PROOF_EXCURSIONS = 13 };
 
-/* Constant inputs, or a sweep, for TL_PROOF_STEPS steps from the start. */
+/* An excursion: TL_PROOF_STEPS steps from the start, with constant inputs or a sweep. */
 typedef struct tl_proof_excursion {
     size_t variable; /* adjusted variable that moves; TL_MAX_ADJUST: all */
-    double value;    /* where it goes */
-    int noted;       /* steps whose outputs are noted; an FMU may have rejected the next one */
-    bool is_noted;
+    double value;    /* new value of the variable */
+    int noted;       /* number of steps whose outputs are stored; an FMU may have rejected the next one */
+    bool is_noted;   /* the excursion was made once: later ones are compared with its outputs */
 } tl_proof_excursion;
 
 typedef struct tl_proof {
     uint64_t executions; /* of the proof; no other count includes them */
-    bool stepped;        /* false: the first step failed, which says nothing about the rollback */
-    bool holds;
-    size_t culprit;  /* the component that caused a failure; SIZE_MAX: not known */
-    double *outputs; /* private from here on: outputs of each port of the graph in each step of the start, */
-                     /* then of each excursion */
+    bool stepped;        /* false: the first step failed, which is no fault of the rollback */
+    bool holds;          /* the rollback of all components is exact */
+    size_t culprit;      /* the component that caused a failure; SIZE_MAX: not known */
+    double *outputs;     /* private from here on: outputs of each port in each step from the start, */
+                         /* then in each step of each excursion */
     tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
     size_t excursion_count;
     double start[TL_MAX_ADJUST]; /* adjusted variables at the start */
-    int noted;                   /* number of these steps that were executed from the true start */
+    int noted;                   /* number of steps from the start whose outputs are stored */
     tl_snapshot midst;           /* the second state */
-    bool has_midst;              /* it was saved */
+    bool has_midst;              /* the second state was saved */
     bool was_saved;              /* the first state was saved */
     size_t value_bytes;          /* largest size of one component's inputs or outputs of a step */
-    unsigned char *inputs;       /* of the steps of one component */
-    unsigned char *elsewhere;    /* inputs that lead it to another state */
-    unsigned char *gave;
+    unsigned char *inputs;       /* of one component, for the cause: inputs of its steps, */
+    unsigned char *elsewhere;    /* inputs that lead it to another state, */
+    unsigned char *gave;         /* and scratch for its outputs */
 } tl_proof;
 
-/* Returns false if memory is out. The exchange must be initialised. */
+/* Allocates the buffers. The exchange must be initialised. Returns false if memory is out. */
 bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph);
 
-/* Runs after initialisation and before tl_exchange_start(). Leaves everything as it was at the
- * start of step `first`, and counts executions in `proof` only. `now`: clock in ns to choose the
- * faster method; NULL: no choice. Returns TL_FMU_FAILED, and names the output, if the rollback is
- * not exact. */
+/* Executes the proof, after initialisation and before tl_exchange_start(). Afterwards values and
+ * FMUs are as they were at the start of step `first`. Counts its executions in `proof` only. `now`:
+ * clock in ns to choose the faster method; NULL: no choice. Returns TL_FMU_FAILED if the rollback
+ * is not exact; the text names the output. */
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error);
 
-/* Frees the second state. Called after the size of a state was measured, because until then no room
- * may become free. May be called at any time. */
+/* Frees the second state. Allowed at any time. At the start of a run, call it only after the size
+ * of a state was measured, because freed memory would falsify that measurement. */
 void tl_proof_end(tl_proof *proof);
 
 #endif

@@ -1,7 +1,7 @@
 /* One step: its budget and its record.
  *
- * Purpose: input and output of the search of one step; fixed size, so that records can go through
- *          queues.
+ * Purpose: input and output of the search of one step. A record has a fixed size and no pointers,
+ *          so that it can be copied through queues and between processes.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_SYNC_RECORD_H
@@ -17,13 +17,12 @@
 typedef struct tl_budget {
     uint32_t evaluations;          /* default: 60; evaluations of J per step, nominal included; ≥ 1 */
     tl_time time;                  /* default: 6/10 of T_S; ns from `started` on; ignored if `now` is NULL */
-    tl_time started;               /* reading of `now` at the start of this tick */
-    tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
+    tl_time started;               /* reading of `now` at the start of this tick, ns */
+    tl_time (*now)(void *context); /* monotonic clock, ns; NULL in a replay, so that its results are repeatable */
     void *context;
-    bool
-        repeated; /* a step that ran out of time is repeated: `evaluations` is the number that it had, which may be 0 */
-    bool without_nominal; /* nominal was not evaluated in it; else false */
-    uint64_t executions;  /* executions of such a step in the search of an event horizon */
+    bool repeated;        /* repeats a step that ran out of time after `evaluations`, here also 0 */
+    bool without_nominal; /* only if `repeated`: nominal was not evaluated in that step */
+    uint64_t executions;  /* only if `repeated`: executions of that step in the search of an event horizon */
 } tl_budget;
 
 /* Default budget for macro steps of `step` ns, without a clock. */
@@ -35,12 +34,12 @@ typedef enum tl_outcome {
     TL_FIRST_GUESS, /* the first guess was within tolerance */
     TL_OPTIMISED,   /* the search found a u within tolerance */
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, but better than nominal by the margin */
-    TL_NOMINAL,     /* the search found nothing better than nominal: nominal u committed */
-    TL_FREE_RUN,    /* no matched signal was good, or TL_FLAG_NO_ROLLBACK: nominal u committed, nothing evaluated */
+    TL_NOMINAL,     /* nominal u committed: the search found nothing better, u failed, or TL_FLAG_RESTS */
+    TL_FREE_RUN,    /* nominal u committed, nothing evaluated: no matched signal was good, or TL_FLAG_NO_ROLLBACK */
     TL_CAUGHT_UP,   /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
-    TL_HELD, /* event horizon: the last u is held; the outcomes above are those of a stroke, when its search has ended */
-    TL_SEARCHING, /* event horizon: the same, while a stroke is searched */
-    TL_RESUMED    /* the u of an earlier run, to resume where that run ended */
+    TL_HELD,        /* event horizon: the last u is held; when the search of a stroke ends, one of the outcomes above */
+    TL_SEARCHING,   /* event horizon: the last u is held while a stroke is searched */
+    TL_RESUMED      /* the u of an earlier run, which is resumed */
 } tl_outcome;
 
 enum { TL_OUTCOMES = TL_RESUMED + 1 };
@@ -59,11 +58,11 @@ typedef enum tl_flag {
     TL_FLAG_FALLBACK = 1,        /* the second solver took over */
     TL_FLAG_STAGNATED = 2,       /* a solver made no progress and was stopped */
     TL_FLAG_WITHOUT_NOMINAL = 4, /* time ran out before nominal was evaluated */
-    TL_FLAG_PLATEAU = 8,         /* event horizon: with the first guess the event fell outside the window */
+    TL_FLAG_PLATEAU = 8,         /* event horizon: with the first guess, the event was outside the window */
     TL_FLAG_ABANDONED = 16,      /* event horizon: a stroke was not searched, or not completely */
     TL_FLAG_RESET = 32,          /* before this step the FMUs were reset to their start values (tl_twin_reset()) */
     TL_FLAG_DIFFERED =
-        64, /* before this step the rollback of an FMU was found not to be exact (sync/verifier.h), or is known not to be */
+        64, /* the rollback of an FMU is not exact: found before this step (sync/verifier.h) or earlier */
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched: the free-running twin predicts better (sync/free_twin.h), and u rests at nominal */
@@ -82,7 +81,7 @@ typedef enum tl_delay_state {
 /* Readings of the plant within a step, compared with an output (twin/reading_meter.h). */
 typedef struct tl_record_readings {
     uint32_t count;
-    uint32_t rejected; /* rejected readings since the record before; not in `count` */
+    uint32_t rejected; /* readings rejected since the record before; not in `count` */
     double squares;    /* Σ(y − ŷ)² at the instants of the readings, in the output's unit squared */
 } tl_record_readings;
 
@@ -92,8 +91,8 @@ typedef struct tl_record_refused {
     uint32_t count;
     uint32_t by_output; /* 0: an FMU failed; 1: an output was not finite */
     uint32_t index;     /* of this component or matched output, in the order of the plan */
-    uint32_t variable;  /* the adjusted variable that was furthest from nominal, in first steps of a search */
-    double u;           /* its value */
+    uint32_t variable;  /* the adjusted variable that was furthest from nominal, in multiples of its `step` */
+    double u;           /* value of this variable */
 } tl_record_refused;
 
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`; only that many
@@ -106,7 +105,7 @@ typedef struct tl_record {
     double objective_nominal; /* J of the nominal u; NaN if not evaluated */
     uint32_t evaluations;
     uint32_t executions; /* fmi2DoStep calls and plant steps, candidates included */
-    uint32_t predicted;  /* executions that the ledger predicts for the same evaluations (sync/ledger.h) */
+    uint32_t predicted;  /* as `executions`: prediction by the ledger for the same evaluations (sync/ledger.h) */
     uint32_t flags;      /* tl_flag */
     uint32_t held;       /* bit v: adjusted variable v was not identifiable and was held at nominal */
     /* Bit k: output k of an FMU was not finite at t_(i+1); for the first step after an
@@ -114,16 +113,16 @@ typedef struct tl_record {
      * `connections` of the plan; the last bit stands for any further one. */
     uint64_t bad_outputs;
     tl_record_refused refused;
-    tl_time used;           /* ns by the budget's clock, 0 without one; set by tl_twin_step */
+    tl_time used;           /* duration of the step, ns; 0 without a clock; set by tl_twin_step() */
     double y[TL_MAX_MATCH]; /* NaN: not finite */
     double measured[TL_MAX_MATCH];
     uint8_t measured_quality
-        [TL_MAX_MATCH]; /* tl_quality; `measured` is never NaN: a bad one is replaced by the last good one */
+        [TL_MAX_MATCH]; /* tl_quality; a bad `measured` is replaced by the last good one, and is never NaN */
     tl_record_readings readings[TL_MAX_MATCH];
     double u[TL_MAX_ADJUST];
-    double nominal[TL_MAX_ADJUST]; /* nominal */
+    double nominal[TL_MAX_ADJUST]; /* û */
     tl_delay_state delay_state;
-    tl_time delay; /* measured; ŷ of later steps is looked up this long before y; 0 if not known */
+    tl_time delay; /* measured, ns; ŷ of later steps is looked up this long before y; 0 if not known */
 } tl_record;
 
 /* Initialises the record of a step: nothing evaluated or held, both objectives NaN. */
@@ -137,16 +136,16 @@ const char *tl_flag_name(tl_flag flag);
 
 /* Why the rollback of an FMU is not exact (verifier.h). */
 typedef enum tl_restore_cause {
-    TL_CAUSE_UNKNOWN, /* not examined, or not reproducible here */
-    TL_CAUSE_UNSTEADY, /* two runs from one full copy differ: it depends on a clock, a file, or something outside of the copy */
+    TL_CAUSE_UNKNOWN,    /* not examined, or not reproducible here */
+    TL_CAUSE_UNSTEADY,   /* two runs from one full copy differ: the FMU depends on a clock or other outside data */
     TL_CAUSE_COLD,       /* values differ although nothing happened between save and restore: a solver restarts */
-    TL_CAUSE_PARAMETERS, /* values differ only if something was set in between: its states do not hold what is set */
-    TL_CAUSE_INCOMPLETE, /* values differ if steps were executed in between: its states do not hold all that steps change */
-    TL_CAUSE_ONE_STATE, /* values differ if a second state was saved in between: it can hold only one */
-    TL_CAUSE_EVENTS, /* values differ if steps with extreme inputs were executed in between: its states do not hold what an event changes */
-    TL_CAUSE_LATE,    /* it was saved and restored once, and rejects it later */
-    TL_CAUSE_REFUSES, /* after a restore it fails in a step that it had executed */
-    TL_CAUSE_FINAL    /* values differ if the FMU learns that no earlier state will be restored */
+    TL_CAUSE_PARAMETERS, /* values differ only if a value was set in between: states lack values that were set */
+    TL_CAUSE_INCOMPLETE, /* values differ if steps were executed in between: states lack data that steps change */
+    TL_CAUSE_ONE_STATE,  /* values differ if a second state was saved in between: the FMU can hold only one */
+    TL_CAUSE_EVENTS,     /* values differ after steps with extreme inputs: states lack data that an event changes */
+    TL_CAUSE_LATE,       /* the FMU accepted save and restore at first, and rejects them later */
+    TL_CAUSE_REFUSES,    /* after a restore the FMU fails in a step that it had executed before */
+    TL_CAUSE_FINAL       /* values differ if the FMU learns that no earlier state will be restored */
 } tl_restore_cause;
 
 enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };
@@ -155,9 +154,9 @@ enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };
 typedef struct tl_free_twin_counts {
     uint64_t executions; /* of FMUs and of the plant; no other count includes them */
     uint64_t rested;     /* committed steps with u resting at nominal */
-    uint64_t turns;      /* how often that started */
-    uint64_t adopted;    /* how often the twin continued from its state */
-    uint64_t renewed;    /* how often it restarted from the twin's state */
+    uint64_t turns;      /* number of times that u started to rest */
+    uint64_t adopted;    /* number of times that the twin continued from the free-running twin's state */
+    uint64_t renewed;    /* number of times that the free-running twin restarted from the twin's state */
 } tl_free_twin_counts;
 
 #endif

@@ -1,14 +1,15 @@
 /* Synchroniser: one synchronised step of guess, search and commit (algorithm 3 of the thesis, with
  *               the decisions in docs/decisions/README.md).
  *
- * Purpose: finds the u of step i within a budget and commits the step with it. The result is never
- *          worse than nominal, never later than the budget, and there always is one.
- * Time:    the cost of a candidate is predicted before it starts: from the executions in the
- *          ledger, their measured durations, and the overhead beside them. Time is reserved for the
- *          solver after it, for the committed step, and for the evaluation of nominal if that is
- *          still to come. A candidate that is slower than predicted is aborted between two macro
- *          steps. The clock is read once per macro step, once or twice per evaluation, and a few
- *          times per step.
+ * Purpose: finds the u of step i within a budget and commits the step with it. A step is always
+ *          committed, unless an FMU fails with nominal u too. Its u is nominal if no candidate is
+ *          better. The search is planned to end within the budget.
+ * Time:    the cost of a candidate is predicted before it starts: from the executions that the
+ *          ledger predicts, their measured durations, and the overhead beside them. Time is
+ *          reserved for the solver after it, for the committed step, and for the evaluation of
+ *          nominal if it is not done yet. A candidate that is slower than predicted is aborted
+ *          between two macro steps. The clock is read once per macro step, once or twice per
+ *          evaluation, and a few times per step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_SYNCHRONISER_H
@@ -25,8 +26,8 @@
 #include "master/sync/record.h"
 #include "master/sync/synchroniser_state.h"
 
-/* Parts of a synchroniser beside those in the plan. Horizon, adjusted and penalties are copied; all
- * else must outlive it. */
+/* Parts of a synchroniser that are not in the plan. `horizon`, `adjusted` and `penalties` are
+ * copied. All other parts must outlive the synchroniser. */
 typedef struct tl_synchroniser_settings {
     tl_exchange *exchange; /* initialised, with the adjusted inputs placed */
     tl_track *track;       /* NULL if nothing is adjusted */
@@ -38,25 +39,25 @@ typedef struct tl_synchroniser_settings {
     const tl_optimiser_class *fallback; /* NULL: none */
 } tl_synchroniser_settings;
 
-/* Creates the solvers and allocates all memory. Returns false if memory is out;
- * tl_synchroniser_end() must
- * be called in any case. */
+/* Creates the solvers and allocates all memory. Returns false if memory is out. Call
+ * tl_synchroniser_end() in any case. */
 bool tl_synchroniser_init(tl_synchroniser *synchroniser, tl_arena *arena, const tl_plan *plan,
                           const tl_synchroniser_settings *settings);
 
 /* Frees the solvers. A zeroed object is allowed. */
 void tl_synchroniser_end(tl_synchroniser *synchroniser);
 
-/* Finds and commits step i. Fills the record except `measured` and `used`. */
+/* Finds the u of step i and commits the step. Fills the record except `measured` and `used`. */
 tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget, tl_record *record,
                                tl_error *error);
 
-/* Before step i: delivers the plant's sample of t_i, if the newest one stood in for it (mode ahead)
- *                in step i − 1. The next three functions do this themselves. */
+/* Before step i: if step i − 1 used the newest sample in place of that of t_i (mode ahead),
+ * delivers the sample of t_i. tl_synchroniser_step(), _catch_up() and _follow() do this
+ * themselves. */
 void tl_synchroniser_refresh(tl_synchroniser *synchroniser, int64_t step);
 
-/* Time that the step took, ns since the start of the budget. Called when the record is complete;
- * needs a clock. */
+/* Call when the record of a step is complete, only with a clock. Returns the duration of the step,
+ * ns since `started` of the budget. */
 tl_time tl_synchroniser_end_step(tl_synchroniser *synchroniser, const tl_budget *budget);
 
 /* Commits step i without a search, with nominal plus the Δu committed last. */
@@ -66,23 +67,24 @@ tl_status tl_synchroniser_catch_up(tl_synchroniser *synchroniser, int64_t step, 
 tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, const double *u, tl_record *record,
                                  tl_error *error);
 
-/* After a reset of all FMUs at the committed instant, with nominal u: drops what was learned of the
- * twin. Keeps the noise of the measurements and the durations. */
+/* Call after a reset of all FMUs at the committed instant, with nominal u: drops what was learned
+ * about the FMUs. Keeps the noise estimates of the measurements and the durations. */
 void tl_synchroniser_reset(tl_synchroniser *synchroniser);
 
-/* The FMUs have another state at the committed instant: drops the extrapolation of the outputs. */
+/* Call if the FMUs got another state at the committed instant: drops the extrapolation of the
+ * outputs. */
 void tl_synchroniser_forget_course(tl_synchroniser *synchroniser);
 
 /* Between steps: drops all that tl_synchroniser_archive() does not keep, except durations. */
 void tl_synchroniser_forget(tl_synchroniser *synchroniser);
 
-/* Applies a tuning from the next step on. The tuning is checked and fits, and its bounds are within
- * those of the FMUs. `terms` are those of the settings. All that was learned and committed stays.
- */
+/* Applies a tuning from the next step on. The tuning must have passed tl_tuning_check() and
+ * tl_tuning_fits(), and its bounds must be within those of the FMUs. `terms`: as in the settings;
+ * they are changed. Keeps all learned and committed data. */
 void tl_synchroniser_retune(tl_synchroniser *synchroniser, tl_objective_term *terms, const tl_tuning *tuning);
 
-/* Archives what steps without a search need of earlier steps, and the noise of the measurements.
- * Solvers start empty. */
+/* Saves or loads the data of earlier steps that a step without a search needs, and the noise
+ * estimates. After loading, the solvers start empty. */
 void tl_synchroniser_archive(tl_synchroniser *synchroniser, tl_archive *archive);
 
 #endif

@@ -1,6 +1,7 @@
 /* State of the synchroniser from step to step.
  *
- * Purpose: shared by synchroniser.c, which decides what to try, and step_search.c, which tries it.
+ * Purpose: shared by synchroniser.c, which chooses candidates, and step_search.c, which evaluates
+ *          them.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_SYNCHRONISER_STATE_H
@@ -19,24 +20,24 @@
 #include "master/sync/ledger.h"
 #include "master/sync/objective.h"
 
-/* Durations of the parts of a step beside executions. Under a clock, each instant of a search
- * belongs to one of these or to an execution. */
+/* Expected durations of the parts of a step beside executions, ns. If there is a clock, all time of
+ * a search counts as one of these parts or as an execution. */
 typedef struct tl_synchroniser_times {
-    tl_estimate guessing; /* the solver, before the first evaluation of a step */
-    tl_estimate asking;   /* with saved sequences: from the request to the start of the candidate (ledger, rollback) */
-    tl_estimate within;   /* an evaluation */
-    tl_estimate thinking; /* from there to the next request: the solver; and the rollback if `asking` is not used */
-    tl_estimate committing; /* from the last of these to the end of the step */
-    tl_time beside;         /* ns of the current one so far */
+    tl_estimate guessing;   /* the solver's guess, before the first evaluation of a step */
+    tl_estimate asking;     /* with saved sequences: from a solver's request to the candidate's start */
+    tl_estimate within;     /* an evaluation, without its executions */
+    tl_estimate thinking;   /* the solver, from an evaluation to its next request; plus `asking` if unused */
+    tl_estimate committing; /* from the last evaluation to the end of the step, without executions */
+    tl_time beside;         /* ns: duration of the current part so far */
     bool refused;           /* there was no time for a part of this step */
 } tl_synchroniser_times;
 
 /* Search range of one adjusted variable. */
 typedef struct tl_adjusted {
-    double step; /* first step of a search */
+    double step; /* first step of a search, > 0, in the variable's unit like the bounds */
     double lower;
     double upper;
-    uint32_t dwell;  /* Boolean: macro steps */
+    uint32_t dwell;  /* Boolean: macro steps for which a changed value stays; else 0 */
     bool is_boolean; /* else Real */
 } tl_adjusted;
 
@@ -45,22 +46,22 @@ typedef struct tl_synchroniser_memory {
     double *committed; /* unknowns of the step committed last */
     double *nominal;   /* unknowns at nominal, except those in their dwell time */
     double *guess;
-    double *start; /* of the search */
-    double *best;
-    double *trial;
-    double *residuals;       /* of the candidate evaluated last */
-    double *start_residuals; /* at start */
-    double *best_residuals;
-    double *forecast;
-    double *noise;            /* as tl_objective_noise() */
+    double *start;            /* start point of the solver */
+    double *best;             /* best candidate so far */
+    double *trial;            /* candidate that is evaluated for a solver's point */
+    double *residuals;        /* of the candidate evaluated last */
+    double *start_residuals;  /* at `start` */
+    double *best_residuals;   /* at `best` */
+    double *forecast;         /* residuals expected if u continues from the step before */
+    double *noise;            /* see tl_objective_noise() */
     double *candidate_course; /* y of the matched outputs along the horizon, of the candidate evaluated last */
-    double *best_course;      /* of the best candidate */
-    double *course;           /* of the step committed last */
-    double *earlier;          /* the sample before the last one of `course` */
+    double *best_course;      /* the same of the best candidate */
+    double *course;           /* the same of the step committed last */
+    double *earlier;          /* y of the matched outputs one sample before the last sample of `course` */
     double *lower;            /* bounds of the unknowns */
     double *upper;
-    double *factors;              /* of the residuals, for another tuning */
-    bool *free;                   /* unknowns that a guess may move */
+    double *factors;              /* scale factors of the residuals after a change of the tuning */
+    bool *free;                   /* unknowns that a guess may change */
     double before[TL_MAX_ADJUST]; /* u of the step before, by variable; nominal if there was none */
 } tl_synchroniser_memory;
 
@@ -75,19 +76,19 @@ typedef struct tl_synchroniser {
     const tl_optimiser_class *solver;
     tl_optimiser *optimiser;
     const tl_optimiser_class *fallback; /* NULL: none */
-    tl_optimiser *second;
-    uint32_t stagnation;
+    tl_optimiser *second;               /* the solver of `fallback` */
+    uint32_t stagnation;                /* as in the plan, like the next two */
     double margin;
     double noise_floor;
     tl_synchroniser_memory memory;
     double last_delta[TL_MAX_ADJUST]; /* u − û of the step committed last */
     bool has_last;                    /* a step was committed */
-    int courses;                      /* steps in a row whose course is known: 0, 1, 2 or more */
-    bool held_inputs;                 /* mode ahead: the newest sample stood in for the plant in the step before */
-    bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is tried */
-    bool rests;                       /* set by the owner: u rests at nominal, and nothing is tried */
+    int courses;                      /* number of steps in a row whose `course` is known: 0, 1, or 2 for more */
+    bool held_inputs;                 /* mode ahead: the step before used the newest sample in place of a later one */
+    bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
+    bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool met;                         /* the solver was once allowed to search although all was within tolerance */
+    bool met;                         /* the solver has had its one search with all outputs within tolerance */
     tl_synchroniser_times times;
 } tl_synchroniser;
 

@@ -1,8 +1,8 @@
 /* Account of a twin: its names, units and counts as plain data.
  *
- * Purpose: recorder, report and summary need names, units and counts, not the twin. The twin may be
- *          in another process whose memory is hostile. So there are no pointers, texts end within
- *          their arrays, and tl_account_is_sound() checks an account.
+ * Purpose: recorder, report and summary need names, units and counts of a twin that may be in
+ *          another process. That process may write anything into the account. So an account has no
+ *          pointers, texts end within their arrays, and the reader calls tl_account_is_sound().
  * Size:    fixed; about 10 KB.
  * Thread:  plain data.
  */
@@ -18,10 +18,10 @@
 
 enum {
     TL_ACCOUNT_COMPONENTS = 64, /* FMUs and the plant; further ones are left out */
-    TL_ACCOUNT_TEXT = 128       /* bytes of a name or a unit, cut */
+    TL_ACCOUNT_TEXT = 128       /* bytes of a name or a unit with its end; longer ones are cut */
 };
 
-/* Executions of one component; the plant is the last one. As in tl_twin_ledger. */
+/* Executions of one component; the plant is the last one. Fields as in tl_twin_ledger. */
 typedef struct tl_account_component {
     char name[TL_ACCOUNT_TEXT];
     uint64_t plain;
@@ -36,7 +36,7 @@ typedef struct tl_account_match {
     char unit[TL_ACCOUNT_TEXT]; /* as the FMU declares it; "": none */
     tl_type type;
     tl_metrics metrics;
-    tl_metrics readings; /* as tl_twin_readings() */
+    tl_metrics readings; /* see tl_twin_readings() */
 } tl_account_match;
 
 typedef struct tl_account_adjust {
@@ -76,23 +76,23 @@ typedef struct tl_account {
     uint64_t verified_executions;
     uint64_t differed;
     tl_free_twin_counts free_twin;
-    uint64_t replayed;          /* steps executed by rollback by replay; no other count includes them */
+    uint64_t replayed;          /* steps that rollback by replay executed again; no other count includes them */
     tl_account_finding finding; /* the newest finding */
     tl_twin_delay delay;
     char algorithm[TL_ACCOUNT_TEXT]; /* the solver in use; "": nothing is adjusted */
-    char fallback[TL_ACCOUNT_TEXT];
+    char fallback[TL_ACCOUNT_TEXT];  /* the fallback solver; "": none */
     tl_account_component component[TL_ACCOUNT_COMPONENTS];
     tl_account_match match[TL_MAX_MATCH];
     tl_account_adjust adjust[TL_MAX_ADJUST];
     tl_account_signal signal[TL_MAX_SIGNALS];
 } tl_account;
 
-/* The present account of a twin. Characters of names and units that cannot be shown are replaced by
- * "?". */
+/* Fills the present account of a twin. Characters of names and units that cannot be displayed are
+ * replaced by "?". */
 void tl_account_take(const tl_twin *twin, tl_account *account);
 
-/* Checks counts, ends and characters of texts (text.h), types and states. Numbers are not checked.
- */
+/* Checks counts, ends and characters of texts (text.h), types and states. Does not check other
+ * numbers. */
 bool tl_account_is_sound(const tl_account *account);
 
 /* Executions of all components. */

@@ -1,16 +1,16 @@
 /* Twin: the public interface of the master. Live run, replay, shadow and tests use this same code.
  *
- * Purpose: takes a sample of the plant and a budget, returns a committed step and its record.
+ * Purpose: takes a sample of the plant and a budget per tick, commits a step and returns its
+ *          record.
  * Method:  algorithm 3 of the thesis, with the decisions in docs/decisions/README.md.
  * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
  *            lag:   tick m ≥ T_P + D computes step i = m − T_P − D; its record is complete at once.
  *                   D is the delay of conditioned measurements, 0 without any.
  *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
- *            ahead: tick m computes step i = m; its record is complete when the sample m + 1 has
- *                   come.
- *          D grows by the larger of the plan's input_ticks and output_ticks, if they are positive.
- *          The FMUs are then initialised at tick input_ticks, with the plant at t_0 (in mode ahead
- *          at tick 0). If Δo is measured, a step waits for the longest possible delay.
+ *            ahead: tick m computes step i = m; its record is complete at tick m + 1.
+ *          D also includes the larger of the plan's input_ticks and output_ticks, if it is
+ *          positive. The FMUs are then initialised at tick input_ticks, with the plant at t_0 (in
+ *          mode ahead at tick 0). If Δo is measured, D includes the longest possible delay.
  * Memory:  tl_twin_build() allocates everything; our code allocates nothing afterwards.
  * Thread:  one thread at a time uses a twin.
  */
@@ -37,55 +37,56 @@ typedef struct tl_twin_facts {
     uint32_t distance;                  /* T_D: the smallest of all pairs; 0 if nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
     tl_experiment experiment;           /* in use: stop_s is above start_s */
-    int64_t first;                      /* first step, past or future: 0, or later after tl_twin_begin_at() */
-    size_t unknowns;                    /* of a search */
+    int64_t first;                      /* first step of this twin: 0, or later after tl_twin_begin_at() */
+    size_t unknowns;                    /* number of unknowns of a search */
     const char *algorithm;              /* the solver in use; "" if nothing is adjusted */
     const char *fallback;               /* "" if there is none */
-    size_t memory;                      /* bytes of ours, all allocated at start-up */
-    uint64_t state_memory;              /* most bytes of the FMUs' saved states; 0: not started, or not known */
-    uint64_t executions_per_step;       /* K: of a step without search */
-    uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
+    size_t memory;                      /* bytes of the master, all allocated at start-up */
+    uint64_t state_memory;              /* bound for the FMUs' saved states, bytes; 0: not started, or not known */
+    uint64_t executions_per_step;       /* of a step without search: K */
+    uint64_t executions_per_evaluation; /* without saving: K·T_P */
     bool returns;                       /* started, and the rollback of all FMUs was proved */
-    bool cannot_return;                 /* the rollback of an FMU was found not to be exact */
-    const char *astray;                 /* the component in question; NULL: none, or not known */
+    bool cannot_return;                 /* the proof has failed: the rollback of an FMU is not exact */
+    const char *astray;                 /* the component for which it failed; NULL: none, or not known */
     uint64_t proved_executions;         /* executions of the proof; no other count includes them */
-    const char *
-        runs_free; /* the component that cannot be rolled back by replay any more, so that the twin runs free; NULL: none */
-    uint64_t verified;            /* number of verifications (tl_twin_verify()) */
+    const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
+    uint64_t verified;     /* number of verifications (tl_twin_verify()) */
     uint64_t verified_executions; /* executions for them; no other count includes them */
     uint64_t differed;            /* verifications that found a difference */
-    bool has_free_twin;           /* the free-run check is on, or configured if not started */
+    bool has_free_twin;           /* the free-run check is on; before the start: it is configured */
     tl_free_twin_counts free_twin;
-    bool structure; /* kinds of saving in use */
-    bool sequences;
+    bool structure; /* executions are saved by structure */
+    bool sequences; /* executions are saved by sequences */
 } tl_twin_facts;
 
 /* One component in the ledger; the plant is the last one. */
 typedef struct tl_twin_ledger {
     const char *name;
-    uint32_t reach;       /* Γ_k (eq. 4.5) */
-    bool reads_late;      /* it refuses to be read in initialisation mode */
-    bool on_a_way;        /* on a path from an adjusted variable to a matched output */
-    uint32_t longer;      /* C_k, on such a path */
-    uint32_t first_need;  /* most executions of a step's first evaluation, as saved */
-    uint32_t next_need;   /* of each later one (eq. 4.13) */
-    uint32_t nodes;       /* of its cache; 0: none */
-    uint64_t nodes_worst; /* that could be needed at once */
-    uint32_t nodes_peak;  /* most used so far */
-    size_t memory;        /* bytes of ours for them, part of the facts' memory; the FMU's states come on top */
-    size_t
-        state_size; /* bytes of one saved state of the FMU, and the number of nodes that may have one; 0: not started, or not known */
-    uint32_t states;
+    uint32_t reach;        /* Γ_k (eq. 4.5) */
+    bool reads_late;       /* it rejects reading in initialisation mode */
+    bool on_a_way;         /* on a path from an adjusted variable to a matched output */
+    uint32_t longer;       /* C_k, if it is on such a path; else 0 */
+    uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
+    uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */
+    uint32_t nodes;        /* nodes of its cache; 0: no cache */
+    uint64_t nodes_worst;  /* most nodes that could be needed at once */
+    uint32_t nodes_peak;   /* most nodes used at once so far */
+    size_t memory;         /* bytes of the nodes, part of the facts' memory; without the FMU's states */
+    size_t state_size;     /* bytes of one saved state of the FMU; 0: not started, or not known */
+    uint32_t states;       /* most nodes that may have a state; 0: not started */
     uint64_t plain;        /* executions if nothing were saved */
-    uint64_t predicted;    /* by the graph for the same evaluations */
-    uint64_t executions;   /* done */
+    uint64_t predicted;    /* executions that the ledger predicts for the same evaluations */
+    uint64_t executions;   /* executions done */
     uint64_t repeated;     /* executions repeated so that an FMU catches up (TL_KEEP_OUTPUTS) */
     tl_fmi2_replay replay; /* rollback by replay: no other count includes its steps; zeroed: not used */
-    uint64_t uncached;     /* results that found no room; their repetition is not predicted */
-    int64_t
-        difference; /* executions that were neither predicted nor to catch up. Positive: results found no room, or a failed committed step was repeated. Negative: another u gave the same inputs, or the ledger is not complete. Else 0 */
-    tl_time
-        cost; /* ns of one execution, including the save of its state: the last, or a longer earlier one, decaying; 0 without a clock */
+    uint64_t uncached;     /* results that the full cache did not store; their repetition is not predicted */
+    /* executions − predicted − repeated. Positive: the cache was full, or a failed committed step
+     * was repeated. Negative: another u gave the same inputs, or the ledger is not complete. Else
+     * 0. */
+    int64_t difference;
+    /* ns of one execution, including the save of its state: the longest recent one, decaying; 0
+     * without a clock. */
+    tl_time cost;
 } tl_twin_ledger;
 
 /* Search range of an adjusted variable. */
@@ -94,27 +95,28 @@ typedef struct tl_twin_adjusted {
     bool is_fed;  /* a connection delivers û: `nominal` is undefined */
     double nominal;
     double step;
-    double lower;
+    double lower; /* bounds of the search, within those of the FMU */
     double upper;
-    double least; /* declared by the FMU; the bounds are within */
+    double least; /* bounds that the FMU declares; ∓infinity: none */
     double most;
 } tl_twin_adjusted;
 
-/* Measured delay: of the first matched output with a confident one. */
+/* Measured delay: that of the first matched output whose delay is known. */
 typedef struct tl_twin_delay {
     tl_delay_state state;
-    tl_time delay;     /* in use: ŷ is looked up this long before y, in whole steps; 0 if not known */
+    tl_time delay;     /* ns, in use: ŷ is looked up this long before y, rounded to whole steps; 0 if not known */
     double confidence; /* 0 … 1, of the present measurement */
 } tl_twin_delay;
 
-/* The name of a solver, found by name or by its number in the thesis (1, 100, 1000); valid for
- * ever; NULL: there is none. The third function lists all names for messages. */
+/* Find a solver by name, or by its number in the thesis (1, 100, 1000). Return its name, a static
+ * text, or NULL if there is none. tl_twin_solver_names() returns all names for messages. */
 const char *tl_twin_solver_named(const char *name);
 const char *tl_twin_solver_numbered(int number);
 const char *tl_twin_solver_names(void);
 
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
- * parameters. NULL if anything was reported. The plan itself need not outlive the call. */
+ * parameters. Returns NULL if a problem was reported. The plan itself may be freed afterwards, but
+ * not the models, functions and texts that it points to (see plan.h). */
 tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report);
 
 /* Terminates and frees the FMUs and the twin. NULL is allowed. */
@@ -124,7 +126,7 @@ void tl_twin_destroy(tl_twin *twin);
  * *ready and fills `record` if a step's record is complete.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if initialisation or the committed step failed, or if an
  *         FMU could not be rolled back. Then every later call fails in the same way and calls no
- *         FMU. In mode ahead the record of the step before may still be ready. */
+ *         FMU. In mode ahead, *ready may be true with an error: the record of the step before. */
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
                        tl_error *error);
 
@@ -138,21 +140,21 @@ tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *re
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
                          tl_error *error);
 
-/* Resets a lost twin: before the step of the next tick, of any kind, all FMUs restart with their
- * start values at that step's instant, with the plant's sample and nominal u. The solver starts
- * empty, the last Δu is dropped, and a stroke or search of an event horizon is abandoned
+/* Resets a lost twin. At the next tick, before its step (also without a search), all FMUs restart
+ * with their start values at the step's instant, with the plant's sample and nominal u. The solver
+ * starts empty, the last Δu is dropped, and a stroke or search of an event horizon is abandoned
  * (TL_FLAG_ABANDONED). Samples, filters, the measured delay, metrics, ledger and step numbers
  * continue. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the FMUs still
  * have their start values: then nothing happens.
- * Calls:  of each FMU fmi2Reset and its initialisation. If an FMU rejects fmi2Reset, its states are
- *         freed and it is instantiated again; so are all if their initialisation then fails. No
- *         budget applies to this tick.
- * Errors: none here. The next tick returns TL_FMU_FAILED if that fails as well, or TL_FMU_FATAL. */
+ * Calls:  fmi2Reset of each FMU, and its initialisation. If an FMU rejects fmi2Reset, its states
+ *         are freed, and it is instantiated again. If an initialisation then fails, this is done
+ *         for all FMUs. No budget applies to this tick.
+ * Errors: none here. The next tick returns TL_FMU_FAILED or TL_FMU_FATAL if the reset failed. */
 void tl_twin_reset(tl_twin *twin);
 
 /* How an FMU is rolled back after a finding. */
 typedef enum tl_twin_mended {
-    TL_MENDED_NOT,         /* as before */
+    TL_MENDED_NOT,         /* by the same method as before */
     TL_REPAIRED_BY_MEMORY, /* by a copy of its memory, not by its own states any more */
     TL_REPAIRED_BY_STATES, /* by its own states, which the copy had replaced because it was faster */
     TL_MENDED              /* number of values */
@@ -167,31 +169,34 @@ typedef struct tl_twin_finding {
     unsigned after;         /* number of steps since the restored state */
     double committed;       /* value of the committed step */
     double again;           /* value of the repeated step */
-    double tolerances;      /* their distance in tolerances, for a matched output; else NaN */
+    double tolerances;      /* difference of the two values in tolerances, if the output is matched; else NaN */
     tl_restore_cause cause; /* TL_CAUSE_UNKNOWN if not determined */
     tl_twin_mended mended;
 } tl_twin_finding;
 
 /* Between two ticks, in the remaining time: continues the verification of rollbacks
- * (sync/verifier.h). `budget`: time from `started` by the clock `now` (NULL: no limit). *found:
- * there is a finding. Then the record of the next step has TL_FLAG_DIFFERED. All later records have
- * it too, unless the finding is mended or is less than a hundredth of a tolerance.
- * Cause:  without a clock the cause is determined too, if there is a full copy of the FMU; this
+ * (sync/verifier.h). `budget`: `time` ns from `started` on, by the clock `now`; NULL: no limit.
+ * *found: there is a finding. Then the record of the next step has TL_FLAG_DIFFERED. All later
+ * records have it too, unless the FMU is now rolled back by another method (`mended`), or the
+ * difference is less than a hundredth of a tolerance.
+ * Cause:  without a clock, the cause is determined too if there is a full copy of the FMU. This
  *         takes additional calls.
- * Calls:  of one FMU at most fmi2SetFMUstate twice, fmi2GetFMUstate twice, and TL_VERIFIED_STEPS
+ * Calls:  of one FMU at most four fmi2SetFMUstate, two fmi2GetFMUstate, and TL_VERIFIED_EXECUTIONS
  *         steps, which do not count as executions. Results do not change.
- * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU could not be restored; then the twin has ended. */
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU could not be restored; then the twin has
+ *         ended. */
 tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
                          tl_error *error);
 
 /* Description of a cause: "incomplete state: …"; "" if it is unknown. */
 const char *tl_twin_cause_text(tl_restore_cause cause);
 
-/* Applies a tuning from the next tick on, of any kind. All that FMUs and solver know, u, filters,
- * metrics and ledger stay. The next search brings a u outside of new bounds into them; the declared
- * bounds of the FMU still apply. A search of an event horizon restarts. Before the first tick it is
- * as if the twin had been built with the tuning; applying the same tuning again changes nothing.
- * Its time is for the caller's budget. Calls no FMU.
+/* Applies a tuning from the next tick on, also if that tick has no search. States of the FMUs, data
+ * of the solver, u, filters, metrics and ledger stay. If u is outside of new bounds, the next
+ * search moves it inside. The declared bounds of the FMU still apply. A search of an event horizon
+ * restarts. A call before the first tick has the same effect as building the twin with the tuning.
+ * Applying the same tuning again changes nothing. The twin does not use `time` of the tuning: the
+ * caller puts it into its budgets. Calls no FMU.
  * Errors: TL_BAD_DATA, without any change: an invalid number (tl_tuning_check()), or a twin that
  *         was built differently (tl_tuning_fits()). */
 tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error);
@@ -199,18 +204,21 @@ tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error
 /* The tuning in use. */
 void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning);
 
-/* ---- Start where an earlier run ended: before the first tick, one of the two. */
+/* ---- Start where an earlier run ended. Before the first tick, call tl_twin_begin_at() or
+ * tl_twin_load(). */
 
-/* The first sample is that of `tick` ≥ 0. The FMUs start with their start values at that instant,
- * or later by the ticks that a look-up goes back; so does the first step. */
+/* Cold start: the first sample will be that of `tick` ≥ 0. The FMUs start with their start values
+ * at the instant of that tick. If look-ups go back by some ticks, the FMUs and the first step start
+ * later by as many. */
 void tl_twin_begin_at(tl_twin *twin, int64_t tick);
 
-/* Before one of the two: the FMUs' time at tick 0, s, as it was in the run that is continued. The
- * stop time moves with it. */
+/* Call before tl_twin_begin_at() or tl_twin_load(): sets the FMUs' time at tick 0, s, to that of
+ * the earlier run. The stop time moves by the same amount. */
 void tl_twin_set_start(tl_twin *twin, double start_s);
 
-/* Loads the twin as saved after `tick`: FMUs, values, samples, filters of the measurements, u. The
- * solver starts empty. The next tick is tick + 1. Initialises the FMUs.
+/* Loads a twin that was saved after `tick`: FMUs, values, samples, filters of the measurements, u.
+ * The solver starts empty. The next tick is `tick` + 1. Initialises the FMUs before their states
+ * are loaded.
  * Errors: TL_BAD_DATA if the bytes are not of such a twin at that tick; TL_FMU_FAILED, TL_FMU_FATAL
  *         if an FMU rejects its state. After any error the twin can only be destroyed. */
 tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error);
@@ -218,49 +226,52 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
 /* True if all FMUs declare that they can serialise their state. */
 bool tl_twin_can_save(const tl_twin *twin);
 
-/* Saves the twin after the newest tick to `bytes` (NULL: only the size). *size is the size; if it
- * is above `capacity`, nothing is written. 0: not possible at this tick, because an FMU would have
- * to be executed again for it (TL_KEEP_OUTPUTS), or because nothing has started. The bytes are
- * valid only for the same program, machine and FMUs; the caller checks that and their integrity.
- * Saving changes no result.
- * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU rejects it, or is not rolled back by its own states
- *         any more. The twin continues, unless an FMU's state was lost or the error was fatal. */
+/* Saves the twin after the newest tick to `bytes`; NULL: only computes the size. *size: number of
+ * bytes; if it is above `capacity`, the bytes are invalid. 0: not possible at this tick, because an
+ * FMU would have to be executed again (TL_KEEP_OUTPUTS) or because the twin has not started. The
+ * bytes are valid only for the same program, machine and FMUs. The caller must check this, and that
+ * the bytes are undamaged. Saving changes no result.
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU rejects the call, or is not rolled back by its
+ *         own states any more. The twin can continue, unless an FMU's state was lost or the error
+ *         was fatal. */
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error);
 
-/* Between two ticks: drops all that tl_twin_save() does not keep. From then on every result, with
- * effort, ledger and metrics, is to the bit that of a new twin that loads the present state. So a
- * record can start here with a checkpoint, and a replay repeats it. Measured costs of executions
- * stay. *done is false if nothing could be saved at this tick; then nothing was dropped.
- * Calls:  of each FMU at most fmi2SetFMUstate, no step. An FMU that cannot serialise its state is
- *         not affected.
- * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU rejects it; then the twin has ended. */
+/* Between two ticks: drops all data that tl_twin_save() does not save. From then on every result,
+ * also executions, ledger and metrics, is the same to the bit as that of a new twin that loads the
+ * present state. So a recording can start here with a checkpoint, and a replay gives the same
+ * results. Measured costs of executions stay. *done is false if the twin could not be saved at this
+ * tick. Then nothing was dropped.
+ * Calls:  of each FMU at most one fmi2SetFMUstate, and no step. FMUs that cannot serialise their
+ *         states are allowed.
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU rejects the call; then the twin has ended. */
 tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error);
 
-/* Completes the last record in mode ahead with the sample that follows, without a step. */
+/* Only for mode ahead, at the end of a run: completes the last record with the next sample and
+ * executes no step. *ready is true if there was such a record. */
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready);
 
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin);
 
-/* Values of a signal of the plant that the inputs fed by it declare, in the signal's unit: their
- * intersection; least > most if they have no common value. */
+/* Permitted values of a plant signal, in the signal's unit: the intersection of the ranges that the
+ * inputs reading it declare. least > most if there is no common value. */
 typedef struct tl_twin_bounds {
     double least, most;            /* ∓infinity: none */
-    double scale;                  /* the largest nominal value of these inputs; 0: no input declares a bound */
-    uint64_t items;                /* of Enumerations: bit k: `least` + k is an item; 0: all values within the bounds */
-    const char *component, *input; /* the first input that declares one; NULL: none */
+    double scale;                  /* largest nominal value of the inputs that declare a bound; 0: no input does */
+    uint64_t items;                /* Enumeration: bit k: `least` + k is an item; 0: all values within the bounds */
+    const char *component, *input; /* the first input that declares a bound; NULL: none */
 } tl_twin_bounds;
 
 tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal);
 
-/* Executions of component k so far, and its name; the plant is the last one. */
+/* Return the executions of a component so far, and its name; the plant is the last component. */
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component);
 const char *tl_twin_component_name(const tl_twin *twin, size_t component);
 
-/* Predicted and counted executions of component k. If nothing is adjusted, the prediction is one
- * per step. */
+/* Returns predicted and counted executions of a component. If nothing is adjusted, the prediction
+ * is one per step. */
 tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
 
-/* False: there were more candidates than the ledger holds, and its prediction is too high. */
+/* False if there were more candidates than the ledger can hold: then its prediction is too high. */
 bool tl_twin_ledger_is_complete(const tl_twin *twin);
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
@@ -271,9 +282,9 @@ tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
 
-/* The same at the plant's readings as they came, with the twin between its steps (reading_meter.h);
- * `left_out` were rejected. There are no pairs if the output is no Real, with an event horizon, or
- * without readings. */
+/* The same at the instants of the plant's readings, with y interpolated between the twin's steps
+ * (reading_meter.h). `left_out` counts rejected readings. There are no pairs if the output is not
+ * Real, with an event horizon, or without readings. */
 const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match);
 
 /* The value of output i of the plan's `outputs` in the newest committed step. */
@@ -286,7 +297,7 @@ typedef struct tl_twin_value {
     double value; /* integers and Booleans as numbers */
 } tl_twin_value;
 
-/* Value i < tl_twin_value_count(). Returns false if no FMU gives it. */
+/* Returns value i, i < tl_twin_value_count(). Returns false if it is not an output of an FMU. */
 size_t tl_twin_value_count(const tl_twin *twin);
 bool tl_twin_get_value(const tl_twin *twin, size_t i, tl_twin_value *value);
 

@@ -1,7 +1,8 @@
 /* Private data of a twin.
  *
- * Purpose: shared by twin.c (tick by tick), twin_build.c (from a plan) and twin_checkpoint.c (from
- *          and to bytes).
+ * Purpose: shared by twin.c (ticks), twin_build.c (builds a twin from a plan) and twin_checkpoint.c
+ *          (saves and loads it).
+ * Owner:   the twin; everything is freed by tl_twin_destroy().
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -24,45 +25,45 @@ struct tl_twin {
     tl_exchange exchange;
     bool cannot_return; /* the rollback proof has failed */
     tl_synchroniser synchroniser;
-    tl_event_horizon *event; /* in place of the synchroniser's steps; NULL: no event horizon */
+    tl_event_horizon *event; /* used in place of the synchroniser's search; NULL: no event horizon */
     tl_objective_term terms[TL_MAX_MATCH];
     const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
     uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
-    uint64_t *worst;    /* nodes that each can need at once */
+    uint64_t *worst;    /* most nodes that each cache could need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
-    tl_metrics readings[TL_MAX_MATCH];       /* at the plant's readings */
-    tl_metrics due[TL_MAX_MATCH];            /* the part of it that no record holds yet */
-    tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: there are no values between steps, or no readings */
-    size_t reading_signals[TL_MAX_MATCH];    /* signals with these readings */
-    tl_time look_back;                       /* of matched signals */
+    tl_metrics readings[TL_MAX_MATCH];       /* see tl_twin_readings() */
+    tl_metrics due[TL_MAX_MATCH];            /* the part of `readings` that is not in a record yet */
+    tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: y cannot be interpolated, or there are no readings */
+    size_t reading_signals[TL_MAX_MATCH];    /* index of the plant signal with these readings */
+    tl_time look_back;                       /* ns: as in tl_delay_lookup, of matched signals */
     tl_pairing measurements;
     tl_plan_measure measure;
     tl_delay_meter *meters[TL_MAX_MATCH]; /* if Δo is measured */
     tl_twin_delay delay;
-    tl_time step;
+    tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */
     uint32_t lead;            /* step i is computed at tick i + lead */
-    uint32_t age;             /* ticks by which a look-up may be older than the instant it is for */
-    int64_t first;            /* the step that the FMUs are initialised for */
-    int64_t begin;            /* tick of the initialisation */
-    uint64_t state_bytes;     /* bound of saved states; 0: no bound */
+    uint32_t age;             /* largest number of ticks by which a look-up goes back */
+    int64_t first;            /* first step: the FMUs are initialised at its instant */
+    int64_t begin;            /* tick at which they are initialised */
+    uint64_t state_bytes;     /* bound for saved states, bytes; 0: no bound */
     size_t (*heap)(void);     /* as in the plan */
     tl_time (*now)(void *clock);
-    tl_tuning built;  /* as it was built: its fixed parts */
+    tl_tuning built;  /* the tuning that the twin was built with */
     tl_tuning tuning; /* in use */
     tl_proof proof;
     uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
-    bool resets;           /* the FMUs are reset before the next step */
-    const char *runs_free; /* the component because of which the twin runs free since the last step; NULL: none */
+    bool resets;           /* the FMUs must be reset before the next step */
+    const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
     tl_verifier verifier;
     tl_free_twin free_twin;
-    tl_twin_finding finding; /* the newest; no component: none */
-    uint32_t marks;          /* flags of the next step's record */
-    uint32_t lasting;        /* flags of all records */
-    tl_status ended;         /* not TL_OK: a step has failed, and no other may follow */
-    bool has_pending;        /* mode ahead: a computed step whose measurement has not come yet */
+    tl_twin_finding finding; /* the newest finding; component NULL: none */
+    uint32_t marks;          /* flags for the next step's record */
+    uint32_t lasting;        /* flags for all later records */
+    tl_status ended;         /* not TL_OK: a step has failed, and no further step is allowed */
+    bool has_pending;        /* mode ahead: `pending` is a computed step without its measurement */
     tl_record pending;
 };
 
@@ -70,8 +71,8 @@ struct tl_twin {
  * caches are not started yet. */
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
-/* True if an instance of this component's FMU has returned fmi2Fatal: that is valid for all of its
- * instances. */
+/* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this
+ * FMU may be called any more. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);
 
 #endif
