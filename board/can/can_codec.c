@@ -67,7 +67,7 @@ static unsigned shift_of(const tl_can_field *field, unsigned done, const piece *
     return field->order == TL_CAN_INTEL ? done : field->length - done - one->count;
 }
 
-uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data) {
+uint64_t tl_can_read_bits(const tl_can_field *field, const uint8_t *data) {
     uint64_t bits = 0;
     for (unsigned done = 0; done < field->length;) {
         piece one = piece_at(field, done);
@@ -78,7 +78,7 @@ uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data) {
     return bits;
 }
 
-void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data) {
+void tl_can_write_bits(const tl_can_field *field, uint64_t bits, uint8_t *data) {
     for (unsigned done = 0; done < field->length;) {
         piece one = piece_at(field, done);
         uint64_t mask = mask_of(one.count);
@@ -89,7 +89,7 @@ void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data) {
 }
 
 static bool holds(const tl_can_condition *condition, const uint8_t *data) {
-    uint64_t found = tl_can_take(&condition->field, data);
+    uint64_t found = tl_can_read_bits(&condition->field, data);
     for (size_t i = 0; i < condition->value_count; i++) {
         if (condition->values[i] == found) {
             return true;
@@ -108,7 +108,7 @@ bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data) {
 }
 
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value) {
-    uint64_t bits = tl_can_take(&channel->field, data);
+    uint64_t bits = tl_can_read_bits(&channel->field, data);
     double raw = 0;
     switch (channel->type) {
     case TL_CAN_UNSIGNED:
@@ -171,9 +171,9 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
         bits = tl_bits_of_float64(raw);
         break;
     }
-    tl_can_put(&channel->field, bits, data);
+    tl_can_write_bits(&channel->field, bits, data);
     for (size_t i = 0; i < channel->condition_count; i++) {
-        tl_can_put(&channel->conditions[i].field, channel->conditions[i].values[0], data);
+        tl_can_write_bits(&channel->conditions[i].field, channel->conditions[i].values[0], data);
     }
 }
 

@@ -71,10 +71,10 @@ size_t tl_can_field_bytes(const tl_can_field *field);
 size_t tl_can_channel_bytes(const tl_can_channel *channel);
 
 /* Reads or writes a field as an unsigned number: the lowest `length` bits of a uint64_t. `data` has
- * at least tl_can_field_bytes(). tl_can_put() ignores higher bits and changes no other bit of
- * `data`. */
-uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data);
-void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data);
+ * at least tl_can_field_bytes(). tl_can_write_bits() ignores higher bits and changes no other bit
+ * of `data`. */
+uint64_t tl_can_read_bits(const tl_can_field *field, const uint8_t *data);
+void tl_can_write_bits(const tl_can_field *field, uint64_t bits, uint8_t *data);
 
 /* True if the values of all multiplexors select this signal; `data` has at least
  * tl_can_channel_bytes(). */

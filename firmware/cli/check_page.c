@@ -214,7 +214,7 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
                              component->model->variable_count);
         bool fits = column + 1 + (int)strlen(rollback) <= WIDTH;
         (void)fprintf(output, "%s%s", fits ? " " : "\n               ", rollback);
-        const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
+        const tl_fmi2_times *times = fmu != NULL ? tl_fmu_measured_times(fmu) : NULL;
         if (times != NULL) { /* the copy is faster than the FMU's own states */
             (void)fprintf(output,
                           ",\n               %.3g \302\265s to save, step and restore; by its own state %.3g \302\265s",
@@ -371,7 +371,7 @@ static void print_cell(bool is_known, int width, int digits, double value, FILE 
 
 static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time cost, FILE *output) {
     (void)fprintf(output, "  %-16s %4" PRIu32, entry->name, entry->reach);
-    print_cell(entry->on_a_way, 4, 0, entry->longer, output);
+    print_cell(entry->on_path, 4, 0, entry->longer, output);
     (void)fprintf(output, " %6" PRIu32 " %6" PRIu32 " %6" PRIu32, prediction, entry->first_need, entry->next_need);
     print_cell(entry->nodes != 0, 6, 0, entry->nodes, output);
     print_cell(entry->nodes != 0, 9, 1, (double)entry->memory / 1024.0, output);

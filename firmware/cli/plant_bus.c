@@ -30,7 +30,7 @@ struct tl_plant_bus {
 static void put_multiplexors(const tl_can_channel *channel, uint8_t *data) {
     memset(data, 0, TL_CAN_BYTES);
     for (size_t i = 0; i < channel->condition_count; i++) {
-        tl_can_put(&channel->conditions[i].field, channel->conditions[i].values[0], data);
+        tl_can_write_bits(&channel->conditions[i].field, channel->conditions[i].values[0], data);
     }
 }
 

@@ -261,7 +261,7 @@ static fmi2Status copy_bytes_read(fmi2Component component, const fmi2Byte bytes[
 
 static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_keep(self->replay, state)
+    return self->by_replay ? tl_fmu_replay_save(self->replay, state)
                            : self->guard->by_states.get_fmu_state(component, state);
 }
 
@@ -276,7 +276,7 @@ static fmi2Status free_position(fmi2Component component, fmi2FMUstate *state) {
     if (!self->by_replay) {
         return self->guard->by_states.free_fmu_state(component, state);
     }
-    tl_fmu_replay_give_back(self->replay, state);
+    tl_fmu_replay_forget(self->replay, state);
     return fmi2OK;
 }
 

@@ -119,7 +119,7 @@ bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu) {
     return fmu->guard.gives_again;
 }
 
-const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu) {
+const tl_fmi2_times *tl_fmu_measured_times(const tl_fmu *fmu) {
     return fmu->guard.is_by_choice ? &fmu->guard.times : NULL;
 }
 

@@ -66,7 +66,7 @@ bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu);
 
 /* Returns the measured durations of both methods if the FMU's own states are exact, but memory is
  * used because it is faster. Else returns NULL. */
-const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu);
+const tl_fmi2_times *tl_fmu_measured_times(const tl_fmu *fmu);
 
 /* Frees the FMU and removes its folder. Call it after all instances were freed. A zeroed tl_fmu is
  * allowed. */

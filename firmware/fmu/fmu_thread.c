@@ -159,7 +159,7 @@ static void wait_for_job(tl_fmu_thread *thread) {
     }
 }
 
-void tl_fmu_thread_set_short_wait(tl_fmu_thread *thread) {
+void tl_fmu_thread_wake_and_wait(tl_fmu_thread *thread) {
     do {
         tl_fmu_thread_watch(thread);
         interrupt_sleep(thread);

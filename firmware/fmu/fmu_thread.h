@@ -49,7 +49,7 @@ void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
 /* Waits until the job is done. Meanwhile wakes the thread from every sleep, so that the job notices
  * a request to end. */
-void tl_fmu_thread_set_short_wait(tl_fmu_thread *thread);
+void tl_fmu_thread_wake_and_wait(tl_fmu_thread *thread);
 
 /* Starts a thread, executes a single job and ends the thread; another process checks the duration.
  * Errors are logged. */

@@ -126,7 +126,7 @@ void tl_child_kill_late(tl_child *child, tl_time passed, tl_time grace) {
     }
 }
 
-bool tl_child_ended_as_asked(const tl_child *child) {
+bool tl_child_ended_as_announced(const tl_child *child) {
     const tl_child_end *end = &child->end;
     return !child->killed && end->announced_cause != TL_END_CAUSE_NONE && end->known && !end->by_signal &&
            end->number == end->code;
@@ -148,7 +148,7 @@ static void append_call(const tl_child *child, char reason[TL_RESTARTS_REASON]) 
 
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     const tl_child_end *end = &child->end;
-    bool kept = tl_child_ended_as_asked(child);
+    bool kept = tl_child_ended_as_announced(child);
     if (child->killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", child->fault);
     } else if (!end->known) {

@@ -112,7 +112,7 @@ void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
 /* Call it after the end of the child. Returns true if the child announced its end and then ended
  * with the announced exit code. */
-bool tl_child_ended_as_asked(const tl_child *child);
+bool tl_child_ended_as_announced(const tl_child *child);
 
 /* Gives the child to the reaper; its process id is 0 afterwards. */
 void tl_child_reap(tl_child *child);

@@ -70,7 +70,7 @@ static void load_candidate(tl_handover_control *self, uint32_t number, const tl_
     const tl_twin_slot *run = live_slot(self);
     tl_twin_slot *slot = shadow_slot(self);
     tl_error error = {0};
-    tl_status status = tl_twin_slot_move_in_candidate(slot, self->candidate, needs, self->step, &error);
+    tl_status status = tl_twin_slot_load_candidate(slot, self->candidate, needs, self->step, &error);
     if (status != TL_OK) {
         refuse_shadow(self, number, error.text);
         return;
@@ -232,6 +232,6 @@ void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const c
 void tl_handover_control_begin_recorder(tl_handover_control *change) {
     if (has_drained(change)) {
         change->recorder_handovers++;
-        change->recorder_place = 1 - change->recorder_place;
+        change->recorder_slot = 1 - change->recorder_slot;
     }
 }

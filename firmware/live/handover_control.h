@@ -50,7 +50,7 @@ typedef struct tl_handover_control {
     tl_time until;               /* ns; the live twin is killed if it has not handed over by then */
     uint32_t waiting;            /* number of the waiting order */
     tl_time since;               /* ns; start of its wait */
-    uint32_t recorder_place;     /* slot whose record queue is read */
+    uint32_t recorder_slot;      /* slot whose record queue is read */
     uint32_t recorder_handovers; /* handovers at which that recorder started */
 } tl_handover_control;
 
@@ -62,7 +62,7 @@ void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool end
 /* Reports that the shadow has ended, or could not be started. */
 void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason);
 
-/* Called before a recorder is started. Moves `recorder_place` and `recorder_handovers` to the other
+/* Called before a recorder is started. Moves `recorder_slot` and `recorder_handovers` to the other
  * queue if the old one is fully recorded. */
 void tl_handover_control_begin_recorder(tl_handover_control *change);
 

@@ -194,7 +194,7 @@ static void answer_request(tl_live_samples *self, tl_live_request request, const
     __atomic_store_n(&reply->live_request, request, __ATOMIC_RELEASE);
 }
 
-void tl_live_samples_read(tl_live_samples *self, const char *path) {
+void tl_live_samples_answer(tl_live_samples *self, const char *path) {
     tl_live_request request = __atomic_load_n(&self->live_status->resume, __ATOMIC_ACQUIRE);
     bool begun = __atomic_load_n(&self->live_status->begun, __ATOMIC_RELAXED) != 0;
     if (request != 0 && request != self->answered && !begun) {

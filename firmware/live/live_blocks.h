@@ -298,6 +298,6 @@ typedef struct tl_live_samples {
 
 /* Answers the newest request from the database at `path`, unless it was answered before. Frees the
  * pages of the resume block when the shadow does not need them any more. */
-void tl_live_samples_read(tl_live_samples *self, const char *path);
+void tl_live_samples_answer(tl_live_samples *self, const char *path);
 
 #endif

@@ -269,7 +269,7 @@ static pid_t begin_member(void *context, tl_member which, const tl_start *start,
     default:
         tl_handover_control_begin_recorder(&self->control);
         self->job.handovers = self->control.recorder_handovers;
-        return start_plain(self, TL_LIVE_IS_RECORDER, self->control.recorder_place, error);
+        return start_plain(self, TL_LIVE_IS_RECORDER, self->control.recorder_slot, error);
     }
 }
 
@@ -316,7 +316,7 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         self->slots[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
     }
     if (status == TL_OK) {
-        status = tl_twin_slot_move_in(&self->slots[0], &first, self->settings->unconfined, error);
+        status = tl_twin_slot_load(&self->slots[0], &first, self->settings->unconfined, error);
     }
     if (status == TL_OK && records) {
         const tl_record_queue_settings events = tl_live_event_queue();
@@ -562,7 +562,7 @@ static void close_all(tl_process_tree *self) {
         (void)unlink(self->settings->control);
     }
     for (size_t i = 0; i < TL_TWIN_SLOTS && self->slots[i].queue != NULL; i++) {
-        tl_twin_slot_move_out(&self->slots[i]);
+        tl_twin_slot_unload(&self->slots[i]);
     }
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&self->blocks[i]);

@@ -268,7 +268,7 @@ static void record_run(recorder *self) {
         poll_requests(self);
         if (__atomic_load_n(&self->handover_block->slot_index, __ATOMIC_ACQUIRE) ==
             self->setup.job.slot_index) { /* the other twin is a shadow */
-            tl_live_samples_read(&self->samples, tl_recorder_writer_path(self->writer));
+            tl_live_samples_answer(&self->samples, tl_recorder_writer_path(self->writer));
         }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             write_now(self);

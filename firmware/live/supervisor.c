@@ -364,7 +364,7 @@ static void set_last_code(supervisor *self, tl_member which, const char *reason)
         end_all(self, which == TL_MEMBER_IO ? 0 : is_reported && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
     }
-    if (!tl_child_ended_as_asked(child)) {
+    if (!tl_child_ended_as_announced(child)) {
         tl_log(TL_LOG_WARNING, "%s failed after it had finished its work: %s", member_names[which], reason);
         end_all(self, is_reported ? FMU_FAILED : 0);
     }
@@ -396,7 +396,7 @@ static bool is_final(const supervisor *self, tl_member which) {
 /* The run is not supervised: the twin is not restarted. */
 static void end_alone(supervisor *self, const char *reason) {
     const tl_child *child = &twin_of(self)->child;
-    if (child->end.announced_cause == TL_END_CAUSE_FAILED && tl_child_ended_as_asked(child)) {
+    if (child->end.announced_cause == TL_END_CAUSE_FAILED && tl_child_ended_as_announced(child)) {
         end_all(self, child->end.code); /* the twin has logged the reason */
         return;
     }
@@ -423,7 +423,7 @@ static void note_end_of_shadow(supervisor *self) {
 static void note_end_of_manager(supervisor *self, tl_time now) {
     member *ended = self->members[TL_MEMBER_CONFIG_MANAGER];
     char reason[TL_RESTARTS_REASON];
-    bool is_orderly = tl_child_ended_as_asked(&ended->child) && ended->child.end.code == 0;
+    bool is_orderly = tl_child_ended_as_announced(&ended->child) && ended->child.end.code == 0;
     tl_child_describe(&ended->child, reason);
     tl_child_reap(&ended->child);
     ended->state = ABSENT;
@@ -446,7 +446,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     tl_child_describe(&ended->child, reason);
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
-    if (ended->is_changed && tl_child_ended_as_asked(&ended->child) &&
+    if (ended->is_changed && tl_child_ended_as_announced(&ended->child) &&
         end->code == 0) { /* it was asked to end for a replacement */
         tl_child_reap(&ended->child);
         begin_pause(ended, now, 0);

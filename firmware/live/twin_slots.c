@@ -17,7 +17,7 @@
 
 /* ---- configuration ---- */
 
-void tl_twin_slot_move_out(tl_twin_slot *slot) {
+void tl_twin_slot_unload(tl_twin_slot *slot) {
     tl_block_close(slot->queue);
     free(slot->copy);
     slot->copy = NULL;
@@ -30,7 +30,7 @@ static tl_status make_queue(tl_twin_slot *slot, const tl_record_queue_settings *
     return tl_block_make("twinlock records", tl_record_queue_bytes(settings), TL_BLOCK_SPARSE, slot->queue, error);
 }
 
-tl_status tl_twin_slot_move_in(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error) {
+tl_status tl_twin_slot_load(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error) {
     const tl_record_queue_settings settings = tl_live_twin_queue(config);
     slot->text = config->text;
     memcpy(slot->hash, config->hash, sizeof slot->hash);
@@ -82,13 +82,13 @@ static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
                           (unsigned)needs->signals);
 }
 
-tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
-                                         tl_time step, tl_error *error) {
+tl_status tl_twin_slot_load_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
+                                      tl_time step, tl_error *error) {
     const tl_recorder_shape shape = {.plant = needs->signals,
                                      .match = needs->match,
                                      .adjust = needs->adjust,
                                      .components = (size_t)needs->components + 1};
-    tl_twin_slot_move_out(slot);
+    tl_twin_slot_unload(slot);
     tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
         status = copy_text(slot, candidate, error);
@@ -98,7 +98,7 @@ tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *can
         status = make_queue(slot, &settings, error);
     }
     if (status != TL_OK) {
-        tl_twin_slot_move_out(slot);
+        tl_twin_slot_unload(slot);
         return status;
     }
     slot->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};

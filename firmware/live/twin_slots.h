@@ -43,21 +43,21 @@ typedef struct tl_twin_slot {
 
 /* Loads the configuration that the run starts with. `config` must outlive the slot. Errors:
  * TL_TRY_AGAIN. */
-tl_status tl_twin_slot_move_in(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error);
+tl_status tl_twin_slot_load(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error);
 
 /* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `needs`: sizes that
  * the candidate declares. `step`: of the run, ns. The slot must have no running twin, and the
  * recorder must have read the whole queue. Clears the status block, except its process number.
  * Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is empty. */
-tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
-                                         tl_time step, tl_error *error);
+tl_status tl_twin_slot_load_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
+                                      tl_time step, tl_error *error);
 
 /* Returns the number of samples, steps and events in the record queue that the recorder has not
  * read. `taken`: what it has read. The twin must have ended. */
 uint64_t tl_twin_slot_count_remaining(const tl_twin_slot *slot, const tl_record_queue_taken *taken);
 
 /* Frees the text and the record queue. An empty slot is allowed. */
-void tl_twin_slot_move_out(tl_twin_slot *slot);
+void tl_twin_slot_unload(tl_twin_slot *slot);
 
 /* ---- Confinement of io and recorder: drops access to all files and system calls that their work
  * does not need.

@@ -24,7 +24,7 @@ static void assess_stay(tl_bound_stay *stay) {
         stay->turn = TL_BOUND_REACHED;
     } else if (stay->is_reported && stay->share < LITTLE) {
         stay->is_reported = false;
-        stay->turn = TL_BOUND_REMAINING;
+        stay->turn = TL_BOUND_LEFT;
     }
 }
 

@@ -31,7 +31,7 @@ enum { TL_BOUND_BLOCKS = 10 };
 
 /* REACHED: the variable is at a bound, to be reported. REMAINING: it no longer is, to be
  * cleared. */
-typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_REMAINING } tl_bound_turn;
+typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_LEFT } tl_bound_turn;
 
 /* Zeroed initially. */
 typedef struct tl_bound_stay {

@@ -174,7 +174,7 @@ bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool
 
 /* ---- results ---- */
 
-void tl_noise_meter_get(const tl_noise_meter *meter, tl_noise_found *found) {
+void tl_noise_meter_estimate(const tl_noise_meter *meter, tl_noise_found *found) {
     for (int i = 0; i < TL_NOISE_ORDERS; i++) {
         found->by_order[i] = deviation_of(&meter->sizes[i]);
     }
@@ -218,7 +218,7 @@ static tl_noise_turn assess_noise(tl_noise_watch *watch, size_t match, double *s
     const tl_noise_meter *meter = &watch->meters[match];
     double tolerance = watch->config->match[match].tolerance;
     tl_noise_found found;
-    tl_noise_meter_get(meter, &found);
+    tl_noise_meter_estimate(meter, &found);
     *sigma = found.sigma;
     bool is_polled = (double)meter->repeats > REPEATED * (double)meter->readings;
     if (!watch->is_reported[match] && !is_polled && tl_noise_exceeds(&found, tolerance)) {

@@ -95,7 +95,7 @@ void tl_noise_meter_use(tl_noise_meter *meter, const tl_noise_found *found);
 bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool *is_outlier);
 
 /* Computes the estimate from the readings so far. */
-void tl_noise_meter_get(const tl_noise_meter *meter, tl_noise_found *found);
+void tl_noise_meter_estimate(const tl_noise_meter *meter, tl_noise_found *found);
 
 /* Returns true if the tolerance is certainly below three times the noise: by more than 15 %, the
  * accuracy of the estimate. Returns false if `is_enough` is false or `is_too_fast` is true. */

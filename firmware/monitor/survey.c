@@ -268,11 +268,11 @@ static void measure_noise(tl_survey_signal *signal, tl_noise_meter *meter, doubl
     for (size_t i = 0; i < signal->kept_count; i++) {
         (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
     }
-    tl_noise_meter_get(meter, &first);
+    tl_noise_meter_estimate(meter, &first);
     tl_noise_meter_init(meter, 0);
     tl_noise_meter_use(meter, &first);
     drop_outliers(signal, meter, room);
-    tl_noise_meter_get(meter, &signal->noise);
+    tl_noise_meter_estimate(meter, &signal->noise);
     signal->sigma = fmax(signal->noise.sigma, COUNTED_NOISE * signal->quantum);
     measure_moves(signal);
     signal->is_at_rest = is_at_rest(signal);

@@ -265,7 +265,7 @@ static void fetch_ahead(const tl_channel *channel) {
     }
 }
 
-tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *payload) {
+tl_channel_event tl_channel_take(tl_channel *channel, tl_message *type, void *payload) {
     if (!is_broken(channel) && channel->other_pushed == channel->taken && count_messages(channel) == 0 &&
         !is_broken(channel)) {
         return TL_CHANNEL_NOTHING;
@@ -318,8 +318,7 @@ static int wait_for_bell(const tl_channel *channel, uint32_t bell, tl_time until
     return result == 0 || errno == EAGAIN ? 0 : errno;
 }
 
-static tl_channel_answer wait_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until,
-                                   bool *is_over) {
+static tl_channel_event wait_once(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until, bool *is_over) {
     uint32_t bell = __atomic_load_n(&channel->other->bell, __ATOMIC_SEQ_CST);
     uint32_t sleep = channel->own->sleep + 1;
     int code = 0;
@@ -346,9 +345,9 @@ static tl_channel_answer wait_once(tl_channel *channel, uint32_t messages, uint3
     return served ? TL_CHANNEL_SOMETHING : TL_CHANNEL_NOTHING;
 }
 
-tl_channel_answer tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until) {
+tl_channel_event tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until) {
     bool is_over = false;
-    tl_channel_answer outcome = TL_CHANNEL_NOTHING;
+    tl_channel_event outcome = TL_CHANNEL_NOTHING;
     assert(messages + room > 0 && messages <= TL_CHANNEL_DEPTH && room <= TL_CHANNEL_DEPTH);
     publish_counters(channel);
     while (outcome == TL_CHANNEL_NOTHING && !is_over) { /* a change of the bell without a reason has no effect */

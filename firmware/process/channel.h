@@ -103,12 +103,12 @@ typedef struct tl_channel_settings {
     size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for the caller */
 } tl_channel_settings;
 
-typedef enum tl_channel_answer {
+typedef enum tl_channel_event {
     TL_CHANNEL_NOTHING, /* no message before the time-out */
     TL_CHANNEL_SOMETHING,
     TL_CHANNEL_NUDGED, /* tl_channel_nudge() was called, or a signal arrived */
     TL_CHANNEL_BROKEN
-} tl_channel_answer;
+} tl_channel_event;
 
 struct tl_channel_control;
 
@@ -163,7 +163,7 @@ void tl_channel_push(tl_channel *channel);
 
 /* Reads the next message without blocking. Returns SOMETHING, NOTHING or BROKEN. `payload` must
  * have the size of the other side's longest message. */
-tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *payload);
+tl_channel_event tl_channel_take(tl_channel *channel, tl_message *type, void *payload);
 
 /* Pushes, then sleeps until `messages` can be received or `room` slots are free. 0 disables a
  * condition; at least one must be above 0, and both are at most TL_CHANNEL_DEPTH. Returns:
@@ -172,7 +172,7 @@ tl_channel_answer tl_channel_take(tl_channel *channel, tl_message *type, void *p
  *            be there.
  * NUDGED:    tl_channel_nudge() was called, or a signal arrived.
  * BROKEN:    the channel is broken. */
-tl_channel_answer tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
+tl_channel_event tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
 
 /* Makes the present or next tl_channel_wait() of this side return TL_CHANNEL_NUDGED. Any other
  * thread of this side may call it while the channel is open; signal handlers must not. */

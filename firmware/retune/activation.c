@@ -662,7 +662,7 @@ static outcome begin_comparison(tl_activation *self) {
     switch (tl_comparison_evaluate(comparison, required_lock(self), why)) {
     case TL_COMPARISON_GOOD:
         break;
-    case TL_COMPARISON_NO_MEMORY:
+    case TL_COMPARISON_TOO_SLOW:
         return use_restart(self, why);
     case TL_COMPARISON_BAD:
         return refuse_candidate(self, TL_CONTROL_INVALID, "%s", why);

@@ -235,7 +235,7 @@ static tl_comparison_result report_overload(const char *label, const tl_run_stat
                    "%s missed %" PRIu64 " deadlines and %" PRIu64 " of %" PRIu64 " ticks"
                    ": " TL_COMPARISON_TWO_TWINS,
                    label, figures->deadline_misses, figures->skipped, figures->ticks);
-    return TL_COMPARISON_NO_MEMORY;
+    return TL_COMPARISON_TOO_SLOW;
 }
 
 /* ---- worse ---- */

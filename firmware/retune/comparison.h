@@ -71,8 +71,8 @@ typedef struct tl_comparison {
 
 typedef enum tl_comparison_result {
     TL_COMPARISON_GOOD,
-    TL_COMPARISON_NO_MEMORY, /* the box is too slow for two twins */
-    TL_COMPARISON_BAD,       /* the candidate is refused */
+    TL_COMPARISON_TOO_SLOW, /* the box is too slow for two twins */
+    TL_COMPARISON_BAD,      /* the candidate is refused */
     TL_COMPARISON_WORSE /* an output is worse; or the lock is, by the tolerances of the version to which a probation can roll back */
 } tl_comparison_result;
 

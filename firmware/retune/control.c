@@ -116,7 +116,7 @@ static bool copy_text(int descriptor, char *text, size_t *length) {
 /* Receives a packet; ASKED if it has exactly `size` bytes. `text`: gets the memory that came with
  * it, with a final NUL; it has TL_CONTROL_MOST + 1 bytes. NULL: no memory is accepted. *length:
  * bytes of the text; 0: there is none. */
-static tl_control_answer tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
+static tl_control_event tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
     int found = -1;
     *length = 0;
     ssize_t got = tl_packet_take(socket, bytes, size, &found);
@@ -232,7 +232,7 @@ static const char *fault_of(const tl_control_request *request, const char *text,
                                             : NULL;
 }
 
-tl_control_answer tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
+tl_control_event tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
     const char *fault = OTHER_VERSION;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
     case TL_CONTROL_NOTHING:
@@ -370,7 +370,7 @@ static bool is_sound_reply(tl_control_reply *reply) {
 
 tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
     size_t length = 0;
-    tl_control_answer arrival = TL_CONTROL_NOTHING;
+    tl_control_event arrival = TL_CONTROL_NOTHING;
     struct pollfd waited = {.fd = socket_, .events = POLLIN};
     tl_time most = 1000 * TL_SECOND; /* the caller calls again */
     if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {

@@ -264,12 +264,12 @@ typedef struct tl_control_peer {
     bool has_asked; /* its request was received */
 } tl_control_peer;
 
-typedef enum tl_control_answer {
+typedef enum tl_control_event {
     TL_CONTROL_NOTHING, /* nothing has arrived yet */
     TL_CONTROL_REQUEST, /* the request has arrived, and the candidate of a TAKE */
     TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() returns TL_CONTROL_CLOSED */
     TL_CONTROL_CLOSED /* closed by the peer, or because of an invalid packet or unread replies */
-} tl_control_answer;
+} tl_control_event;
 
 /* Accepts the next connection. Returns false if there is none. */
 bool tl_control_accept(int listener, tl_control_peer *peer);
@@ -277,7 +277,7 @@ bool tl_control_accept(int listener, tl_control_peer *peer);
 /* Receives the request without blocking. `text` has TL_CONTROL_MOST + 1 bytes: it receives the
  * candidate, *size bytes and a final NUL. Every TAKE has a candidate; other requests have none
  * (*size 0). Answers an invalid or second request with TL_CONTROL_BAD and closes the connection. */
-tl_control_answer tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
+tl_control_event tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
 
 /* Sends all bytes of a reply, so make it with tl_control_new_reply(). `text`: `more` bytes of a
  * TL_CONTROL_CONFIGURATION; NULL for all other kinds. If sending fails, closes the connection.

@@ -271,7 +271,7 @@ void *tl_fmu_history_save(tl_fmu_history *history) {
     return handle_of(history->at, false);
 }
 
-void tl_fmu_history_restore(tl_fmu_history *history, void *kept) {
+void tl_fmu_history_forget(tl_fmu_history *history, void *kept) {
     if (kept != NULL && !is_off(kept)) {
         history->calls[number_of(kept)].kept--;
         free_branch(history, number_of(kept));
@@ -480,17 +480,17 @@ void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fm
 
 /* ---- save and restore ---- */
 
-fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state) {
+fmi2Status tl_fmu_replay_save(tl_fmu_replay *replay, fmi2FMUstate *state) {
     if (tl_fmu_replay_start(replay) != fmi2OK) {
         return fmi2Error;
     }
-    tl_fmu_replay_give_back(replay, state);
+    tl_fmu_replay_forget(replay, state);
     *state = tl_fmu_history_save(&replay->history);
     return fmi2OK;
 }
 
-void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state) {
-    tl_fmu_history_restore(&replay->history, *state);
+void tl_fmu_replay_forget(tl_fmu_replay *replay, fmi2FMUstate *state) {
+    tl_fmu_history_forget(&replay->history, *state);
     *state = NULL;
 }
 

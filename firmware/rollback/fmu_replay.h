@@ -116,7 +116,7 @@ tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t c
 void tl_fmu_history_close(tl_fmu_history *history);
 
 /* Restarts with an empty tree. The caller must still free the positions saved before
- * (tl_fmu_history_restore()), but can no longer return to them. */
+ * (tl_fmu_history_forget()), but can no longer return to them. */
 void tl_fmu_history_begin(tl_fmu_history *history);
 
 /* Appends a call at the present position, with the `size` bytes of values that it set. The new call
@@ -130,7 +130,7 @@ void tl_fmu_history_lose(tl_fmu_history *history);
  * handle and does not change the present position; NULL is allowed. To return to a position, use
  * tl_fmu_history_find_path(). */
 void *tl_fmu_history_save(tl_fmu_history *history);
-void tl_fmu_history_restore(tl_fmu_history *history, void *kept);
+void tl_fmu_history_forget(tl_fmu_history *history, void *kept);
 
 /* Returns true if the saved position is the present one. */
 bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
@@ -159,7 +159,7 @@ void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
  *          (`differs` of tl_fmi2_replay).
  * Cost:    a restore executes all steps from the start, or only the later ones if the present
  *          position is on the path.
- * Memory:  allocated once, by the first tl_fmu_replay_start() or tl_fmu_replay_keep(). Freed by
+ * Memory:  allocated once, by the first tl_fmu_replay_start() or tl_fmu_replay_save(). Freed by
  *          tl_fmu_replay_end().
  * Thread:  the thread that calls the FMUs.
  */
@@ -207,9 +207,9 @@ void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fm
 
 /* Save, restore and free a state. Saving calls tl_fmu_replay_start(). A failed restore returns
  * fmi2Error or the status of the failed call; then the present position is unknown. */
-fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state);
+fmi2Status tl_fmu_replay_save(tl_fmu_replay *replay, fmi2FMUstate *state);
 fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state);
-void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state);
+void tl_fmu_replay_forget(tl_fmu_replay *replay, fmi2FMUstate *state);
 
 /* Restores the end of the prologue; call tl_fmu_replay_start() before. */
 fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay);

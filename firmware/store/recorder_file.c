@@ -86,7 +86,7 @@ static int find_totals(tl_recorder_file *file, const tl_recorder_mark *mark, boo
  * are not reported twice. */
 static void leave_run(tl_recorder_file *file, bool gone) {
     file->lost_said += gone ? tl_recorder_mark_entries(tl_recorder_state_mark(file->state)) : 0;
-    tl_recorder_state_restart_run(file->state, gone);
+    tl_recorder_state_leave_file(file->state, gone);
 }
 
 /* The previous writer wrote another file. Its entries are lost, unless that file still exists and
@@ -215,7 +215,7 @@ static bool replace_damaged(tl_recorder_file *file) {
     tl_database_report report = {.beside = ""};
     tl_error why = file->failure;
     close_statements(file);
-    tl_recorder_state_restart_run(file->state, false);
+    tl_recorder_state_leave_file(file->state, false);
     tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &report.renamed, &file->failure);
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* the damaged file keeps its name */
         status = open_beside(file, &why, &report);
@@ -232,7 +232,7 @@ static bool replace_denied(tl_recorder_file *file) {
     if (open_beside(file, &why, &report) != TL_OK) {
         return false;
     }
-    tl_recorder_state_restart_run(file->state, false);
+    tl_recorder_state_leave_file(file->state, false);
     tl_recorder_file_report_fate(file, &report);
     return true;
 }

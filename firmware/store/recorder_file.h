@@ -4,7 +4,7 @@
  *          database_file.h. Later, each fault is handled. A damaged file is renamed. A file that
  *          may not be written any more is replaced by one beside it. A file that was removed, moved
  *          or overwritten is created again. Then the run begins again in the new file
- *          (tl_recorder_state_restart_run()).
+ *          (tl_recorder_state_leave_file()).
  * Reports: each fault once, in the log and as an event of the writer
  *          (tl_recorder_state_add_event()).
  * Changes: the file and the files beside it. If a run leaves a file, also the marks in the writer's

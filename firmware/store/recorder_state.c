@@ -63,7 +63,7 @@ void tl_recorder_state_commit(tl_recorder_writer_state *state) {
     tl_recorder_state_show(state);
 }
 
-void tl_recorder_state_restart_run(tl_recorder_writer_state *state, bool gone) {
+void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone) {
     tl_recorder_mark next = *tl_recorder_state_mark(state);
     next.number++;
     if (gone) {

@@ -87,7 +87,7 @@ void tl_recorder_state_commit(tl_recorder_writer_state *state);
 
 /* Leaves the run's file: the run begins again in the next file. `gone`: the file is lost, so the
  * run's entries in it count as dropped and lost. Needs about 20 kB of stack. */
-void tl_recorder_state_restart_run(tl_recorder_writer_state *state, bool gone);
+void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone);
 
 /* Publishes the committed mark: its progress becomes visible to producers and other threads. A new
  * writer calls it, because the previous one may have been killed inside tl_recorder_state_commit().

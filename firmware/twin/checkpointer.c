@@ -114,7 +114,7 @@ static void report_late(tl_checkpointer *self, int64_t tick) {
     }
 }
 
-void tl_checkpointer_set_short_wait(tl_checkpointer *self, int64_t tick) {
+void tl_checkpointer_request(tl_checkpointer *self, int64_t tick) {
     self->next = tick < self->next ? tick : self->next;
 }
 

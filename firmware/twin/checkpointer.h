@@ -51,7 +51,7 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
 
 /* Requests a checkpoint after this tick, because the FMUs were reset and the older ones are
  * obsolete. */
-void tl_checkpointer_set_short_wait(tl_checkpointer *self, int64_t tick);
+void tl_checkpointer_request(tl_checkpointer *self, int64_t tick);
 
 /* Saves if a checkpoint is due and there is time. Call it after each tick. `budget`: that of the
  * tick; NULL: a missed tick was caught up, so there is no time to save. */

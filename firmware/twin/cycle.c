@@ -371,7 +371,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
     }
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
-        tl_checkpointer_set_short_wait(&cycle->checkpointer, tick);
+        tl_checkpointer_request(&cycle->checkpointer, tick);
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));
     }
     if (tl_recovery_step(&cycle->recovery, record, &change)) {
@@ -616,7 +616,7 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
 
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
-    tl_fmu_thread_set_short_wait(cycle->settings.thread);
+    tl_fmu_thread_wake_and_wait(cycle->settings.thread);
     *summary = cycle->summary;
     tl_lock_monitor_get(&cycle->recovery.lock_monitor, &summary->lock);
     *has_run = cycle->has_run;

@@ -51,7 +51,7 @@ bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESU
     return interrupted || tl_resume_refuse(why, "%s ended: %.100s", name_run(run, name), reason);
 }
 
-bool tl_resume_is_running(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
+bool tl_resume_is_in_time(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_RESUME_WHY]) {
     char name[NAME];
     if (gap < 0) {

@@ -46,7 +46,7 @@ bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESU
 
 /* `gap`: ns since the last tick `last` of the run. `lead`: step i is computed at tick i + lead.
  * Returns false if the gap is too long or negative, or if the configured duration is over. */
-bool tl_resume_is_running(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
+bool tl_resume_is_in_time(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_RESUME_WHY]);
 
 /* Number of ticks that can be followed within 0.5 s, 1 … TL_RESUME_TICKS. `execution`: ns of one

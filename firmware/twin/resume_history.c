@@ -145,7 +145,7 @@ static tl_status find_resume(tl_resume_history *self, bool *found, tl_error *err
             tl_resume_refuse(self->why, "the record of run %" PRId64 " is incomplete: its time is missing", run->run);
     }
     *found = can_resume &&
-             tl_resume_is_running(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
+             tl_resume_is_in_time(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
     if (*found) {
         self->start = now - self->gap - tl_time_of_step(0, run->step, self->last);
         self->most = tl_resume_most_followed(tl_history_execution_cost(self->history, run), self->settings.components);

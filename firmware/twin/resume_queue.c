@@ -218,7 +218,7 @@ static bool can_resume(tl_resume_queue *self, const stretch *run) {
     bool is_near = start >= -TL_RESUME_FAR && start <= TL_RESUME_FAR;
     tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
     return tl_resume_was_interrupted(TL_RESUME_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
-           tl_resume_is_running(TL_RESUME_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
+           tl_resume_is_in_time(TL_RESUME_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
 }
 
 static int64_t most_followed(const tl_resume_queue *self, const stretch *run) {

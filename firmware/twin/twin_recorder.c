@@ -83,7 +83,7 @@ void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const
     (void)tl_record_queue_put_step(queue, record, counts);
 }
 
-void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_commit *on_event, void *context) {
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_finding *on_event, void *context) {
     for (size_t i = 0; i < account->components; i++) {
         char text[320];
         const tl_account_component *entry = &account->component[i];

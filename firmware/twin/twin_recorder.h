@@ -55,7 +55,7 @@ void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const
 
 /* At the end of a run: reports components that were executed more often than their ledger predicts,
  * each in a sentence. */
-typedef void tl_twin_recorder_on_commit(void *context, const char *text);
-void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_commit *on_event, void *context);
+typedef void tl_twin_recorder_on_finding(void *context, const char *text);
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_finding *on_event, void *context);
 
 #endif

@@ -140,7 +140,7 @@ static void send_status(role *self, tl_message type, tl_status status, const tl_
 
 /* Receives the next message of the parent into self->received. */
 static tl_status receive_message(role *self, tl_message *type, tl_error *error) {
-    tl_channel_answer outcome = tl_channel_take(&self->channel, type, &self->received);
+    tl_channel_event outcome = tl_channel_take(&self->channel, type, &self->received);
     while (outcome != TL_CHANNEL_SOMETHING && outcome != TL_CHANNEL_BROKEN) {
         (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + POLL);
         outcome = tl_channel_take(&self->channel, type, &self->received);

@@ -450,7 +450,7 @@ void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor 
                 "%s was at a bound in %.0f %% of the last minute: it cannot correct more; check the plant, or widen the "
                 "bound",
                 name, 100.0 * stay->share);
-        } else if (stay->turn == TL_BOUND_REMAINING) {
+        } else if (stay->turn == TL_BOUND_LEFT) {
             tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                              "%s was at a bound in only %.0f %% of the last minute", name, 100.0 * stay->share);
         }

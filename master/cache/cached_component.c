@@ -75,7 +75,7 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
     while (cached->keep == TL_KEEP_STATES && cached->made < ready && status == TL_OK) {
         status = make_spare(cached, error);
     }
-    cached->root = tl_sequence_cache_plant(&cached->tree);
+    cached->root = tl_sequence_cache_create_root(&cached->tree);
     cached->position = cached->root;
     cached->at = cached->root;
     return status;
@@ -254,7 +254,7 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
         status = tl_cached_component_stand(cached, step, error);
     }
     if (status == TL_OK) {
-        tl_sequence_cache_save(tree, cached->root, cached->root);
+        tl_sequence_cache_keep_only(tree, cached->root, cached->root);
     }
     return status;
 }
@@ -312,7 +312,7 @@ void tl_cached_component_commit(tl_cached_component *cached) {
         }
     }
     cached->root = cached->position;
-    tl_sequence_cache_save(&cached->tree, first, cached->root);
+    tl_sequence_cache_keep_only(&cached->tree, first, cached->root);
     if (cached->at != TL_NO_NODE && !tree->nodes[cached->at].used) {
         cached->at = TL_NO_NODE;
     }

@@ -55,7 +55,7 @@ static uint32_t take_node(tl_sequence_cache *cache, uint32_t parent) {
     return taken;
 }
 
-uint32_t tl_sequence_cache_plant(tl_sequence_cache *cache) {
+uint32_t tl_sequence_cache_create_root(tl_sequence_cache *cache) {
     return take_node(cache, TL_NO_NODE);
 }
 
@@ -145,7 +145,7 @@ static void free_above(tl_sequence_cache *cache, uint32_t first) {
     }
 }
 
-void tl_sequence_cache_save(tl_sequence_cache *cache, uint32_t first, uint32_t root) {
+void tl_sequence_cache_keep_only(tl_sequence_cache *cache, uint32_t first, uint32_t root) {
     for (uint32_t node = root; cache->nodes[node].parent != TL_NO_NODE; node = cache->nodes[node].parent) {
         keep_only(cache, node);
     }

@@ -54,7 +54,7 @@ bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t ke
 size_t tl_sequence_cache_memory(const tl_sequence_cache *cache);
 
 /* Creates the root of an empty tree. */
-uint32_t tl_sequence_cache_plant(tl_sequence_cache *cache);
+uint32_t tl_sequence_cache_create_root(tl_sequence_cache *cache);
 
 /* Returns the child of a node with this key; TL_NO_NODE if there is none. */
 uint32_t tl_sequence_cache_find(const tl_sequence_cache *cache, uint32_t node, const void *key);
@@ -72,7 +72,7 @@ void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state);
 
 /* Drops all nodes except those from `first` down to `root` and all below `root`. `first` is root or
  * one of its ancestors, and has no parent afterwards. */
-void tl_sequence_cache_save(tl_sequence_cache *cache, uint32_t first, uint32_t root);
+void tl_sequence_cache_keep_only(tl_sequence_cache *cache, uint32_t first, uint32_t root);
 
 /* Drops all nodes; a new root may be created. */
 void tl_sequence_cache_clear(tl_sequence_cache *cache);

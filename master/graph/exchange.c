@@ -272,7 +272,7 @@ static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     return status;
 }
 
-const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t step, uint32_t ahead) {
+const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange, int64_t step, uint32_t ahead) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         const tl_fmi2_replay *replay = &exchange->components[i].fmi->replay;
         bool is_far = step - exchange->begun + (int64_t)ahead > (int64_t)replay->most;

@@ -198,7 +198,7 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
 
 /* Call before macro step `step`: returns the first component that cannot be rolled back at this
  * step or `ahead` steps later; NULL: all components can. The component can still execute steps. */
-const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t step, uint32_t ahead);
+const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange, int64_t step, uint32_t ahead);
 
 /* Between steps: copies a component's state at the committed instant, as
  * tl_cached_component_copy_root(). A module that keeps such a state after the next committed step

@@ -141,9 +141,9 @@ static void find_needs(tl_horizon *horizon, const tl_graph *graph, const tl_port
             nearest = smaller(nearest, horizon->from_adjust[v * horizon->nodes + k]);
         }
         horizon->nearest[k] = nearest;
-        bool on_a_way = nearest != TL_NEVER && horizon->reach[k] != 0;
+        bool on_path = nearest != TL_NEVER && horizon->reach[k] != 0;
         horizon->longer[k] =
-            on_a_way ? nearest + (horizon->prediction - horizon->reach[k]) + 1 - horizon->distance : TL_NEVER;
+            on_path ? nearest + (horizon->prediction - horizon->reach[k]) + 1 - horizon->distance : TL_NEVER;
     }
 }
 

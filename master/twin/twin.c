@@ -92,8 +92,8 @@ static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *en
     const tl_plan_saving *saving = &twin->synchroniser.ledger.saving;
     uint32_t full = saving->structure ? horizon->reach[component] : horizon_steps(twin);
     entry->reach = horizon->reach[component];
-    entry->on_a_way = horizon->longer[component] != TL_NEVER;
-    entry->longer = entry->on_a_way ? horizon->longer[component] : 0;
+    entry->on_path = horizon->longer[component] != TL_NEVER;
+    entry->longer = entry->on_path ? horizon->longer[component] : 0;
     entry->first_need = full;
     entry->next_need = saving->sequences ? tl_horizon_next_need(horizon, component, full) : full;
 }
@@ -589,7 +589,8 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_mode *mode, tl_
 /* Whether a rollback is possible for a whole search. If not, nothing is tried or verified. */
 static void check_rollback(tl_twin *twin, int64_t step, uint32_t *flags) {
     bool searches = twin->synchroniser.horizon.variables != 0;
-    const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, horizon_steps(twin)) : NULL;
+    const tl_component *free =
+        searches ? tl_exchange_find_not_restorable(&twin->exchange, step, horizon_steps(twin)) : NULL;
     if (free != NULL && !twin->synchroniser.runs_free) {
         tl_verifier_abandon(&twin->verifier);
     }

@@ -64,7 +64,7 @@ typedef struct tl_twin_ledger {
     const char *name;
     uint32_t reach;        /* Γ_k (eq. 4.5) */
     bool reads_late;       /* it rejects reading in initialisation mode */
-    bool on_a_way;         /* on a path from an adjusted variable to a matched output */
+    bool on_path;          /* on a path from an adjusted variable to a matched output */
     uint32_t longer;       /* C_k, if it is on such a path; else 0 */
     uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
     uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */

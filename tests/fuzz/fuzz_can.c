@@ -193,7 +193,7 @@ static void check_value(const tl_can_channel *channel, double value) {
     uint64_t bits = bits_of(&channel->field, received->data);
     uint8_t data[TL_CAN_BYTES] = {0};
     double again = 0;
-    tl_fuzz_hold(tl_can_take(&channel->field, received->data) == bits);
+    tl_fuzz_hold(tl_can_read_bits(&channel->field, received->data) == bits);
     if (channel->type == TL_CAN_UNSIGNED) {
         tl_fuzz_hold(value == (double)bits * channel->scale + channel->offset);
     }

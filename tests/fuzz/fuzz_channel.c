@@ -73,7 +73,7 @@ static void take(void) {
     tl_protocol_phases before = channel.phases;
     uint32_t taken = channel.taken;
     memset(payload, CANARY, sizeof payload);
-    tl_channel_answer outcome = tl_channel_take(&channel, &type, payload);
+    tl_channel_event outcome = tl_channel_take(&channel, &type, payload);
     for (size_t i = outcome == TL_CHANNEL_SOMETHING ? settings.sizes.bytes[type] : 0; i < sizeof payload; i++) {
         tl_fuzz_hold(payload[i] == CANARY);
     }
@@ -101,7 +101,7 @@ static void act(unsigned what) {
         if (what % 8 == 3) {
             tl_channel_push(&channel);
         } else {
-            tl_channel_answer outcome =
+            tl_channel_event outcome =
                 tl_channel_wait(&channel, what / 8 % 2 == 0 ? 1 + what / 16 : 0, 1 + what / 16, 0);
             tl_fuzz_hold(outcome == TL_CHANNEL_BROKEN || !was_broken);
         }

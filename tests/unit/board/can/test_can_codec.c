@@ -56,11 +56,11 @@ static void test_places(void) {
         uint8_t all[TL_CAN_BYTES];
         memset(all, 0xFF, sizeof all);
         setUp();
-        TEST_ASSERT_EQUAL_HEX64(EXAMPLES[i].bits, tl_can_take(&EXAMPLES[i].field, EXAMPLES[i].bytes));
-        tl_can_put(&EXAMPLES[i].field, EXAMPLES[i].bits, data);
+        TEST_ASSERT_EQUAL_HEX64(EXAMPLES[i].bits, tl_can_read_bits(&EXAMPLES[i].field, EXAMPLES[i].bytes));
+        tl_can_write_bits(&EXAMPLES[i].field, EXAMPLES[i].bits, data);
         TEST_ASSERT_EQUAL_HEX8_ARRAY(EXAMPLES[i].bytes, data, 8);
-        tl_can_put(&EXAMPLES[i].field, 0, all); /* nothing but its own bits */
-        tl_can_put(&EXAMPLES[i].field, UINT64_MAX, all);
+        tl_can_write_bits(&EXAMPLES[i].field, 0, all); /* nothing but its own bits */
+        tl_can_write_bits(&EXAMPLES[i].field, UINT64_MAX, all);
         for (size_t k = 0; k < sizeof all; k++) {
             TEST_ASSERT_EQUAL_HEX8(0xFF, all[k]);
         }
@@ -106,12 +106,12 @@ static void test_lengths(void) {
 static void expect_value(const tl_can_channel *channel, uint64_t bits, double value) {
     double decoded = 0;
     setUp();
-    tl_can_put(&channel->field, bits, data);
+    tl_can_write_bits(&channel->field, bits, data);
     TEST_ASSERT_TRUE(tl_can_decode(channel, data, &decoded));
     TEST_ASSERT_EQUAL_MEMORY(&value, &decoded, sizeof value);
     setUp();
     tl_can_encode(channel, value, data);
-    TEST_ASSERT_EQUAL_HEX64(bits, tl_can_take(&channel->field, data));
+    TEST_ASSERT_EQUAL_HEX64(bits, tl_can_read_bits(&channel->field, data));
 }
 
 static void test_types(void) {
@@ -145,12 +145,12 @@ static void test_scale_and_offset(void) {
 static void test_what_is_not_finite(void) {
     tl_can_channel channel = channel_of(TL_CAN_INTEL, 0, 32, TL_CAN_FLOAT32);
     double value = 1;
-    tl_can_put(&channel.field, 0x7FC00000, data);
+    tl_can_write_bits(&channel.field, 0x7FC00000, data);
     TEST_ASSERT_FALSE(tl_can_decode(&channel, data, &value));
     TEST_ASSERT_EQUAL_DOUBLE(0, value);
-    tl_can_put(&channel.field, 0xFF800000, data);
+    tl_can_write_bits(&channel.field, 0xFF800000, data);
     TEST_ASSERT_FALSE(tl_can_decode(&channel, data, &value));
-    tl_can_put(&channel.field, 0x7F7FFFFF, data);
+    tl_can_write_bits(&channel.field, 0x7F7FFFFF, data);
     TEST_ASSERT_TRUE(tl_can_decode(&channel, data, &value));
     channel.scale = DBL_MAX;
     TEST_ASSERT_FALSE(tl_can_decode(&channel, data, &value));
@@ -159,7 +159,7 @@ static void test_what_is_not_finite(void) {
 static uint64_t encoded(const tl_can_channel *channel, double value) {
     memset(data, 0, sizeof data);
     tl_can_encode(channel, value, data);
-    return tl_can_take(&channel->field, data);
+    return tl_can_read_bits(&channel->field, data);
 }
 
 static void test_saturation(void) {

@@ -64,7 +64,7 @@ static void sleep_long(void *context) {
 static void told_to_hurry_it_does_not_sleep(void) {
     tl_time slept = 0;
     tl_fmu_thread_begin(thread, sleep_long, &slept);
-    tl_fmu_thread_set_short_wait(thread);
+    tl_fmu_thread_wake_and_wait(thread);
     TEST_ASSERT_GREATER_THAN_INT64(0, slept);
     TEST_ASSERT_LESS_THAN_INT64(30 * TL_SECOND, slept);
 }

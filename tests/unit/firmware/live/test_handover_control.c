@@ -59,7 +59,7 @@ void setUp(void) {
             TL_OK, tl_block_make("twin", sizeof *places->live_status, TL_BLOCK_THEY_WRITE, live_status, &error));
         places[i] = (tl_twin_slot){.live_status = live_status->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
     }
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_move_in(&places[0], &config, false, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_load(&places[0], &config, false, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
     candidate = candidate_block.bytes;
@@ -76,7 +76,7 @@ void setUp(void) {
 
 void tearDown(void) {
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        tl_twin_slot_move_out(&places[i]);
+        tl_twin_slot_unload(&places[i]);
         tl_block_close(&blocks[TL_LIVE_TWIN_STATUS + i]);
     }
     tl_block_close(&candidate_block);
@@ -452,7 +452,7 @@ static void test_invalid_numbers_of_signals(void) {
 static void test_the_recorder_follows(void) {
     begin_shadow(SHADOW);
     tl_handover_control_begin_recorder(&change);
-    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_slot);
     recorder.drained = 1; /* before any handover: a false value */
     look();
     TEST_ASSERT_FALSE(orders.recorder);
@@ -460,12 +460,12 @@ static void test_the_recorder_follows(void) {
     handover(1);
     TEST_ASSERT_FALSE(orders.recorder);
     tl_handover_control_begin_recorder(&change); /* after the first recorder has died */
-    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_slot);
     recorder.drained = 1;
     look();
     TEST_ASSERT_TRUE(orders.recorder);
     tl_handover_control_begin_recorder(&change);
-    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_slot);
     TEST_ASSERT_EQUAL_UINT32(1, change.recorder_handovers);
     look();
     TEST_ASSERT_FALSE(orders.recorder);
@@ -479,14 +479,14 @@ static void test_a_recorder_two_handovers_behind(void) {
     look();
     TEST_ASSERT_TRUE(orders.recorder);
     tl_handover_control_begin_recorder(&change);
-    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_slot);
     look();
     TEST_ASSERT_FALSE(orders.recorder);
     recorder.drained = 2;
     look();
     TEST_ASSERT_TRUE(orders.recorder);
     tl_handover_control_begin_recorder(&change);
-    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_slot);
     TEST_ASSERT_EQUAL_UINT32(2, change.recorder_handovers);
 }
 

@@ -46,21 +46,21 @@ static tl_status read_past(void) {
 }
 
 static void test_one_wish_after_the_other(void) {
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(0, answer.live_request);
     live_request(1, 40);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
     live_request(2, NEWEST);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
     live_request(3, NEWEST + 1);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
@@ -69,30 +69,30 @@ static void test_one_wish_after_the_other(void) {
 /* It is answered once. */
 static void test_a_wish_that_was_answered(void) {
     live_request(1, 40);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     answer.size = 1;
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(1, answer.size);
 }
 
 /* The memory is the machine's again, and whoever has begun gets no more. */
 static void test_nobody_wants_any_more(void) {
     live_request(1, 40);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     live_status.begun = 1;
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     const unsigned char *bytes = resume.bytes;
     for (size_t i = 0; i < ROOM; i++) {
         TEST_ASSERT_EQUAL_UINT8(0, bytes[i]);
     }
     live_request(2, 40);
-    tl_live_samples_read(&wishes, run.path);
+    tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(tl_live_request_of(7, 1), answer.live_request);
 }
 
 static void test_a_database_that_is_none(void) {
     live_request(1, 40);
-    tl_live_samples_read(&wishes, "/nowhere/run.db");
+    tl_live_samples_answer(&wishes, "/nowhere/run.db");
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(answer.words[0].text, "/nowhere/run.db"), answer.words[0].text);

@@ -24,7 +24,7 @@ static void pass(int seconds, int there) {
     for (int i = 0; i < 10 * seconds; i++) {
         tl_bound_stay_step(&stay, now, i % 10 < there);
         reached += stay.turn == TL_BOUND_REACHED ? 1 : 0;
-        left += stay.turn == TL_BOUND_REMAINING ? 1 : 0;
+        left += stay.turn == TL_BOUND_LEFT ? 1 : 0;
         now += TL_SECOND / 10;
     }
 }

@@ -323,7 +323,7 @@ static void test_at_a_bound_for_a_minute(void) {
         record.u[1] = 1;
         one(WITHIN);
         reached += lock_monitor.stay[0].turn == TL_BOUND_REACHED ? 1 : 0;
-        left += lock_monitor.stay[0].turn == TL_BOUND_REMAINING ? 1 : 0;
+        left += lock_monitor.stay[0].turn == TL_BOUND_LEFT ? 1 : 0;
         TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, lock_monitor.stay[1].turn);
     }
     TEST_ASSERT_EQUAL_INT(1, reached);

@@ -55,7 +55,7 @@ static void measure(double (*motion)(double time), int count) {
     for (int i = 0; i < count; i++) {
         (void)put(next(motion));
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
 }
 
 static void expect_noise(double sigma) {
@@ -101,7 +101,7 @@ static void test_outliers(void) {
         made += is_bad ? 1 : 0;
         (void)put(is_bad ? value + 20.0 : value);
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     expect_noise(SIGMA);
     TEST_ASSERT_EQUAL_UINT64(made, meter.outliers);
 }
@@ -123,7 +123,7 @@ static void test_very_uneven_stamps(void) {
         now += i % 3 == 0 ? TL_SECOND / 1000000 : i % 100 == 1 ? TL_SECOND : TL_SECOND / 50;
         (void)put(3.0 * tl_seconds(now) + SIGMA * tl_noise_normal(&noise));
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     expect_noise(SIGMA);
 }
 
@@ -132,7 +132,7 @@ static void test_a_constant_has_none(void) {
         now += TL_SECOND / 100;
         (void)put(5.0);
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_TRUE(found.is_enough);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, found.sigma);
     TEST_ASSERT_EQUAL_UINT64(199, meter.repeats);
@@ -140,7 +140,7 @@ static void test_a_constant_has_none(void) {
 }
 
 static void test_too_few(void) {
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_FALSE(found.is_enough);
     measure(rest, TL_NOISE_LEAST + TL_NOISE_WINDOW + TL_NOISE_AROUND - 3);
     TEST_ASSERT_FALSE(found.is_enough);
@@ -160,7 +160,7 @@ static void test_what_is_no_reading(void) {
     TEST_ASSERT_FALSE(tl_noise_meter_put(&meter, now, 7.0, &is_outlier));
     TEST_ASSERT_FALSE(tl_noise_meter_put(&meter, now - TL_SECOND, 7.0, &is_outlier));
     TEST_ASSERT_FALSE(tl_noise_meter_put(&meter, INT64_MAX, 7.0, &is_outlier));
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_EQUAL_DOUBLE(before, found.sigma);
     TEST_ASSERT_EQUAL_UINT64(500, meter.readings);
 }
@@ -177,21 +177,21 @@ static void test_huge_and_tiny(void) {
         now += TL_SECOND / 100;
         (void)put((i % 2 == 0 ? 1.0 : -1.0) * DBL_MAX);
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_TRUE(isfinite(found.sigma));
     setUp();
     for (int i = 0; i < 500; i++) {
         now += TL_SECOND / 100;
         (void)put(1e-300 * tl_noise_normal(&noise));
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, found.sigma);
     setUp();
     for (int i = 0; i < 2000; i++) {
         now += TL_SECOND / 100;
         (void)put(1e12 * tl_noise_normal(&noise));
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     expect_noise(1e12);
 }
 
@@ -204,7 +204,7 @@ static void test_it_forgets(void) {
         now += TL_SECOND / 30;
         (void)put(3.0 * SIGMA * tl_noise_normal(&noise));
     }
-    tl_noise_meter_get(&meter, &found);
+    tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_TRUE(found.count < 1000);
     expect_noise(3.0 * SIGMA);
 }

@@ -78,7 +78,7 @@ static int answer(tl_channel *channel, uint32_t wanted) {
     }
     tl_channel_push(channel);
     for (;;) {
-        tl_channel_answer outcome = tl_channel_take(channel, &type, payload);
+        tl_channel_event outcome = tl_channel_take(channel, &type, payload);
         if (outcome == TL_CHANNEL_BROKEN) {
             return 2;
         }

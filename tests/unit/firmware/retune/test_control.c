@@ -81,7 +81,7 @@ static tl_control_request good_request(tl_control_verb verb) {
     return request;
 }
 
-static tl_control_answer receive(tl_control_request *request) {
+static tl_control_event receive(tl_control_request *request) {
     return tl_control_receive(&peer, request, taken, &size);
 }
 

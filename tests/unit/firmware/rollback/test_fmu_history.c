@@ -146,12 +146,12 @@ static void test_any_tree(void) {
             expect_model(&beginning);
         }
         give();
-        tl_fmu_history_restore(&history, one->kept);
+        tl_fmu_history_forget(&history, one->kept);
         *one = (place){tl_fmu_history_save(&history), fmu};
     }
     TEST_ASSERT_FALSE(history.has_run_over);
     for (int i = 0; i < PLACES; i++) {
-        tl_fmu_history_restore(&history, places[i].kept);
+        tl_fmu_history_forget(&history, places[i].kept);
     }
     TEST_ASSERT_TRUE(go(root));
     uint32_t calls = 0;
@@ -179,7 +179,7 @@ static void test_beyond_most(void) {
     TEST_ASSERT_EQUAL_UINT32(MOST, fmu.steps);
     TEST_ASSERT_TRUE(go(root));
     TEST_ASSERT_FALSE(history.has_run_over);
-    tl_fmu_history_restore(&history, beyond);
+    tl_fmu_history_forget(&history, beyond);
 }
 
 static void test_lost(void) {
@@ -218,8 +218,8 @@ static void test_restart(void) {
     give();
     void *kept = tl_fmu_history_save(&history);
     model expected = fmu;
-    tl_fmu_history_restore(&history, before);
-    tl_fmu_history_restore(&history, again);
+    tl_fmu_history_forget(&history, before);
+    tl_fmu_history_forget(&history, again);
     give();
     TEST_ASSERT_TRUE(go(kept));
     expect_model(&expected);

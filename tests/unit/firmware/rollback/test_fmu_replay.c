@@ -147,7 +147,7 @@ static void test_to_any_place_in_any_order(void) {
     fmi2FMUstate states[STEPS] = {NULL};
     model then[STEPS];
     for (unsigned i = 0; i < STEPS; i++) {
-        TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_keep(&replay, &states[i]));
+        TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_save(&replay, &states[i]));
         then[i] = fmu;
         (void)step(i, i * 0.3);
     }
@@ -159,7 +159,7 @@ static void test_to_any_place_in_any_order(void) {
     TEST_ASSERT_FALSE(was_reported.differs || was_reported.is_over);
     TEST_ASSERT_GREATER_THAN_UINT64(0, was_reported.steps);
     for (unsigned i = 0; i < STEPS; i++) {
-        tl_fmu_replay_give_back(&replay, &states[i]);
+        tl_fmu_replay_forget(&replay, &states[i]);
         TEST_ASSERT_NULL(states[i]);
     }
 }
@@ -168,54 +168,54 @@ static void test_to_any_place_in_any_order(void) {
 static void test_forward_without_a_reset(void) {
     fmi2FMUstate begin = NULL;
     fmi2FMUstate end = NULL;
-    (void)tl_fmu_replay_keep(&replay, &begin);
+    (void)tl_fmu_replay_save(&replay, &begin);
     for (unsigned i = 0; i < 5; i++) {
         (void)step(i, 1.0);
     }
     model then = fmu;
-    (void)tl_fmu_replay_keep(&replay, &end);
+    (void)tl_fmu_replay_save(&replay, &end);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, begin));
     TEST_ASSERT_EQUAL_UINT(1, resets);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, end));
     TEST_ASSERT_EQUAL_UINT(1, resets);
     TEST_ASSERT_EQUAL_MEMORY(&then, &fmu, sizeof fmu);
-    tl_fmu_replay_give_back(&replay, &begin);
-    tl_fmu_replay_give_back(&replay, &end);
+    tl_fmu_replay_forget(&replay, &begin);
+    tl_fmu_replay_forget(&replay, &end);
 }
 
 static void test_one_that_does_not_do_the_same_again(void) {
     fmi2FMUstate state = NULL;
     (void)step(0, 1.0);
-    (void)tl_fmu_replay_keep(&replay, &state);
+    (void)tl_fmu_replay_save(&replay, &state);
     (void)step(1, 1.0);
     drift = 1e-12;
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
     TEST_ASSERT_TRUE(was_reported.differs);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore_start(&replay));
     TEST_ASSERT_FALSE(was_reported.differs);
-    tl_fmu_replay_give_back(&replay, &state);
+    tl_fmu_replay_forget(&replay, &state);
 }
 
 static void test_one_that_cannot_be_reset(void) {
     fmi2FMUstate state = NULL;
-    (void)tl_fmu_replay_keep(&replay, &state);
+    (void)tl_fmu_replay_save(&replay, &state);
     (void)step(0, 1.0);
     refuses_reset = true;
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore(&replay, state));
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore_start(&replay));
-    tl_fmu_replay_give_back(&replay, &state);
+    tl_fmu_replay_forget(&replay, &state);
 }
 
 /* Where it stands then nobody knows; it is led back all the same. */
 static void test_after_a_step_that_failed(void) {
     fmi2FMUstate state = NULL;
     (void)step(0, 1.0);
-    (void)tl_fmu_replay_keep(&replay, &state);
+    (void)tl_fmu_replay_save(&replay, &state);
     model then = fmu;
     TEST_ASSERT_EQUAL_INT(fmi2Error, step(1, 2e6));
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
     TEST_ASSERT_EQUAL_MEMORY(&then, &fmu, sizeof fmu);
-    tl_fmu_replay_give_back(&replay, &state);
+    tl_fmu_replay_forget(&replay, &state);
 }
 
 static void test_too_far(void) {
@@ -225,10 +225,10 @@ static void test_too_far(void) {
         TEST_ASSERT_FALSE(was_reported.is_over);
     }
     (void)step(MOST, 0.5);
-    (void)tl_fmu_replay_keep(&replay, &state);
+    (void)tl_fmu_replay_save(&replay, &state);
     (void)step(MOST + 1, 0.5);
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore(&replay, state));
-    tl_fmu_replay_give_back(&replay, &state);
+    tl_fmu_replay_forget(&replay, &state);
 }
 
 /* A call of variables that no step has: what it was given is not known any more. */

@@ -165,7 +165,7 @@ static void test_the_first_one_is_there_at_once(void) {
 static void test_soon_after_a_reset_of_the_fmus(void) {
     begin(MUCH);
     play(31, 0);
-    tl_checkpointer_set_short_wait(&checkpointer, 30);
+    tl_checkpointer_request(&checkpointer, 30);
     play(4, TL_SECOND / 20);
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
     play(INTERVAL + 5, 0);

@@ -18,7 +18,7 @@ static void start(size_t key_size, size_t value_size, uint32_t capacity) {
     tl_arena_release(&arena);
     tl_arena_init(&arena);
     TEST_ASSERT_TRUE(tl_sequence_cache_init(&cache, &arena, key_size, value_size, capacity));
-    root = tl_sequence_cache_plant(&cache);
+    root = tl_sequence_cache_create_root(&cache);
     TEST_ASSERT_NOT_EQUAL_UINT32(TL_NO_NODE, root);
 }
 
@@ -178,7 +178,7 @@ static void a_committed_root_keeps_what_is_below_it(void) {
     uint32_t two = add(root, 2.0);
     uint32_t below = add(one, 3.0);
     (void)add(two, 4.0);
-    tl_sequence_cache_save(&cache, one, one);
+    tl_sequence_cache_keep_only(&cache, one, one);
     TEST_ASSERT_EQUAL_UINT32(2, cache.count);
     TEST_ASSERT_EQUAL_UINT32(below, find(one, 3.0));
     TEST_ASSERT_EQUAL_UINT32(TL_NO_NODE, cache.nodes[one].parent);
@@ -194,7 +194,7 @@ static void the_way_back_to_an_ancestor_is_kept(void) {
     uint32_t below = add(three, 4.0);
     (void)add(one, 7.0);
     (void)add(two, 8.0);
-    tl_sequence_cache_save(&cache, one, three);
+    tl_sequence_cache_keep_only(&cache, one, three);
     TEST_ASSERT_EQUAL_UINT32(4, cache.count);
     TEST_ASSERT_EQUAL_UINT32(two, find(one, 2.0));
     TEST_ASSERT_EQUAL_UINT32(three, find(two, 3.0));
@@ -285,7 +285,7 @@ static void commit(tl_test_random *random) {
     uint32_t next = tl_sequence_cache_find(&cache, root, &key);
     if (next != TL_NO_NODE) {
         root = next;
-        tl_sequence_cache_save(&cache, root, root);
+        tl_sequence_cache_keep_only(&cache, root, root);
         shift_model(key);
     }
 }
@@ -324,11 +324,11 @@ static void a_cleared_tree_is_empty(void) {
             cache.nodes[child].state = spare != NULL ? spare : &handles[i];
             at = child;
         }
-        tl_sequence_cache_save(&cache, root, at);
+        tl_sequence_cache_keep_only(&cache, root, at);
         tl_sequence_cache_clear(&cache);
         TEST_ASSERT_EQUAL_UINT32(0, cache.count);
         TEST_ASSERT_EQUAL_UINT32(3, cache.spare_count);
-        root = tl_sequence_cache_plant(&cache);
+        root = tl_sequence_cache_create_root(&cache);
         TEST_ASSERT_NOT_EQUAL_UINT32(TL_NO_NODE, root);
         TEST_ASSERT_EQUAL_UINT32(TL_NO_NODE, find(root, 0.0));
         for (int i = 1; i < ROOM; i++) {

@@ -339,11 +339,11 @@ static void assert_component(const tl_horizon *horizon, size_t k) {
     uint32_t from_u = tl_test_network_from_u(&network, k);
     uint32_t to_y = tl_test_network_to_y(&network, k);
     uint32_t reach = to_y < horizon->prediction ? horizon->prediction - to_y : 0;
-    bool on_a_way = from_u < TL_TEST_FAR && reach != 0;
+    bool on_path = from_u < TL_TEST_FAR && reach != 0;
     TEST_ASSERT_EQUAL_UINT32(known(from_u), horizon->nearest[k]);
     TEST_ASSERT_EQUAL_UINT32(reach, horizon->reach[k]);
-    TEST_ASSERT_EQUAL_UINT32(on_a_way ? from_u + to_y + 1 - horizon->distance : TL_NEVER, horizon->longer[k]);
-    TEST_ASSERT_EQUAL_UINT32(on_a_way ? tl_test_network_most(&network, k, horizon->prediction) : 0,
+    TEST_ASSERT_EQUAL_UINT32(on_path ? from_u + to_y + 1 - horizon->distance : TL_NEVER, horizon->longer[k]);
+    TEST_ASSERT_EQUAL_UINT32(on_path ? tl_test_network_most(&network, k, horizon->prediction) : 0,
                              tl_horizon_next_need(horizon, k, reach));
     for (size_t s = 0; s < network.signals; s++) {
         TEST_ASSERT_EQUAL_UINT32(way_from_signal(s, k), horizon->from_signal[s * horizon->nodes + k]);
