@@ -142,9 +142,11 @@ static void test_default_experiment(void) {
         const char *attributes;
         double start, stop;
     } cases[] = {
-        {"startTime='64800' stopTime='1e5'", 64800, 1e5}, {"startTime='-1.5'", -1.5, NAN}, {"stepSize='1'", NAN, NAN},
-        {"startTime='' stopTime='INF'", NAN, NAN}, /* no reason to reject the FMU */
-        {"startTime='NaN' stopTime='x'", NAN, NAN},
+        {"startTime='64800' stopTime='1e5'", 64800, 1e5},
+        {"startTime='-1.5'", -1.5, (double)NAN},
+        {"stepSize='1'", (double)NAN, (double)NAN},
+        {"startTime='' stopTime='INF'", (double)NAN, (double)NAN}, /* no reason to reject the FMU */
+        {"startTime='NaN' stopTime='x'", (double)NAN, (double)NAN},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char xml[512];
@@ -175,13 +177,13 @@ static void test_items(void) {
     expect_items(items, "", 1, 5, 0x15);
     expect_items(items, "min='2'", 2, 5, 0x0A);
     expect_items(items, "min='-9' max='4'", 1, 4, 0x15);
-    expect_items(items, "min='7'", 7, INFINITY, 0); /* contradicts them */
+    expect_items(items, "min='7'", 7, (double)INFINITY, 0); /* contradicts them */
     expect_items("<Item name='a' value='-2'/>", "", -2, -2, 1);
     expect_items("<Item name='a' value='-1'/><Item name='b' value='62'/>", "", -1, 62, UINT64_C(1) << 63 | 1);
     expect_items("<Item name='a' value='0'/><Item name='b' value='64'/><Item name='c' value='1'/>", "", 0, 64, 0);
     expect_items("<Item name='a' value='-2147483648'/><Item name='b' value='2147483647'/>", "", INT32_MIN, INT32_MAX,
                  0);
-    expect_items("", "", -INFINITY, INFINITY, 0);
+    expect_items("", "", -(double)INFINITY, (double)INFINITY, 0);
 }
 
 static void test_optional_attributes(void) {

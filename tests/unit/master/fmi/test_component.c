@@ -494,8 +494,8 @@ static void a_step_that_ends_the_fmu_is_named(void) {
         const char *parts;
     } cases[] = {
         {0.3, 0.0, fmi2False, TL_TEST_ERROR, "motor|ended itself|stopTime|DefaultExperiment|0.3 s|fmi2Error"},
-        {NAN, 0.3, fmi2False, TL_TEST_DISCARD, "motor|ended itself|0.3 s|fmi2Discard|raise \"stop_s\""},
-        {NAN, 0.0, fmi2True, TL_TEST_DISCARD, "motor|ended itself|0.3 s|fmi2Discard"},
+        {(double)NAN, 0.3, fmi2False, TL_TEST_DISCARD, "motor|ended itself|0.3 s|fmi2Discard|raise \"stop_s\""},
+        {(double)NAN, 0.0, fmi2True, TL_TEST_DISCARD, "motor|ended itself|0.3 s|fmi2Discard"},
         {0.2, 0.2, fmi2False, TL_TEST_ERROR, "motor|fmi2DoStep failed|fmi2Error"}, /* long before */
         {0.5, 0.5, fmi2False, TL_TEST_DISCARD, "motor|fmi2DoStep|discarded"},      /* later */
         {0.3, 0.3, fmi2False, TL_TEST_FATAL, "motor|fmi2DoStep failed|fmi2Fatal"},
