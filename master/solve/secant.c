@@ -523,7 +523,7 @@ static bool measure_column(tl_optimiser *self, size_t k) {
         }
     }
     self->known[k] = self->known[k] || isfinite(value);
-    if (isfinite(value) && value < self->value) {
+    if (r != NULL && isfinite(value) && value < self->value) {
         move_to(self, self->trial, r, value);
     }
     return may_continue;
@@ -635,7 +635,7 @@ static bool find_start(tl_optimiser *self, bool *stopped) {
             const double *r = NULL;
             double move = ldexp(k % 2 == 0 ? 1.0 : -1.0, i) * self->space->step[k / 2];
             *stopped = !probe(self, k / 2, within(self, k / 2, self->point[k / 2] + move), &value, &r);
-            if (isfinite(value)) {
+            if (r != NULL && isfinite(value)) {
                 move_to(self, self->trial, r, value);
                 return true;
             }
