@@ -73,7 +73,7 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
-    bool reads_late;      /* the FMU rejects fmi2GetXXX in initialisation mode: outputs are read after it */
+    bool reads_late;      /* the FMU gives no values in initialisation mode: outputs are read after it */
     bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
     bool says_final;   /* each step is reported as final, also if the caller passes false: for tests of the rollback */
     bool prefers_copy; /* tl_component_prefer_copy() is in effect */

@@ -256,9 +256,8 @@ static void test_kept(void) {
 static void test_returned(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "nobody confirmed it", &error));
-    expect_after(1, TL_VERSION_RETURNED, "nobody confirmed it");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "not confirmed", &error));
+    expect_after(1, TL_VERSION_RETURNED, "not confirmed");
     expect_choice("one", "one", 1, false);
 }
 
