@@ -129,7 +129,7 @@ static void open_and_check(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* ---- frames ---- */
 
-static void post(const tl_plant_io_sink *sink, const tl_can_slot *slot, const tl_can_frame *frame) {
+static void post(const tl_plant_io_sink *sink, const tl_can_entry *slot, const tl_can_frame *frame) {
     tl_reading reading = {.stamp = frame->stamp, .quality = TL_GOOD};
     if (frame->length < slot->bytes || !tl_can_decode(&slot->channel, frame->data, &reading.value)) {
         reading.quality = TL_NOT_A_NUMBER;
@@ -163,7 +163,7 @@ static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_
         open_and_check(io, sink);
     }
     for (size_t i = id->first; i < id->first + id->slots; i++) {
-        const tl_can_slot *slot = &io->map.slots[i];
+        const tl_can_entry *slot = &io->map.slots[i];
         if (tl_can_is_present(&slot->channel, frame->data)) {
             needed = slot->bytes > needed ? slot->bytes : needed;
             post(sink, slot, frame);

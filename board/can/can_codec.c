@@ -188,8 +188,8 @@ static int compare_ids(uint32_t left, bool left_extended, uint32_t right, bool r
 }
 
 static int compare_slots(const void *a, const void *b) {
-    const tl_can_slot *left = a;
-    const tl_can_slot *right = b;
+    const tl_can_entry *left = a;
+    const tl_can_entry *right = b;
     int order = compare_ids(left->channel.id, left->channel.extended, right->channel.id, right->channel.extended);
     if (order == 0) {
         order = left->index < right->index ? -1 : 1; /* qsort may change the order of equal elements */

@@ -106,15 +106,15 @@ typedef struct tl_can_id {
 } tl_can_id;
 
 /* One channel in the map. */
-typedef struct tl_can_slot {
+typedef struct tl_can_entry {
     tl_can_channel channel;
     size_t index; /* of the channel in the caller's list */
     size_t bytes; /* tl_can_channel_bytes() */
-} tl_can_slot;
+} tl_can_entry;
 
 /* The caller owns the struct. Only the CAN driver uses its fields. */
 typedef struct tl_can_map {
-    tl_can_slot *slots; /* sorted by id */
+    tl_can_entry *slots; /* sorted by id */
     size_t slot_count;
     tl_can_id *ids; /* sorted in the same way */
     size_t id_count;

@@ -285,7 +285,7 @@ static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
         return;
     }
     read_line(io, sink, own, false); /* an earlier edge may have come meanwhile */
-    if (own->line != NULL && !own->flooded && tl_gpio_input_pass(&own->input, at, &reading)) {
+    if (own->line != NULL && !own->flooded && tl_gpio_input_advance(&own->input, at, &reading)) {
         post(io, sink, own, &reading);
     }
 }

@@ -73,7 +73,7 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
         return believed && tl_gpio_input_newest(input, level, stamp, reading);
     }
     input->doubtful = false;
-    bool changed = tl_gpio_input_pass(input, stamp, reading);
+    bool changed = tl_gpio_input_advance(input, stamp, reading);
     if (!changed && !input->debounce.pending) {
         fill(input, stamp, reading);
         return true;
@@ -92,7 +92,7 @@ bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_re
     return changed;
 }
 
-bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading) {
+bool tl_gpio_input_advance(tl_gpio_input *input, tl_time now, tl_reading *reading) {
     tl_time since = now;
     bool changed = tl_gpio_debounce_pass(&input->debounce, now, &since);
     if (changed) {

@@ -74,9 +74,9 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
 bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
 /* Completes debouncing up to `now`. First add all edges before `now`. */
-bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading);
+bool tl_gpio_input_advance(tl_gpio_input *input, tl_time now, tl_reading *reading);
 
-/* Returns when to call tl_gpio_input_pass() next; INT64_MAX: no call is needed. */
+/* Returns when to call tl_gpio_input_advance() next; INT64_MAX: no call is needed. */
 tl_time tl_gpio_input_due(const tl_gpio_input *input);
 
 #endif

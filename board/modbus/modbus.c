@@ -93,7 +93,7 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, co
 static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read,
                         tl_time stamp) {
     for (size_t i = read->first; i < read->first + read->slots; i++) {
-        const tl_modbus_slot *slot = &io->map.slots[i];
+        const tl_modbus_entry *slot = &io->map.slots[i];
         size_t offset = (size_t)(slot->channel.address - read->address);
         uint16_t bit = io->values.bits[offset];
         const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[offset];

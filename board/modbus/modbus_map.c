@@ -226,8 +226,8 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
  * greedily. */
 
 static int compare(const void *a, const void *b) {
-    const tl_modbus_slot *left = a;
-    const tl_modbus_slot *right = b;
+    const tl_modbus_entry *left = a;
+    const tl_modbus_entry *right = b;
     int order = (int)left->channel.unit_id - (int)right->channel.unit_id;
     if (order == 0) {
         order = (int)left->channel.table - (int)right->channel.table;

@@ -141,14 +141,14 @@ typedef struct tl_modbus_read {
 } tl_modbus_read;
 
 /* One channel in the map. */
-typedef struct tl_modbus_slot {
+typedef struct tl_modbus_entry {
     tl_modbus_channel channel;
     size_t index; /* of the channel in the caller's list */
-} tl_modbus_slot;
+} tl_modbus_entry;
 
 /* The caller owns the struct. Only the Modbus driver uses its fields. */
 typedef struct tl_modbus_map {
-    tl_modbus_slot *slots; /* sorted by unit, table, address */
+    tl_modbus_entry *slots; /* sorted by unit, table, address */
     size_t slot_count;
     tl_modbus_read *reads; /* in the same order */
     size_t read_count;

@@ -618,7 +618,7 @@ static void report_failure(const tl_assembly *assembly, const tl_prognosis *prog
     char component[TL_ASSEMBLY_NAME] = "";
     char quote[TL_ERROR_TEXT];
     tl_assembly_find_component(assembly, prognosis->error.text, component);
-    if (tl_twin_get_facts(assembly->twin).cannot_return || component[0] == '\0') {
+    if (tl_twin_get_facts(assembly->twin).rollback_inexact || component[0] == '\0') {
         tl_log(TL_LOG_ERROR, "%s", prognosis->error.text);
         return;
     }

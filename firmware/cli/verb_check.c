@@ -69,14 +69,14 @@ static tl_status check(tl_verb_job *job) {
     job->order.reads_back = true;
     job->order.variables = job->options->variables;
     tl_twin_check found = {.warnings = 0};
-    tl_component_methods methods = {.cannot_return = 0};
+    tl_component_methods methods = {.rollback_inexact = 0};
     tl_pair_verdict pair;
     tl_status status = tl_verb_job_start(job, job->output);
     if (status == TL_OK) {
         status = tl_twin_child_check(job->child, &found, &job->error);
         tl_twin_child_get_methods(job->child, &methods);
     }
-    if (status != TL_OK && status != TL_INTERRUPTED && methods.cannot_return != 0) {
+    if (status != TL_OK && status != TL_INTERRUPTED && methods.rollback_inexact != 0) {
         tl_error interrupted; /* only used if interrupted; otherwise the error of the check stays */
         if (log_other_methods(job, &methods, &interrupted) != TL_OK) {
             status = TL_INTERRUPTED;

@@ -55,13 +55,13 @@ static int run(const tl_options *options, const tl_config *config, tl_process_tr
         .watchdog = options->watchdog,
         .watchdog_s = (int)options->watchdog_s,
         .tasks = &tl_roles_twin_tasks,
-        .be = run_role,
+        .run_role = run_role,
     };
     return tl_process_tree_run(&settings, end);
 }
 
 int tl_verb_run(const tl_options *options) {
-    const tl_version_start start = {.state = options->state, .path = options->subject, .be = run_role};
+    const tl_version_start start = {.state = options->state, .path = options->subject, .run_role = run_role};
     tl_config config;
     tl_status status = read_config(options, &start, &config);
     tl_process_tree_end end = {.is_failure = status != TL_OK};

@@ -43,56 +43,56 @@ static fmi2Boolean *booleans_in(const tl_ports *ports, double *values) {
     return integers_in(ports, values) + ports->integer_count; /* fmi2Boolean is the same C type */
 }
 
-tl_fmu_inputs *tl_fmu_inputs_open(const tl_ports *ports) {
+tl_last_inputs *tl_last_inputs_open(const tl_ports *ports) {
     size_t bytes = tl_ports_size(ports);
-    tl_fmu_inputs *given = malloc(sizeof *given + bytes);
-    if (given != NULL) {
-        *given = (tl_fmu_inputs){.ports = ports, .bytes = bytes};
-        tl_ports_read(ports, (unsigned char *)given->values);
+    tl_last_inputs *last_inputs = malloc(sizeof *last_inputs + bytes);
+    if (last_inputs != NULL) {
+        *last_inputs = (tl_last_inputs){.ports = ports, .bytes = bytes};
+        tl_ports_read(ports, (unsigned char *)last_inputs->values);
     }
-    return given;
+    return last_inputs;
 }
 
-void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
-                        const void *values) {
-    const tl_ports *ports = given->ports;
+void tl_last_inputs_note(tl_last_inputs *last_inputs, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                         const void *values) {
+    const tl_ports *ports = last_inputs->ports;
     if (kind == TL_PROLOGUE_SET_REAL && references == ports->real_references) {
-        memcpy(given->values, values, ports->real_count * sizeof(double));
+        memcpy(last_inputs->values, values, ports->real_count * sizeof(double));
     } else if (kind == TL_PROLOGUE_SET_INTEGER && references == ports->integer_references) {
-        memcpy(integers_in(ports, given->values), values, ports->integer_count * sizeof(fmi2Integer));
+        memcpy(integers_in(ports, last_inputs->values), values, ports->integer_count * sizeof(fmi2Integer));
     } else if (kind == TL_PROLOGUE_SET_BOOLEAN && references == ports->boolean_references) {
-        memcpy(booleans_in(ports, given->values), values, ports->boolean_count * sizeof(fmi2Boolean));
+        memcpy(booleans_in(ports, last_inputs->values), values, ports->boolean_count * sizeof(fmi2Boolean));
     }
 }
 
-tl_fmu_inputs_state *tl_fmu_inputs_make_state(const tl_fmu_inputs *given) {
-    tl_fmu_inputs_state *state = malloc(sizeof *state + given->bytes);
+tl_last_inputs_state *tl_last_inputs_make_state(const tl_last_inputs *last_inputs) {
+    tl_last_inputs_state *state = malloc(sizeof *state + last_inputs->bytes);
     if (state != NULL) {
         state->own = NULL;
-        tl_fmu_inputs_save(given, state);
+        tl_last_inputs_save(last_inputs, state);
     }
     return state;
 }
 
-void tl_fmu_inputs_save(const tl_fmu_inputs *given, tl_fmu_inputs_state *state) {
-    memcpy(state->values, given->values, given->bytes);
+void tl_last_inputs_save(const tl_last_inputs *last_inputs, tl_last_inputs_state *state) {
+    memcpy(state->values, last_inputs->values, last_inputs->bytes);
 }
 
-fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state *state, const tl_fmi2 *fmi,
-                                 fmi2Component instance) {
-    const tl_ports *ports = given->ports;
+fmi2Status tl_last_inputs_restore(tl_last_inputs *last_inputs, const tl_last_inputs_state *state, const tl_fmi2 *fmi,
+                                  fmi2Component instance) {
+    const tl_ports *ports = last_inputs->ports;
     fmi2Status status = fmi2OK;
-    memcpy(given->values, state->values, given->bytes);
+    memcpy(last_inputs->values, state->values, last_inputs->bytes);
     if (ports->real_count != 0) {
-        status = fmi->set_real(instance, ports->real_references, ports->real_count, given->values);
+        status = fmi->set_real(instance, ports->real_references, ports->real_count, last_inputs->values);
     }
     if (status <= fmi2Warning && ports->integer_count != 0) {
         status = fmi->set_integer(instance, ports->integer_references, ports->integer_count,
-                                  integers_in(ports, given->values));
+                                  integers_in(ports, last_inputs->values));
     }
     if (status <= fmi2Warning && ports->boolean_count != 0) {
         status = fmi->set_boolean(instance, ports->boolean_references, ports->boolean_count,
-                                  booleans_in(ports, given->values));
+                                  booleans_in(ports, last_inputs->values));
     }
     return status;
 }
@@ -284,26 +284,26 @@ static fmi2Status free_position(fmi2Component component, fmi2FMUstate *state) {
 
 static fmi2Status keep_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
-    tl_fmu_inputs_state *kept = *state != NULL ? *state : tl_fmu_inputs_make_state(self->given);
+    tl_last_inputs_state *kept = *state != NULL ? *state : tl_last_inputs_make_state(self->last_inputs);
     if (kept == NULL) {
         return fmi2Error;
     }
-    tl_fmu_inputs_save(self->given, kept);
+    tl_last_inputs_save(self->last_inputs, kept);
     *state = kept;
     return self->guard->by_states.get_fmu_state(component, &kept->own);
 }
 
 static fmi2Status restore_and_set(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    const tl_fmu_inputs_state *kept = state;
+    const tl_last_inputs_state *kept = state;
     fmi2Status status = self->guard->by_states.set_fmu_state(component, kept->own);
-    return status <= fmi2Warning ? tl_fmu_inputs_restore(self->given, kept, &self->guard->functions, component)
+    return status <= fmi2Warning ? tl_last_inputs_restore(self->last_inputs, kept, &self->guard->functions, component)
                                  : status;
 }
 
 static fmi2Status free_state_and_inputs(fmi2Component component, fmi2FMUstate *state) {
     const tl_fmu_guarded *self = component;
-    tl_fmu_inputs_state *kept = *state;
+    tl_last_inputs_state *kept = *state;
     fmi2Status status = kept->own != NULL ? self->guard->by_states.free_fmu_state(component, &kept->own) : fmi2OK;
     free(kept);
     *state = NULL;
@@ -311,8 +311,8 @@ static fmi2Status free_state_and_inputs(fmi2Component component, fmi2FMUstate *s
 }
 
 static void end_recording(tl_fmu_guarded *self) {
-    free(self->given);
-    self->given = NULL;
+    free(self->last_inputs);
+    self->last_inputs = NULL;
     if (self->replay != NULL) {
         tl_fmu_replay_end(self->replay);
         free(self->replay);
@@ -323,7 +323,7 @@ static void end_recording(tl_fmu_guarded *self) {
 /* ---- functions of the methods ---- */
 
 /* Functions that are not listed are NULL. */
-static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
+static const tl_fmi2 BY_MEMORY = {.always_final = true,
                                   .get_fmu_state = save_memory,
                                   .set_fmu_state = restore_memory,
                                   .free_fmu_state = free_memory,
@@ -331,7 +331,7 @@ static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
                                   .reserve_states = reserve_memory};
 static const tl_fmi2 BY_STATES_AND_INPUTS = {
     .get_fmu_state = keep_state_and_inputs, .set_fmu_state = restore_and_set, .free_fmu_state = free_state_and_inputs};
-static const tl_fmi2 BY_REPLAY = {.is_unaware = true,
+static const tl_fmi2 BY_REPLAY = {.always_final = true,
                                   .get_fmu_state = keep_position,
                                   .set_fmu_state = go_to_position,
                                   .free_fmu_state = free_position};
@@ -340,7 +340,7 @@ static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *method) {
     tl_fmi2 *functions = &guard->functions;
     guard->by_memory = method == &BY_MEMORY;
     guard->memory.has_flags = guard->by_memory;
-    functions->is_unaware = method->is_unaware;
+    functions->always_final = method->always_final;
     functions->get_fmu_state = method->get_fmu_state;
     functions->set_fmu_state = method->set_fmu_state;
     functions->free_fmu_state = method->free_fmu_state;
@@ -379,7 +379,7 @@ static fmi2Status keep_start(fmi2Component component) {
     if (self->replay != NULL && !guard->was_proved) {
         tl_fmu_replay_wait(self->replay);
     }
-    bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->gives_again &&
+    bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->sets_inputs &&
                     (guard->by_memory ? tl_fmu_memory_remaining(&guard->memory) == NULL : true) &&
                     save_memory(component, &guard->full_copy) == fmi2OK;
     return has_copy || has_fallback(self) ? fmi2OK : fmi2Error;
@@ -392,7 +392,7 @@ static void drop_copy(tl_fmu_guard *guard) {
 
 static size_t size_start(fmi2Component component) {
     const tl_fmu_guarded *self = component;
-    return self->guard->memory.heap != NULL && !self->by_replay && !self->guard->gives_again
+    return self->guard->memory.heap != NULL && !self->by_replay && !self->guard->sets_inputs
                ? tl_fmu_memory_size(&self->guard->memory)
                : 0;
 }
@@ -446,14 +446,14 @@ static void end_proof(fmi2Component component) {
         tl_fmu_memory_forget(copy);
         tl_fmu_memory_freeze_estimate(&guard->memory, false);
     }
-    if (guard->gives_again && !guard->was_proved) {
+    if (guard->sets_inputs && !guard->was_proved) {
         (void)log_fallback(self, "rollback by its own states is not exact", "parameters kept",
                            "its inputs and parameters are set again after each restore");
     }
     drop_copy(guard);
     guard->was_proved = true;
     guard->functions.replay.steps = 0;
-    if (!self->by_replay && !guard->gives_again) {
+    if (!self->by_replay && !guard->sets_inputs) {
         end_recording(self);
     }
 }
@@ -465,13 +465,13 @@ static fmi2Status use_inputs_or_replay(tl_fmu_guarded *self, const char *cause) 
     if (!has_fallback(self)) {
         return fmi2Error;
     }
-    if (self->given != NULL && !self->by_replay && !guard->gives_again) {
+    if (self->last_inputs != NULL && !self->by_replay && !guard->sets_inputs) {
         drop_copy(guard);
-        guard->gives_again = true;
+        guard->sets_inputs = true;
         roll_back_by(guard, &BY_STATES_AND_INPUTS);
         return restore_start(self);
     }
-    guard->gives_again = false;
+    guard->sets_inputs = false;
     drop_copy(guard);
     guard->renews = guard->renews || self->by_replay;
     if (!self->by_replay) {
@@ -518,7 +518,7 @@ static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     const tl_fmu_guard *guard = self->guard;
     return guard->full_copy != NULL && tl_fmu_memory_remaining(&guard->memory) == NULL && !guard->was_proved &&
-           !guard->by_memory && !guard->gives_again && !self->by_replay;
+           !guard->by_memory && !guard->sets_inputs && !self->by_replay;
 }
 
 /* The FMU saves its own state first, so that each copy contains it. */
@@ -541,9 +541,9 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
 
 static void choose_first_method(tl_fmu_guard *guard) {
     static const tl_fmi2_fallback fallback = {.keep = keep_start,
-                                              .come_back = restore_start,
-                                              .give_up_states = replace_method,
-                                              .let_go = end_proof,
+                                              .restore_start = restore_start,
+                                              .next_method = replace_method,
+                                              .end_proof = end_proof,
                                               .size = size_start,
                                               .has_choice = has_choice,
                                               .prefer_copy = prefer_copy};
@@ -554,7 +554,7 @@ static void choose_first_method(tl_fmu_guard *guard) {
         roll_back_by_replay(guard);
     }
     if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
-        guard->functions.full_copy = &fallback;
+        guard->functions.fallback = &fallback;
     }
 }
 
@@ -656,8 +656,8 @@ static inline fmi2Status note_call(guarded *self, tl_fmu_prologue_kind kind, con
     if (self->replay != NULL) {
         tl_fmu_replay_note(self->replay, kind, references, count, values, status);
     }
-    if (self->given != NULL) {
-        tl_fmu_inputs_note(self->given, kind, references, values);
+    if (self->last_inputs != NULL) {
+        tl_last_inputs_note(self->last_inputs, kind, references, values);
     }
     return status;
 }
@@ -676,7 +676,7 @@ static fmi2Status replace_instance(guarded *self) {
     free_fmu(self);
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = self->own->instantiate(begun->name, begun->type, begun->guid, begun->resources,
-                                            &self->guard->given, begun->visible, begun->logging);
+                                            &self->guard->fmu_callbacks, begun->visible, begun->logging);
     return leave_fully(self, self->instance != NULL ? fmi2OK : fmi2Error);
 }
 
@@ -718,8 +718,8 @@ static void note_ports(fmi2Component component, const tl_ports *inputs, const tl
     /* The ports are known and have been set, so their values can be noted for setting them again.
      */
     if (self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL &&
-        self->given == NULL) {
-        self->given = tl_fmu_inputs_open(inputs);
+        self->last_inputs == NULL) {
+        self->last_inputs = tl_last_inputs_open(inputs);
     }
 }
 
@@ -951,7 +951,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
         status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
     status = leave_step(self, step->last, status);
-    if (self->replay != NULL || self->given != NULL) {
+    if (self->replay != NULL || self->last_inputs != NULL) {
         note_reals(self, inputs, outputs, step, *done, status);
     }
     return status;
@@ -1052,7 +1052,7 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
     tl_host_state_keep();
     tl_fmu_logger_open(&guard->logger, name, generator);
     guard->callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, guard};
-    guard->given = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, &guard->logger};
+    guard->fmu_callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, &guard->logger};
 }
 
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {

@@ -27,36 +27,36 @@
  */
 
 /* Fields are private. */
-typedef struct tl_fmu_inputs {
+typedef struct tl_last_inputs {
     const tl_ports *ports; /* the ports that are set */
     size_t bytes;          /* size of `values` */
     double values[];       /* the inputs set last: reals, then integers, then Booleans */
-} tl_fmu_inputs;
+} tl_last_inputs;
 
 /* A state of the FMU, and the inputs that were set last before it was saved. */
-typedef struct tl_fmu_inputs_state {
+typedef struct tl_last_inputs_state {
     fmi2FMUstate own; /* the FMU's own state; NULL: not saved yet */
     double values[];
-} tl_fmu_inputs_state;
+} tl_last_inputs_state;
 
 /* Allocates the list of last inputs, with the present values of the ports. `ports` must outlive it.
  * The caller frees it with free(). Returns NULL if memory is out. */
-tl_fmu_inputs *tl_fmu_inputs_open(const tl_ports *ports);
+tl_last_inputs *tl_last_inputs_open(const tl_ports *ports);
 
 /* Notes the values of an FMI call that sets all ports of one type. Ignores all other calls. */
-void tl_fmu_inputs_note(tl_fmu_inputs *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
-                        const void *values);
+void tl_last_inputs_note(tl_last_inputs *last_inputs, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                         const void *values);
 
 /* Allocates a state with the present values, without the FMU's own state yet. Returns NULL if
  * memory is out. */
-tl_fmu_inputs_state *tl_fmu_inputs_make_state(const tl_fmu_inputs *given);
+tl_last_inputs_state *tl_last_inputs_make_state(const tl_last_inputs *last_inputs);
 
 /* The first function copies the last inputs into `state`. The second one copies them back from
  * `state` and sets them in the instance, by the functions in `fmi`. It returns the status of the
  * last FMI call. Neither saves nor restores the FMU's own state. */
-void tl_fmu_inputs_save(const tl_fmu_inputs *given, tl_fmu_inputs_state *state);
-fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state *state, const tl_fmi2 *fmi,
-                                 fmi2Component instance);
+void tl_last_inputs_save(const tl_last_inputs *last_inputs, tl_last_inputs_state *state);
+fmi2Status tl_last_inputs_restore(tl_last_inputs *last_inputs, const tl_last_inputs_state *state, const tl_fmi2 *fmi,
+                                  fmi2Component instance);
 
 /* ---- Data of the guard and of one instance. */
 
@@ -65,9 +65,9 @@ fmi2Status tl_fmu_inputs_restore(tl_fmu_inputs *given, const tl_fmu_inputs_state
  * (master/sync/proof.h). "Copy" is a copy of the FMU's memory. */
 typedef struct tl_fmu_guard {
     tl_fmi2 functions; /* the table for callers; a function is NULL if the FMU lacks it or if twinlock never calls it */
-    fmi2CallbackFunctions callbacks; /* to be passed to functions.instantiate; their environment is this guard */
-    tl_fmi2 own;                     /* private, from here on: the FMU's functions */
-    fmi2CallbackFunctions given;     /* callbacks that the FMU gets */
+    fmi2CallbackFunctions callbacks;     /* to be passed to functions.instantiate; their environment is this guard */
+    tl_fmi2 own;                         /* private, from here on: the FMU's functions */
+    fmi2CallbackFunctions fmu_callbacks; /* callbacks that the FMU gets */
     tl_fmu_logger logger;
     tl_fmu_memory memory; /* zeroed: the FMU cannot be rolled back by memory */
     bool by_memory;       /* memory is the method in use; if not, it may be the fallback if own states are wrong */
@@ -75,7 +75,7 @@ typedef struct tl_fmu_guard {
     bool by_replay;       /* replay is the method in use */
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most; /* replay can roll back at most this many steps after the start */
-    bool gives_again; /* private: own states are used, and the last inputs are set again after each restore */
+    bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
     void *full_copy;             /* private: copy of the memory from the start of the proof; NULL: no copy */
     bool was_proved; /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
@@ -103,7 +103,7 @@ typedef struct tl_fmu_guarded {
     const unsigned short *table;             /* its value at instantiation; if it differs, the locale was changed */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
-    tl_fmu_inputs *given;                    /* notes the last inputs; NULL: not noted */
+    tl_last_inputs *last_inputs;             /* notes the last inputs; NULL: not noted */
     tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
     double shift;                            /* s; the FMU's time is smaller by this: it accepts only start time 0 */
     uint32_t name;

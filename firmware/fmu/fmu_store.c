@@ -116,7 +116,7 @@ tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
 }
 
 bool tl_fmu_inputs_are_repeated(const tl_fmu *fmu) {
-    return fmu->guard.gives_again;
+    return fmu->guard.sets_inputs;
 }
 
 const tl_fmi2_times *tl_fmu_measured_times(const tl_fmu *fmu) {

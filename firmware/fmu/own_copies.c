@@ -431,7 +431,7 @@ static bool is_language_symbol(const char *name) {
     return false;
 }
 
-size_t tl_elf_part_unique(tl_elf_file *file) {
+size_t tl_elf_unshare_symbols(tl_elf_file *file) {
     size_t changed = 0;
     for (size_t i = 0; i < file->symbol_count; i++) {
         tl_elf_symbol symbol = tl_elf_symbol_at(file, i);
@@ -763,7 +763,7 @@ static tl_status change_library(const copy_work *work, own_library *library) {
     case TL_ELF_DONE:
         break;
     }
-    (void)tl_elf_part_unique(&library->file);
+    (void)tl_elf_unshare_symbols(&library->file);
     return TL_OK;
 }
 

@@ -127,7 +127,7 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
  * unique symbols for static variables of templates and inline functions. Symbols of the C++
  * standard library stay unique: that library is shared, and some of its symbols are compared by
  * address. Returns the number of changed symbols. */
-size_t tl_elf_part_unique(tl_elf_file *file);
+size_t tl_elf_unshare_symbols(tl_elf_file *file);
 
 /* Returns true if the library uses dlopen() or dlmopen(), so it may open other libraries at run
  * time. */

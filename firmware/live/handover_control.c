@@ -10,11 +10,11 @@ static const tl_time TICKS_BEFORE =
 /* ---- state ---- */
 
 static tl_twin_slot *live_slot(const tl_handover_control *self) {
-    return &self->places[self->handover_block->slot_index];
+    return &self->slots[self->handover_block->slot_index];
 }
 
 static tl_twin_slot *shadow_slot(const tl_handover_control *self) {
-    return &self->places[1 - self->handover_block->slot_index];
+    return &self->slots[1 - self->handover_block->slot_index];
 }
 
 static bool is_recorder_behind(const tl_handover_control *self) {

@@ -35,7 +35,7 @@
 /* The caller sets the first fields and zeroes the rest. */
 typedef struct tl_handover_control {
     tl_handover *handover_block;
-    tl_twin_slot *places; /* TL_TWIN_SLOTS; the run's own configuration is loaded into the first */
+    tl_twin_slot *slots; /* TL_TWIN_SLOTS; the run's own configuration is loaded into the first */
     const tl_live_config_manager_status *orders;
     const tl_block *candidate;
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */

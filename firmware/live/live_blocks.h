@@ -178,7 +178,7 @@ static inline tl_record_queue_settings tl_live_twin_queue(const tl_config *confi
 /* The first fields are the same for all processes; the last ones belong to the start of one
  * process. Contains no pointers. */
 typedef struct tl_live_job {
-    bool alone;                               /* the run is not supervised */
+    bool unsupervised;                        /* the run is not supervised */
     bool unconfined;                          /* FMUs have all rights of the user */
     tl_time duration;                         /* ns; duration of the command line; 0: as configured */
     char database[PATH_MAX];                  /* "": nothing is recorded */

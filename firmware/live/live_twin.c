@@ -171,7 +171,7 @@ static void report_start(live_twin *self) {
     const tl_start *how = &self->job.how;
     char number[32] = "first start";
     char failures[48] = "no failures";
-    if (self->job.alone) {
+    if (self->job.unsupervised) {
         return;
     }
     if (how->starts > 1) {
@@ -262,7 +262,7 @@ static void show_recorded(void *context, const tl_run_status *status, const tl_m
 static void show_status(live_twin *self, const tl_cycle_status *status) {
     char line[TL_STATUS_LINE];
     tl_run_status published = {
-        .phase = status->is_live ? TL_RUN_LIVE : TL_RUN_RECORDED,
+        .phase = status->has_caught_up ? TL_RUN_LIVE : TL_RUN_RECORDED,
         .tick = status->tick,
         .last = status->tick,
         .ticks = status->ticks,
@@ -621,12 +621,13 @@ static tl_status check_pace(const live_twin *self, const tl_cycle_status *status
     if (!status->is_shadow) {
         return TL_OK;
     }
-    if (!status->is_live && tl_clock_now(NULL) - since > PATIENCE_BEHIND) {
+    if (!status->has_caught_up && tl_clock_now(NULL) - since > PATIENCE_BEHIND) {
         return tl_fail(error, TL_TRY_AGAIN,
                        TL_COMPARISON_TWO_TWINS ": the shadow has not caught up with the plant within %.0f s",
                        tl_seconds(PATIENCE_BEHIND));
     }
-    bool checked = status->is_live && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_CHECK;
+    bool checked =
+        status->has_caught_up && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_CHECK;
     return !checked || status->skipped <= status->ticks / MISSED_PART
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN, TL_COMPARISON_TWO_TWINS ": the shadow missed %llu of %llu ticks",

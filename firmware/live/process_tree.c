@@ -131,7 +131,7 @@ static void close_descriptors(const int descriptors[TL_ROLE_DESCRIPTORS]) {
 static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot, tl_error *error) {
     static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER};
     char title[TL_ROLE_TITLE];
-    tl_role_settings settings = {.title = title, .fallback = self->settings->be};
+    tl_role_settings settings = {.title = title, .fallback = self->settings->run_role};
     int *descriptors = settings.descriptors;
     tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
@@ -465,7 +465,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
     self->states = (tl_saved_states){.config = settings->config,
                                      .unconfined = settings->unconfined,
                                      .memory_limit = settings->memory_limit,
-                                     .be = settings->be};
+                                     .run_role = settings->run_role};
     /* Without a restart record the result would not be saved. */
     tl_saved_states_open(settings->supervised ? settings->state : NULL, &self->states);
     tl_status status = make_memory(self, error);
@@ -476,7 +476,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
     }
     if (status == TL_OK) {
         self->control = (tl_handover_control){.handover_block = handover_words(self),
-                                              .places = self->slots,
+                                              .slots = self->slots,
                                               .orders = manager_status(self),
                                               .candidate = &self->blocks[TL_LIVE_CANDIDATE],
                                               .recorder = is_recorded(self) ? recorder_status(self) : NULL,
@@ -532,7 +532,7 @@ static tl_status print_summary(tl_process_tree *self, tl_error *error) {
 
 static int run_members(tl_process_tree *self) {
     const tl_supervisor_settings settings = {
-        .alone = !self->settings->supervised,
+        .unsupervised = !self->settings->supervised,
         .call_limit = self->settings->call_limit,
         .has_duration = self->config.duration > 0,
         .state = self->settings->state,
@@ -614,7 +614,7 @@ int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tre
     self.settings = settings;
     self.began = tl_clock_now(NULL);
     self.output = tl_output_claim();
-    self.job.alone = !settings->supervised;
+    self.job.unsupervised = !settings->supervised;
     self.job.unconfined = settings->unconfined;
     self.job.duration = settings->duration;
     self.job.memory_limit = settings->memory_limit;

@@ -31,7 +31,7 @@ typedef struct tl_process_tree_settings {
     const char *watchdog;            /* device; NULL: none */
     int watchdog_s;                  /* timeout of the watchdog, s */
     const tl_twin_role_tasks *tasks; /* tasks of a twin process */
-    int (*be)(const char *title, void *context); /* runs the role `title` without exec (role.h) */
+    int (*run_role)(const char *title, void *context); /* runs the role `title` without exec (role.h) */
 } tl_process_tree_settings;
 
 /* How the run ended. Both are false if a signal asked for the end. */

@@ -118,7 +118,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
     self->record.settings.known_count = 1;
-    self->record.settings.open_policy = self->setup.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
+    self->record.settings.open_policy = self->setup.job.unsupervised ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
         .queues = queues,

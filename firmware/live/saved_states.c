@@ -95,7 +95,7 @@ static void begin_trial(tl_saved_states *states) {
                 .memory_limit = states->memory_limit,
                 .unconfined = states->unconfined},
         .limit = LIMIT,
-        .be = states->be,
+        .run_role = states->run_role,
     };
     states->is_due = tl_worker_start(&states->worker, &worker, &error) == TL_OK;
     states->begun = tl_clock_now(NULL);

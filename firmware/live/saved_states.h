@@ -32,8 +32,8 @@
 typedef struct tl_saved_states {
     const tl_config *config; /* as read; the caller sets the first four fields and zeroes the rest */
     bool unconfined;
-    uint64_t memory_limit;                       /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
-    int (*be)(const char *title, void *context); /* runs the worker without exec (role.h) */
+    uint64_t memory_limit;                             /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
+    int (*run_role)(const char *title, void *context); /* runs the worker without exec (role.h) */
     uint64_t files;              /* identity number of the FMU files, if their states are unusable; else 0 */
     char why[TL_TWIN_CHECK_WHY]; /* the reason, if `files` is not 0 */
     /* private */

@@ -288,7 +288,7 @@ static tl_start start_of_twin(supervisor *self) {
 static void note_no_process(supervisor *self, tl_member which, tl_time now, bool again, const tl_error *error) {
     member *missing = self->members[which];
     bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
-    if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->alone)) {
+    if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->unsupervised)) {
         tl_log(TL_LOG_ERROR, "%s could not be started: %s", member_names[which], error->text);
         missing->state = ABSENT;
         if (which != TL_MEMBER_SHADOW) {
@@ -354,7 +354,7 @@ static void report_failure(supervisor *self, tl_member which, const char *reason
  * everything. If the run is not supervised, an FMU that ends its process decides the exit code. */
 static void set_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which]->child;
-    bool is_reported = self->settings->alone && which == TL_MEMBER_TWIN;
+    bool is_reported = self->settings->unsupervised && which == TL_MEMBER_TWIN;
     if (was_asked_early(self, which)) {
         end_all(self, 0);
         return;
@@ -442,7 +442,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end->announced_cause = TL_END_CAUSE_NONE; /* FMUs can write this announcement */
     }
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
-    bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
+    bool is_alone = which == TL_MEMBER_TWIN && self->settings->unsupervised;
     tl_child_describe(&ended->child, reason);
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
@@ -578,7 +578,7 @@ static tl_time grace_of(supervisor *self, tl_member which) {
  * may hold the process for any time. */
 static bool is_to_be_killed(supervisor *self, tl_member which, const char *silent, tl_time silence) {
     member *living = self->members[which];
-    if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->alone) {
+    if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->unsupervised) {
         return silent != NULL;
     }
     if (silence / TL_FMU_CALL_TIMEOUT_CALLS <= self->settings->call_limit) {
@@ -883,7 +883,7 @@ int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
     int code = 0;
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {
-        if (!settings->alone) {
+        if (!settings->unsupervised) {
             set_realtime();
         }
         code = run_members(&self);

@@ -111,7 +111,7 @@ typedef struct tl_orders {
 } tl_orders;
 
 typedef struct tl_supervisor_settings {
-    bool alone;                       /* the run is not supervised: a failed twin ends it */
+    bool unsupervised;                /* the run is not supervised: a failed twin ends it */
     bool has_duration;                /* the run ends after a duration */
     tl_time call_limit;               /* if alone: limit of an FMU call, ns */
     tl_time hold_time;                /* first safe hold of a loop; 0: TL_RESTARTS_HOLD (60 s) */

@@ -205,7 +205,7 @@ static tl_status confine_process(tl_confine_settings settings, path_list *read, 
     settings.write_count = write->count;
     settings.start_socket = -1;
     settings.whole_process = true;
-    settings.lives_on = true;
+    settings.only_denies = true;
     tl_status status = read->failed || write->failed
                            ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the paths that a process may open")
                            : tl_confine(&settings, &facts, NULL, error);

@@ -115,7 +115,7 @@ typedef struct tl_lock_change {
     char cause[TL_LOCK_CAUSE]; /* sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private, except `tolerances`, `stay` and `astray`. */
+/* Fields are private, except `tolerances`, `stay` and `inexact_component`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
@@ -133,7 +133,7 @@ typedef struct tl_lock_monitor {
     tl_bound_stay stay[TL_MAX_ADJUST];              /* of the Real variables */
     uint32_t learned;                               /* parts learned */
     bool judged;                                    /* a state was determined */
-    bool astray;                                    /* as determined last */
+    bool inexact_component;                         /* as determined last */
     uint64_t pending;                               /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;

@@ -60,7 +60,7 @@ typedef struct tl_confine_settings {
     size_t port_count;
     bool keeps_files;    /* see Others */
     bool may_answer;     /* see Others */
-    bool lives_on;       /* true: signalling or tracing another process fails; false: it kills this process */
+    bool only_denies;    /* true: signalling or tracing another process fails; false: it kills this process */
     int landlock;        /* private: version in use; 0: none */
     int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */
 } tl_confine_settings;

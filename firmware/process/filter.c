@@ -257,9 +257,9 @@ static void add_files(rules *list, const tl_confine_settings *settings) {
     }
 }
 
-/* Allows signals to our own process. A signal to another one kills this process, unless `lives_on`.
- * kill(pid, 0) to another process only fails. */
-static void add_signals(rules *list, bool lives_on) {
+/* Allows signals to our own process. A signal to another one kills this process, or only fails if
+ * `only_denies`. */
+static void add_signals(rules *list, bool only_denies) {
     static const struct {
         const char *call;
         unsigned signal; /* index of its argument */
@@ -268,7 +268,7 @@ static void add_signals(rules *list, bool lives_on) {
     for (size_t i = 0; i < COUNT(calls); i++) {
         const struct scmp_arg_cmp other[] = {{0, SCMP_CMP_NE, own, 0}, {calls[i].signal, SCMP_CMP_NE, 0, 0}};
         allow_one(list, calls[i].call, (struct scmp_arg_cmp){0, SCMP_CMP_EQ, own, 0});
-        if (!lives_on) {
+        if (!only_denies) {
             add_rule(list, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
         }
     }
@@ -285,17 +285,17 @@ static void allow_own(rules *list) {
 
 #if TL_HAS_SANITIZER
 /* The leak check runs in a process that shares our memory, traces all threads, and ends with us. */
-static void add_tracing(rules *list, bool lives_on) {
+static void add_tracing(rules *list, bool only_denies) {
     static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
-    (void)lives_on;
+    (void)only_denies;
     allow_all(list, "ptrace");
     allow_one(list, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
     allow_values(list, "prctl", 0, commands, COUNT(commands));
 }
 #else
-static void add_tracing(rules *list, bool lives_on) {
+static void add_tracing(rules *list, bool only_denies) {
     const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
-    if (!lives_on) {
+    if (!only_denies) {
         add_rule(list, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
     }
 }
@@ -306,8 +306,8 @@ static void add_arguments(rules *list, const tl_confine_settings *settings) {
     allow_threads(list);
     allow_memory(list);
     allow_own(list);
-    add_signals(list, settings->lives_on);
-    add_tracing(list, settings->lives_on);
+    add_signals(list, settings->only_denies);
+    add_tracing(list, settings->only_denies);
     add_files(list, settings);
     if (settings->start_socket >= 0) {
         allow_one(list, "sendmsg", IS(0, settings->start_socket));

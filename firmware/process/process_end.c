@@ -30,7 +30,7 @@ static pid_t process; /* the process that this module ends; processes that an FM
 static volatile sig_atomic_t ending;
 static volatile sig_atomic_t complete; /* only FMUs are freed from now on */
 static volatile sig_atomic_t end_code;
-static tl_process_keeper *end_keeper;
+static tl_process_saver *end_keeper;
 static void *keeper_context;
 static bool runs_exit_handlers;
 
@@ -130,7 +130,7 @@ void tl_process_end(int code) {
 
 void tl_process_give_up(const char *why) {
     set_ending(FMU_FAILED);
-    tl_process_keeper *keeper = __atomic_load_n(&end_keeper, __ATOMIC_ACQUIRE);
+    tl_process_saver *keeper = __atomic_load_n(&end_keeper, __ATOMIC_ACQUIRE);
     limit_duration(TL_PROCESS_END_S);
     tl_log(TL_LOG_ERROR, "%s", why);
     if (keeper != NULL) {
@@ -139,7 +139,7 @@ void tl_process_give_up(const char *why) {
     flush_and_end();
 }
 
-void tl_process_set_saver(tl_process_keeper *keeper, void *context) {
+void tl_process_set_saver(tl_process_saver *keeper, void *context) {
     __atomic_store_n(&end_keeper, NULL, __ATOMIC_RELEASE);
     keeper_context = context;
     __atomic_store_n(&end_keeper, keeper, __ATOMIC_RELEASE);

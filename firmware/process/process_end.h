@@ -39,8 +39,8 @@ void tl_process_give_up(const char *why) __attribute__((noreturn));
 
 /* Sets the function that saves unfinished work before tl_process_give_up() ends the process. It
  * must not wait for the FMU thread. NULL: none. */
-typedef void tl_process_keeper(void *context, const char *why);
-void tl_process_set_saver(tl_process_keeper *keeper, void *context);
+typedef void tl_process_saver(void *context, const char *why);
+void tl_process_set_saver(tl_process_saver *keeper, void *context);
 
 /* From now on tl_process_end() runs exit handlers, because an interpreter was opened. */
 void tl_process_run_exit_handlers(void);

@@ -255,7 +255,7 @@ static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_ti
     tl_worker_settings settings = {.plant = self->settings.plant,
                                    .job = *job,
                                    .limit = limit,
-                                   .be = self->settings.be,
+                                   .run_role = self->settings.run_role,
                                    .on_event = on_event,
                                    .context = self};
     settings.job.text[TL_WORKER_PATH] = self->settings.path;

@@ -149,13 +149,13 @@ enum { TL_ACTIVATION_SHADOW_S = 60, TL_ACTIVATION_SHADOW_LONGEST_S = 3600 };
 typedef struct tl_activation_settings {
     const tl_activation_host *host;
     tl_versions *versions;
-    tl_refusals *refusals;
+    tl_refusal_list *refusals;
     const char *plant;     /* its name, for process titles */
     const char *path;      /* of its configuration; relative file names are relative to its folder */
     const char *allowed;   /* path of the administrator's list of allowed names (box_texts.h); NULL: there is no list */
     uint64_t memory_limit; /* as in worker.h */
     bool unconfined;
-    int (*be)(const char *title, void *context); /* as in worker.h */
+    int (*run_role)(const char *title, void *context); /* as in worker.h */
 
     /* Sends a reply to the client that asked for the change; the client may have disconnected.
      * TL_CONTROL_END is the last reply. */

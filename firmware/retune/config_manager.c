@@ -23,7 +23,7 @@ typedef struct client_slot {
 struct tl_config_manager {
     int socket; /* the listening socket */
     tl_versions versions;
-    tl_refusals refusals;
+    tl_refusal_list refusals;
     tl_activation activation;
     client_slot clients[TL_CONTROL_CLIENTS];
     client_slot *listener; /* receives the replies of the change in progress; NULL: no client */

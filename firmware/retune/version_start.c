@@ -59,7 +59,7 @@ static bool run_validator(starting_run *self, const char *active_text) {
                          [TL_WORKER_ACTIVE] = active_text,
                          [TL_WORKER_KEPT] = kept}},
         .limit = VALIDATION_LIMIT,
-        .be = self->start->be,
+        .run_role = self->start->run_role,
     };
     tl_status status = tl_worker_start(&worker, &settings, &error);
     free(kept);

@@ -22,9 +22,9 @@
 #include "master/base/status.h"
 
 typedef struct tl_version_start {
-    const char *state;                           /* the folder that contains versions/ */
-    const char *path;                            /* of the configuration file */
-    int (*be)(const char *title, void *context); /* runs the worker's role, as in worker.h */
+    const char *state;                                 /* the folder that contains versions/ */
+    const char *path;                                  /* of the configuration file */
+    int (*run_role)(const char *title, void *context); /* runs the worker's role, as in worker.h */
 } tl_version_start;
 
 /* Sets *text to the text of the version to run, *size bytes and a final NUL; the caller calls

@@ -864,7 +864,7 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
 
 /* ---- refusals ---- */
 
-static void refusal_path(const tl_refusals *refusals, uint64_t number, char path[PATH_MAX]) {
+static void refusal_path(const tl_refusal_list *refusals, uint64_t number, char path[PATH_MAX]) {
     int length =
         snprintf(path, PATH_MAX, "%s/refused-%u.json", refusals->folder, (unsigned)(number % TL_REFUSALS_MOST));
     path[length < PATH_MAX ? length : 0] = '\0';
@@ -897,8 +897,8 @@ static int refusal_by_number(const void *left, const void *right) {
     return (a->version > b->version) - (a->version < b->version);
 }
 
-void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
-    *refusals = (tl_refusals){.count = 0};
+void tl_refusals_open(tl_refusal_list *refusals, const tl_versions *versions) {
+    *refusals = (tl_refusal_list){.count = 0};
     (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
     for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
         char path[PATH_MAX];
@@ -912,7 +912,7 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
 }
 
-tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
+tl_status tl_refusals_add(tl_refusal_list *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error) {
     char path[PATH_MAX];
     refusal_file content;

@@ -199,19 +199,19 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
 
 enum { TL_REFUSALS_MOST = 20 };
 
-typedef struct tl_refusals {
+typedef struct tl_refusal_list {
     size_t count;
     tl_control_version list[TL_REFUSALS_MOST]; /* the oldest first; `version` counts up from 1 */
     char folder[PATH_MAX];
-} tl_refusals;
+} tl_refusal_list;
 
 /* Reads the refusals in the folder of opened versions. */
-void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions);
+void tl_refusals_open(tl_refusal_list *refusals, const tl_versions *versions);
 
 /* Adds a refusal to the list and saves it. `result`: "refused" or "cancelled"; `reason`: its
  * reason. Texts are truncated and cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it is
  * lost with this process. */
-tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
+tl_status tl_refusals_add(tl_refusal_list *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error);
 
 #endif

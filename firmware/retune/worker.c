@@ -67,7 +67,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
         }
         return status;
     }
-    tl_role_settings role = {.title = title, .fallback = settings->be, .context = settings->context};
+    tl_role_settings role = {.title = title, .fallback = settings->run_role, .context = settings->context};
     memset(role.descriptors, -1, sizeof role.descriptors);
     role.descriptors[0] = nothing;
     role.descriptors[1] = output[1];
@@ -448,7 +448,7 @@ static tl_status check_candidate(const tl_worker_job *job, tl_verdict *verdict, 
 }
 
 static tl_status run_validation(const tl_worker_job *job, tl_error *error) {
-    const tl_confine_settings settings = {.start_socket = -1, .whole_process = true, .lives_on = true};
+    const tl_confine_settings settings = {.start_socket = -1, .whole_process = true, .only_denies = true};
     tl_confine_facts facts;
     tl_worker_result *result = NULL;
     tl_status status = tl_worker_open_result(&result, error);

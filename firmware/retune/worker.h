@@ -59,12 +59,12 @@ typedef struct tl_worker_job {
 } tl_worker_job;
 
 typedef struct tl_worker_settings {
-    const char *plant;                           /* for the title */
-    tl_worker_job job;                           /* its texts are needed only during tl_worker_start() */
-    tl_time limit;                               /* ns until it is killed */
-    int (*be)(const char *title, void *context); /* called in a forked copy if exec fails (role.h) */
-    tl_relay_line *on_event;                     /* gets each line that the worker prints; NULL: lines are dropped */
-    void *context;                               /* of both */
+    const char *plant;                                 /* for the title */
+    tl_worker_job job;                                 /* its texts are needed only during tl_worker_start() */
+    tl_time limit;                                     /* ns until it is killed */
+    int (*run_role)(const char *title, void *context); /* called in a forked copy if exec fails (role.h) */
+    tl_relay_line *on_event; /* gets each line that the worker prints; NULL: lines are dropped */
+    void *context;           /* of both */
 } tl_worker_settings;
 
 /* ---- results ---- */

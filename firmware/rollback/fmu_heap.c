@@ -148,12 +148,12 @@ static block_head head_of(const void *block) {
 }
 
 /* Spin lock, held for some instructions only. */
-static void take_turn(tl_fmu_heap *heap) {
+static void lock_heap(tl_fmu_heap *heap) {
     while (__atomic_test_and_set(&heap->is_taken, __ATOMIC_ACQUIRE)) {
     }
 }
 
-static void end_turn(tl_fmu_heap *heap) {
+static void unlock_heap(tl_fmu_heap *heap) {
     __atomic_clear(&heap->is_taken, __ATOMIC_RELEASE);
 }
 
@@ -166,13 +166,13 @@ void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
     if (class == CLASSES) {
         return NULL;
     }
-    take_turn(heap);
+    lock_heap(heap);
     uint32_t *free_block = &directory_of(heap)->free[class];
     unsigned char *block = *free_block != 0 ? heap->base + (size_t)*free_block * UNIT : cut(heap, class);
     if (*free_block != 0) {
         memcpy(free_block, block, sizeof *free_block);
     }
-    end_turn(heap);
+    unlock_heap(heap);
     if (block == NULL) {
         return NULL;
     }
@@ -190,10 +190,10 @@ void tl_fmu_heap_release(tl_fmu_heap *heap, void *block) {
     if (class >= CLASSES) {
         return; /* the head was overwritten: the block is never used again */
     }
-    take_turn(heap);
+    lock_heap(heap);
     memcpy(address_of_block, &all->free[class], sizeof all->free[class]);
     all->free[class] = (uint32_t)((size_t)(address_of_block - heap->base) / UNIT);
-    end_turn(heap);
+    unlock_heap(heap);
 }
 
 size_t tl_fmu_heap_size(const void *block) {
@@ -495,7 +495,7 @@ static void *take(tl_fmu_heap *heap, size_t size, size_t alignment) {
     void *block = tl_fmu_heap_allocate(heap, size, alignment);
     if (block == NULL) {
         block = own_memalign(alignment, size);
-        heap->is_not_all = heap->is_not_all || block != NULL;
+        heap->has_outside_memory = heap->has_outside_memory || block != NULL;
     }
     return block;
 }
@@ -664,7 +664,7 @@ int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*
 void *sbrk(intptr_t more) {
     find_sbrk();
     if (more != 0 && tl_fmu_allocation_heap != NULL) {
-        tl_fmu_allocation_heap->is_not_all = true;
+        tl_fmu_allocation_heap->has_outside_memory = true;
     }
     return own_sbrk(more);
 }
@@ -676,7 +676,7 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 static void note_map(const void *caller, int protection) {
     tl_fmu_heap *heap = find_server(caller);
     if (heap != NULL && (protection & PROT_WRITE) != 0) {
-        heap->is_not_all = true;
+        heap->has_outside_memory = true;
     }
 }
 

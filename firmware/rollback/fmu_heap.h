@@ -31,14 +31,14 @@
 
 /* Fields are private. */
 typedef struct tl_fmu_heap {
-    unsigned char *base; /* NULL: no heap */
-    size_t reserved;     /* bytes of address range */
-    size_t usable;       /* bytes from the beginning that are accessible; never decreases */
-    size_t highest;      /* bytes from the beginning that may differ from zero */
-    void *first;         /* the first block: state of rand() and similar functions */
-    bool is_not_all;     /* the FMU also has memory outside of the heap */
-    bool has_threads;    /* the FMU has started threads */
-    bool is_taken;       /* spin lock: a thread of the FMU may free a block while another thread allocates */
+    unsigned char *base;     /* NULL: no heap */
+    size_t reserved;         /* bytes of address range */
+    size_t usable;           /* bytes from the beginning that are accessible; never decreases */
+    size_t highest;          /* bytes from the beginning that may differ from zero */
+    void *first;             /* the first block: state of rand() and similar functions */
+    bool has_outside_memory; /* the FMU also has memory outside of the heap */
+    bool has_threads;        /* the FMU has started threads */
+    bool is_taken;           /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
 
 /* Creates a heap, which exists until the process ends. `reserve`: size of the address range, bytes.

@@ -182,7 +182,9 @@ const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
         return memory->left;
     }
-    return memory->heap->has_threads ? "a thread" : memory->heap->is_not_all ? "memory outside of its heap" : NULL;
+    return memory->heap->has_threads          ? "a thread"
+           : memory->heap->has_outside_memory ? "memory outside of its heap"
+                                              : NULL;
 }
 
 /* Finds the regions once. Checks them again if a library was opened since. */
@@ -312,7 +314,7 @@ void tl_fmu_memory_remeasure(tl_fmu_memory *memory) {
 
 void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes) {
     if (memory->pages != NULL) {
-        tl_fmu_pages_pass(memory->pages, passes);
+        tl_fmu_pages_freeze_estimate(memory->pages, passes);
     }
 }
 
@@ -335,7 +337,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     }
     copy_regions(memory, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
     if (is_complete && memory->pages != NULL) { /* the state was saved before the FMU became large */
-        tl_fmu_pages_lose(memory->pages);
+        tl_fmu_pages_invalidate(memory->pages);
     }
     tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;

@@ -699,7 +699,7 @@ void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
     follow_version(self, version);
 }
 
-void tl_fmu_pages_lose(tl_fmu_pages *self) {
+void tl_fmu_pages_invalidate(tl_fmu_pages *self) {
     self->now.pages = 0;
 }
 
@@ -736,7 +736,7 @@ void tl_fmu_pages_remeasure(tl_fmu_pages *self) {
     self->most_put = 0;
 }
 
-void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes) {
+void tl_fmu_pages_freeze_estimate(tl_fmu_pages *self, bool passes) {
     self->passes = passes;
 }
 

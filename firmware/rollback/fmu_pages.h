@@ -106,7 +106,7 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version);
 
 /* Call it after other code has overwritten the ranges, for example by a plain copy. The next save
  * then compares all pages. */
-void tl_fmu_pages_lose(tl_fmu_pages *self);
+void tl_fmu_pages_invalidate(tl_fmu_pages *self);
 
 /* Returns the estimated bytes of one more version: from the largest number of pages that differed
  * between two versions. Until two versions have differed, a default number is used. */
@@ -116,7 +116,7 @@ size_t tl_fmu_pages_size(const tl_fmu_pages *self);
 void tl_fmu_pages_remeasure(tl_fmu_pages *self);
 
 /* While `passes` is true, saves and restores do not change the size estimate. */
-void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes);
+void tl_fmu_pages_freeze_estimate(tl_fmu_pages *self, bool passes);
 
 /* The first reserves memory for `versions` more versions that each differ in the estimated number
  * of pages. The second reserves the list of one new version. Call them after one version was saved.

@@ -218,7 +218,7 @@ static tl_status make(const char *folder, const char *path, tl_error *error) {
     return tl_new_file_keep(&made, error);
 }
 
-tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, tl_error *error) {
+tl_status tl_certificate_provide(const char *folder, tl_certificate *certificate, tl_error *error) {
     char path[PATH_MAX];
     if (snprintf(path, sizeof path, "%s/%s", folder, NAME) >= PATH_MAX) {
         return tl_fail(error, TL_BAD_USAGE, "%.300s…: the name of the folder is too long", folder);

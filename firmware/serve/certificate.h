@@ -37,7 +37,7 @@ tl_status tl_certificate_load(const char *chain, const char *key, tl_certificate
 /* Loads the certificate in this folder, and generates it if it is missing. Errors: as above; also
  * TL_TRY_AGAIN if it cannot be generated, TL_BAD_DATA if the folder is missing, TL_BAD_USAGE if its
  * name is too long. */
-tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, tl_error *error);
+tl_status tl_certificate_provide(const char *folder, tl_certificate *certificate, tl_error *error);
 
 void tl_certificate_free(tl_certificate *certificate);
 

@@ -155,7 +155,7 @@ static tl_status confine(const program_options *options, tl_error *error) {
                                           .start_socket = -1,
                                           .whole_process = true,
                                           .may_answer = true,
-                                          .lives_on = true};
+                                          .only_denies = true};
     tl_status status = tl_confine(&settings, &facts, NULL, error);
     if (status == TL_OK && (!facts.filter || facts.landlock == 0)) {
         tl_log(TL_LOG_NOTICE,
@@ -225,7 +225,7 @@ static int serve_verb(int argc, char **argv) {
     const char *chain = options.certificate;
     const char *key = options.key != NULL ? options.key : chain;
     tl_status status = chain != NULL ? tl_certificate_load(chain, key, &certificate, &error)
-                                     : tl_certificate_have(options.state, &certificate, &error);
+                                     : tl_certificate_provide(options.state, &certificate, &error);
     if (status == TL_OK) {
         status = run(&options, &certificate, &error);
         tl_certificate_free(&certificate);

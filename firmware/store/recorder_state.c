@@ -41,7 +41,7 @@ void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_ma
     __atomic_store_n(&tried->number, number, __ATOMIC_SEQ_CST);
 }
 
-void tl_recorder_state_show(tl_recorder_writer_state *state) {
+void tl_recorder_state_publish(tl_recorder_writer_state *state) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(state);
     for (int i = 0; i < TL_WRITER_QUEUES; i++) {
         __atomic_store_n(&state->taken[i].events, mark->taken[i].events, __ATOMIC_RELEASE);
@@ -60,7 +60,7 @@ void tl_recorder_state_commit(tl_recorder_writer_state *state) {
     if (tl_recorder_state_tried(state) != NULL) {
         __atomic_store_n(&state->current, ~state->current & 1, __ATOMIC_SEQ_CST);
     }
-    tl_recorder_state_show(state);
+    tl_recorder_state_publish(state);
 }
 
 void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone) {

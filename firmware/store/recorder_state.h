@@ -92,7 +92,7 @@ void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone);
 /* Publishes the committed mark: its progress becomes visible to producers and other threads. A new
  * writer calls it, because the previous one may have been killed inside tl_recorder_state_commit().
  */
-void tl_recorder_state_show(tl_recorder_writer_state *state);
+void tl_recorder_state_publish(tl_recorder_writer_state *state);
 
 /* Stores an event of the writer until a file can be written. There is room for 8 events; then a new
  * event overwrites the newest one. */

@@ -979,7 +979,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
     open_queues(opened);
     tl_recorder_file_begin(&opened->file, &opened->record, opened->state);
     opened->file.lost_said = mark_of(opened)->totals.lost;
-    tl_recorder_state_show(opened->state);
+    tl_recorder_state_publish(opened->state);
     tl_status status = open_all(opened);
     if (status != TL_OK) {
         (void)tl_fail(error, status, "%s", opened->file.failure.text);

@@ -104,7 +104,7 @@ tl_status tl_other_method_find(const tl_twin_child_settings *settings, const tl_
     for (size_t i = 0; i < count_of(&self); i++) {
         found[i] = (tl_other_method){.replay_steps = settings->config->components[i].replay_steps};
     }
-    bool failed = checked->cannot_return != 0;
+    bool failed = checked->rollback_inexact != 0;
     while (failed && status == TL_OK) {
         size_t culprit = find_culprit(&self, &now);
         if (culprit == NO_COMPONENT) {

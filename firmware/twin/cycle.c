@@ -178,7 +178,7 @@ static void report_done(tl_cycle *cycle) {
 
 /* At the start of a tick: reads a new announcement. */
 static void poll_handover(tl_cycle *cycle) {
-    const tl_cycle_place *slot = &cycle->settings.slot_index;
+    const tl_cycle_position *slot = &cycle->settings.slot_index;
     uint32_t to = 0;
     if (slot->handover_block == NULL || cycle->handover.is_ahead ||
         !tl_handover_read(slot->handover_block, cycle->handover.number, &cycle->handover.number, &to,
@@ -339,7 +339,7 @@ static void publish_status(tl_cycle *cycle) {
     tl_cycle_status *shown = &cycle->shown;
     cycle->summary.ticks = due > 0 ? (uint64_t)due : 0;
     shown->is_shadow = cycle->is_shadow;
-    shown->is_live = !cycle->is_behind;
+    shown->has_caught_up = !cycle->is_behind;
     shown->tick = cycle->next_tick - 1;
     shown->steps = cycle->summary.figures.steps;
     shown->ticks = cycle->summary.ticks;
@@ -568,7 +568,7 @@ static void run_cycle(void *context) {
 /* Tick 0 is one period from now, unless the run is resumed. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
-    const tl_cycle_place *slot = &cycle->settings.slot_index;
+    const tl_cycle_position *slot = &cycle->settings.slot_index;
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;

@@ -65,7 +65,7 @@ int tl_realtime_lock_memory(void);
 typedef struct tl_cycle tl_cycle;
 
 /* Slot and first role of a cycle. Zeroed: there is one slot, with the live twin. */
-typedef struct tl_cycle_place {
+typedef struct tl_cycle_position {
     const tl_handover *handover_block; /* handover block; NULL: there are no handovers */
     uint32_t slot_index;
     uint32_t handovers; /* number of the last handover before this cycle, which it ignores */
@@ -75,7 +75,7 @@ typedef struct tl_cycle_place {
     int64_t tick;    /* shadow only: the next tick of its twin */
     tl_time start;   /* shadow only: t_start of the run (CLOCK_MONOTONIC) */
     int64_t started; /* shadow only: t_start in UTC, ms */
-} tl_cycle_place;
+} tl_cycle_position;
 
 typedef struct tl_cycle_settings {
     tl_assembly *assembly;
@@ -86,7 +86,7 @@ typedef struct tl_cycle_settings {
     tl_heartbeats *beats;          /* NULL: not published */
     const tl_live_tuning *tuning;  /* tunings from another process; NULL: none */
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
-    tl_cycle_place slot_index;
+    tl_cycle_position slot_index;
     tl_realtime_missing missing;
     bool unreadable;    /* no process can load the saved states of these FMUs, so no checkpoint is saved */
     tl_summary resumed; /* what was done before the first tick of a resumed run; else zeroes */
@@ -97,8 +97,8 @@ typedef struct tl_cycle_settings {
  * for the first time. The size fits into a tl_latest (os.h). */
 typedef struct tl_cycle_status {
     bool is_shadow;
-    bool is_live; /* false only for a shadow that still catches up missed ticks */
-    int64_t tick; /* the newest tick */
+    bool has_caught_up; /* false only for a shadow that still catches up missed ticks */
+    int64_t tick;       /* the newest tick */
     uint64_t steps;
     uint64_t ticks;
     uint64_t skipped;

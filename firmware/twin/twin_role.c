@@ -226,7 +226,7 @@ static tl_status confine_role(const role *self, tl_confine_facts *facts, tl_erro
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
         .whole_process = true,
-        .lives_on = self->job.task == TL_TASK_LIVE,
+        .only_denies = self->job.task == TL_TASK_LIVE,
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_readable_paths_free(&places);

@@ -171,7 +171,7 @@ static void write_size(const tl_account_finding *finding, char *text, size_t siz
 }
 
 static void write_sentence(const tl_account_finding *finding, tl_twin_verify_report *outcome) {
-    static const char *const outcomes[TL_MENDED] = {
+    static const char *const outcomes[TL_MENDED_COUNT] = {
         [TL_MENDED_NOT] = "committed results may be wrong from now on",
         [TL_REPAIRED_BY_MEMORY] = "it is rolled back by its memory from now on",
         [TL_REPAIRED_BY_STATES] = "it is rolled back by its own states from now on",

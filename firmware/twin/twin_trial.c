@@ -231,11 +231,11 @@ static const tl_fmu *find_fmu(const tl_assembly *assembly, size_t component) {
 
 void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods *ways) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-    ways->cannot_return = facts.cannot_return ? 1 : 0;
-    if (facts.astray != NULL) {
-        name_component(ways->component, facts.astray);
+    ways->rollback_inexact = facts.rollback_inexact ? 1 : 0;
+    if (facts.inexact_component != NULL) {
+        name_component(ways->component, facts.inexact_component);
     }
-    for (size_t i = 0; i < assembly->config.component_count && (facts.returns || facts.cannot_return); i++) {
+    for (size_t i = 0; i < assembly->config.component_count && (facts.returns || facts.rollback_inexact); i++) {
         const tl_fmu *fmu = find_fmu(assembly, i);
         if (fmu != NULL) {
             ways->of[i] = (tl_component_method){.rollback = (uint32_t)tl_fmu_rollback(fmu),
@@ -297,7 +297,7 @@ tl_status tl_component_methods_try(tl_assembly *assembly, tl_component_methods *
     tl_component_methods_note(assembly, ways);
     if (status != TL_OK) {
         /* A failed step does not mean that a rollback failed. */
-        if (ways->cannot_return != 0 && ways->component[0] == '\0') {
+        if (ways->rollback_inexact != 0 && ways->component[0] == '\0') {
             tl_assembly_find_component(assembly, error->text, ways->component);
         }
         return status;

@@ -100,7 +100,7 @@ typedef struct tl_component_method {
 } tl_component_method;
 
 typedef struct tl_component_methods {
-    uint32_t cannot_return;           /* 1: the rollback of a component is not exact */
+    uint32_t rollback_inexact;        /* 1: the rollback of a component is not exact */
     char component[TL_ASSEMBLY_NAME]; /* that component, or the one whose failure ended a trial; "": none or unknown */
     tl_component_method of[TL_RECORDER_COMPONENTS];
 } tl_component_methods;

@@ -327,7 +327,7 @@ tl_status tl_component_step_all(tl_component *components, size_t count, double n
         tl_status status = TL_OK;
         what.now = component->start_s + now;
         what.last = component + 1 == components + count;
-        what.final = final || component->fmi->is_unaware || component->says_final ? fmi2True : fmi2False;
+        what.final = final || component->fmi->always_final || component->says_final ? fmi2True : fmi2False;
         if (component->mode != TL_MODE_STEPPING) {
             status = refuse_to_step(component, error);
         } else if (component->reals_only && component->fmi->step_reals != NULL) {
@@ -378,22 +378,22 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
 }
 
 bool tl_component_save_copy(tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
+    const tl_fmi2_fallback *fallback = component->fmi->fallback;
     return fallback != NULL && component->mode != TL_MODE_DEAD && fallback->keep(component->instance) <= fmi2Warning;
 }
 
 size_t tl_component_copy_size(const tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
+    const tl_fmi2_fallback *fallback = component->fmi->fallback;
     return fallback != NULL && component->mode != TL_MODE_DEAD ? fallback->size(component->instance) : 0;
 }
 
 bool tl_component_restore_copy(tl_component *component, const char *why) {
-    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
+    const tl_fmi2_fallback *fallback = component->fmi->fallback;
     if (fallback == NULL || component->mode == TL_MODE_DEAD) {
         return false;
     }
     fmi2Status status =
-        why != NULL ? fallback->give_up_states(component->instance, why) : fallback->come_back(component->instance);
+        why != NULL ? fallback->next_method(component->instance, why) : fallback->restore_start(component->instance);
     if (status > fmi2Warning) {
         return false;
     }
@@ -405,19 +405,19 @@ bool tl_component_restore_copy(tl_component *component, const char *why) {
 }
 
 bool tl_component_has_choice(const tl_component *component) {
-    const tl_fmi2_fallback *fallback = component->fmi->full_copy;
+    const tl_fmi2_fallback *fallback = component->fmi->fallback;
     return fallback != NULL && component->mode == TL_MODE_STEPPING && fallback->has_choice(component->instance);
 }
 
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times) {
     component->replaces_states = false;
-    component->prefers_copy = component->fmi->full_copy->prefer_copy(component->instance, times) <= fmi2Warning;
+    component->prefers_copy = component->fmi->fallback->prefer_copy(component->instance, times) <= fmi2Warning;
     return component->prefers_copy;
 }
 
 void tl_component_drop_copy(const tl_component *component) {
-    if (component->fmi->full_copy != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
-        component->fmi->full_copy->let_go(component->instance);
+    if (component->fmi->fallback != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
+        component->fmi->fallback->end_proof(component->instance);
     }
 }
 

@@ -38,21 +38,21 @@ typedef struct tl_fmi2_times {
 } tl_fmi2_times;
 
 /* Not part of FMI: another rollback method for an FMU whose own states may be wrong.
- * `keep`:           makes a full copy of the FMU and drops the earlier copy.
- * `come_back`:      restores the copy.
- * `give_up_states`: restores the copy and rolls back by the next method from now on. `why`: cause
- *                   for the log; "" if it is not known.
- * `let_go`:         frees the copy.
- * `size`:           bytes of a copy; 0: not known.
- * `has_choice`:     true if the FMU is rolled back by its own states and its memory can be copied.
- * `prefer_copy`:    only if has_choice() is true and no state is saved: rolls back by copies of the
- *                   memory from now on. `give_up_states` returns to the FMU's own states.
+ * `keep`:          makes a full copy of the FMU at the start of a proof and frees the earlier copy.
+ * `restore_start`: restores the copy.
+ * `next_method`:   restores the copy and rolls back by the next method from now on. `why`: cause
+ *                  for the log; "" if it is not known.
+ * `end_proof`:     frees the copy.
+ * `size`:          bytes of a copy; 0: not known.
+ * `has_choice`:    true if the FMU is rolled back by its own states and its memory can be copied.
+ * `prefer_copy`:   only if has_choice() is true and no state is saved: rolls back by copies of the
+ *                  memory from now on. `next_method` returns to the FMU's own states.
  * Errors: fmi2Error if it is not possible; the reason was logged. */
 typedef struct tl_fmi2_fallback {
     fmi2Status (*keep)(fmi2Component instance);
-    fmi2Status (*come_back)(fmi2Component instance);
-    fmi2Status (*give_up_states)(fmi2Component instance, const char *why);
-    void (*let_go)(fmi2Component instance);
+    fmi2Status (*restore_start)(fmi2Component instance);
+    fmi2Status (*next_method)(fmi2Component instance, const char *why);
+    void (*end_proof)(fmi2Component instance);
     size_t (*size)(fmi2Component instance);
     bool (*has_choice)(fmi2Component instance);
     fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
@@ -107,11 +107,11 @@ typedef struct tl_fmi2 {
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2GetBooleanStatusTYPE *get_boolean_status;              /* optional */
     fmi2DoStepTYPE *do_step;
-    tl_fmi2_step_reals *step_reals;    /* NULL: the three functions are called one by one */
-    const tl_fmi2_fallback *full_copy; /* NULL: there is no other method */
-    tl_fmi2_note_ports *know_ports;    /* NULL: not needed */
+    tl_fmi2_step_reals *step_reals;   /* NULL: the three functions are called one by one */
+    const tl_fmi2_fallback *fallback; /* NULL: there is no other method */
+    tl_fmi2_note_ports *know_ports;   /* NULL: not needed */
     tl_fmi2_replay replay;
-    bool is_unaware;                        /* rolled back from outside: every step is marked as final */
+    bool always_final;                      /* rolled back from outside: every step is marked as final */
     tl_fmi2_state_size *state_size;         /* NULL: the size is not known */
     tl_fmi2_reserve_states *reserve_states; /* NULL: each state is allocated when it is saved */
 } tl_fmi2;

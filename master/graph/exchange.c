@@ -68,11 +68,11 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
 
 /* Remaining bound for the caches; minimal, but not "no bound", if other modules use all of it. */
 static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
-    uint64_t beside = 0;
+    uint64_t extra_states = 0;
     for (size_t i = 0; i < exchange->component_count && exchange->cached != NULL; i++) {
-        beside += (uint64_t)exchange->beside * exchange->rooms[i].size;
+        extra_states += (uint64_t)exchange->extra_states * exchange->rooms[i].size;
     }
-    return bytes == 0 || beside == 0 ? bytes : beside < bytes ? bytes - beside : 1;
+    return bytes == 0 || extra_states == 0 ? bytes : extra_states < bytes ? bytes - extra_states : 1;
 }
 
 tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error) {
@@ -85,7 +85,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
     }
     tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));
     for (size_t i = 0; i < count && status == TL_OK; i++) {
-        size_t states = (size_t)exchange->rooms[i].kept + exchange->beside;
+        size_t states = (size_t)exchange->rooms[i].kept + exchange->extra_states;
         tl_cached_component_limit(&exchange->cached[i], exchange->rooms[i].kept);
         status = tl_component_reserve_states(&exchange->components[i], states, error);
         status = status == TL_OK ? tl_cached_component_start(&exchange->cached[i], error) : status;

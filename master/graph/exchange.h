@@ -71,7 +71,7 @@ typedef struct tl_exchange {
     double step_s;               /* T_S, s */
     uint32_t *reach;             /* Γ_k of each component, then of the plant; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: nothing is saved by sequences */
-    uint32_t beside;             /* states per component that other modules keep; they count towards the memory bound */
+    uint32_t extra_states;       /* states per component that other modules keep; they count towards the memory bound */
     tl_state_room *rooms;        /* one per component, for its cache; filled by tl_exchange_start() */
     bool whole;                  /* no executions are saved: all components execute in one call */
     tl_costs costs;              /* of executions */

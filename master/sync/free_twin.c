@@ -51,32 +51,32 @@ static double product(const double *one, const double *other) {
 
 /* ---- memory ---- */
 
-static void forget_trials(tl_free_run_check *contest) {
-    contest->count = 0;
-    contest->at = 0;
-    contest->since = 0;
-    contest->lost = 0;
-    contest->excess = 0.0;
+static void forget_trials(tl_free_run_check *free_run_check) {
+    free_run_check->count = 0;
+    free_run_check->at = 0;
+    free_run_check->since = 0;
+    free_run_check->lost = 0;
+    free_run_check->excess = 0.0;
 }
 
-static void begin_trial(tl_free_run_check *contest) {
-    contest->steps = 0;
-    contest->counted = 0;
-    contest->sum = (tl_free_run_check_trial){0};
+static void begin_trial(tl_free_run_check *free_run_check) {
+    free_run_check->steps = 0;
+    free_run_check->counted = 0;
+    free_run_check->sum = (tl_free_run_check_trial){0};
 }
 
-void tl_free_run_check_reset(tl_free_run_check *contest) {
-    forget_trials(contest);
-    begin_trial(contest);
-    contest->rests = false;
-    contest->follows = false;
+void tl_free_run_check_reset(tl_free_run_check *free_run_check) {
+    forget_trials(free_run_check);
+    begin_trial(free_run_check);
+    free_run_check->rests = false;
+    free_run_check->follows = false;
 }
 
-static void add_trial(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
-    contest->trial[contest->at] = *trial;
-    contest->at = (contest->at + 1) % TL_FREE_RUN_CHECK_TRIALS;
-    contest->count += contest->count < TL_FREE_RUN_CHECK_TRIALS ? 1 : 0;
-    contest->since++;
+static void add_trial(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial) {
+    free_run_check->trial[free_run_check->at] = *trial;
+    free_run_check->at = (free_run_check->at + 1) % TL_FREE_RUN_CHECK_TRIALS;
+    free_run_check->count += free_run_check->count < TL_FREE_RUN_CHECK_TRIALS ? 1 : 0;
+    free_run_check->since++;
 }
 
 static void add_to(tl_free_run_check_average *average, double value, uint32_t count) {
@@ -99,8 +99,9 @@ static void subtract(const double *from, const double *what, double *rest) {
 }
 
 /* The plant has changed or was disturbed: the error of such a prediction is not noise. */
-static bool is_disturbed(const tl_free_run_check *contest, double square) {
-    return contest->known.count >= TL_FREE_RUN_CHECK_LEAST && square > DISTURBED * contest->known.surprise.mean;
+static bool is_disturbed(const tl_free_run_check *free_run_check, double square) {
+    return free_run_check->known.count >= TL_FREE_RUN_CHECK_LEAST &&
+           square > DISTURBED * free_run_check->known.surprise.mean;
 }
 
 static estimate find_average(const tl_free_run_check_average *average, uint32_t count) {
@@ -117,19 +118,19 @@ static double rise(const tl_free_run_check_average *recent, const tl_free_run_ch
 /* Drops the long average if conditions have changed. Model errors hide a part of the noise, so less
  * noise is no change. More noise is: the plant is calm again, or a sensor has become worse. Better
  * predictions show either, too. */
-static bool has_changed(const tl_free_run_check *contest) {
-    return contest->recent.count >= TL_FREE_RUN_CHECK_RECENT &&
-           (rise(&contest->recent.noise, &contest->known.noise) > CHANGED ||
-            rise(&contest->recent.surprise, &contest->known.surprise) < -CHANGED);
+static bool has_changed(const tl_free_run_check *free_run_check) {
+    return free_run_check->recent.count >= TL_FREE_RUN_CHECK_RECENT &&
+           (rise(&free_run_check->recent.noise, &free_run_check->known.noise) > CHANGED ||
+            rise(&free_run_check->recent.surprise, &free_run_check->known.surprise) < -CHANGED);
 }
 
 /* Of this prediction and of the one before it. */
-static void learn_noise(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+static void learn_noise(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial,
                         const tl_free_run_check_errors *errors) {
     double now[TL_MAX_MATCH];
     double before[TL_MAX_MATCH];
-    subtract(errors->predicted, contest->lasting, now);
-    subtract(contest->before, contest->lasting, before);
+    subtract(errors->predicted, free_run_check->lasting, now);
+    subtract(free_run_check->before, free_run_check->lasting, before);
     double square = product(now, now);
     double kept = product(errors->locked, now);
     const tl_free_run_check_noise seen = {
@@ -138,53 +139,53 @@ static void learn_noise(tl_free_run_check *contest, const tl_free_run_check_tria
         .kept = {.mean = kept},
         .noise = {.mean = kept - product(now, before)},
     };
-    add_noise(&contest->recent, &seen, TL_FREE_RUN_CHECK_RECENT);
-    if (has_changed(contest)) {
-        contest->known = contest->recent;
-    } else if (!is_disturbed(contest, square) && !is_disturbed(contest, product(before, before))) {
-        add_noise(&contest->known, &seen, TL_FREE_RUN_CHECK_MEMORY);
+    add_noise(&free_run_check->recent, &seen, TL_FREE_RUN_CHECK_RECENT);
+    if (has_changed(free_run_check)) {
+        free_run_check->known = free_run_check->recent;
+    } else if (!is_disturbed(free_run_check, square) && !is_disturbed(free_run_check, product(before, before))) {
+        add_noise(&free_run_check->known, &seen, TL_FREE_RUN_CHECK_MEMORY);
     }
 }
 
 /* Ends a prediction if something was measured. */
-static void learn(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+static void learn(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial,
                   const tl_free_run_check_errors *errors) {
-    if (contest->follows) {
-        learn_noise(contest, trial, errors);
+    if (free_run_check->follows) {
+        learn_noise(free_run_check, trial, errors);
         for (size_t i = 0; i < TL_MAX_MATCH; i++) {
-            contest->lasting[i] += LASTING * (bounded(contest->before[i]) - contest->lasting[i]);
+            free_run_check->lasting[i] += LASTING * (bounded(free_run_check->before[i]) - free_run_check->lasting[i]);
         }
     }
-    contest->follows = true;
-    memcpy(contest->before, errors->predicted, sizeof contest->before);
+    free_run_check->follows = true;
+    memcpy(free_run_check->before, errors->predicted, sizeof free_run_check->before);
 }
 
 /* ---- verdict ---- */
 
 /* The term of the used noise: 2·g·s². */
-static estimate find_gain(const tl_free_run_check *contest) {
-    const tl_free_run_check_noise *known = &contest->known;
+static estimate find_gain(const tl_free_run_check *free_run_check) {
+    const tl_free_run_check_noise *known = &free_run_check->known;
     double part = 1.0 - known->kept.mean / fmax(known->surprise.mean, NEGLIGIBLE);
     double twice = 2.0 * fmin(fmax(part, 0.0), 1.0);
     estimate noise = find_average(&known->noise, known->count);
-    double most = MOST_NOISE * contest->weight;
+    double most = MOST_NOISE * free_run_check->weight;
     double value = fmin(fmax(noise.value, 0.0), most);
     double error = fmin(noise.error, most);
     return (estimate){twice * value, twice * error};
 }
 
 /* The trial `by` places before the next one. */
-static const tl_free_run_check_trial *trial_before(const tl_free_run_check *contest, uint32_t by) {
-    return &contest->trial[(contest->at + TL_FREE_RUN_CHECK_TRIALS - by) % TL_FREE_RUN_CHECK_TRIALS];
+static const tl_free_run_check_trial *trial_before(const tl_free_run_check *free_run_check, uint32_t by) {
+    return &free_run_check->trial[(free_run_check->at + TL_FREE_RUN_CHECK_TRIALS - by) % TL_FREE_RUN_CHECK_TRIALS];
 }
 
 /* Mean excess of the twin's error over the free-running one's, or over `than` if that is not
  * negative; over the newest trials. */
-static estimate find_mean(const tl_free_run_check *contest, uint32_t count, double than) {
+static estimate find_mean(const tl_free_run_check *free_run_check, uint32_t count, double than) {
     double sum = 0.0;
     double squares = 0.0;
     for (uint32_t i = 1; i <= count; i++) {
-        const tl_free_run_check_trial *trial = trial_before(contest, i);
+        const tl_free_run_check_trial *trial = trial_before(free_run_check, i);
         double difference = trial->locked - (than < 0.0 ? trial->free : than);
         sum += difference;
         squares += difference * difference;
@@ -208,143 +209,147 @@ static estimate sum(estimate one, estimate other) {
 }
 
 /* Excess of the lock's error over that of the free-running twin, over the newest trials. */
-static estimate find_harm(const tl_free_run_check *contest, uint32_t count) {
-    return sum(find_mean(contest, count, -1.0), find_gain(contest));
+static estimate find_harm(const tl_free_run_check *free_run_check, uint32_t count) {
+    return sum(find_mean(free_run_check, count, -1.0), find_gain(free_run_check));
 }
 
 /* Whether the free-running twin has lost for so long that it is useless. */
-static bool is_useless(tl_free_run_check *contest, estimate harm) {
-    if (contest->count < TL_FREE_RUN_CHECK_TRIALS || contest->since < TL_FREE_RUN_CHECK_TRIALS) {
+static bool is_useless(tl_free_run_check *free_run_check, estimate harm) {
+    if (free_run_check->count < TL_FREE_RUN_CHECK_TRIALS || free_run_check->since < TL_FREE_RUN_CHECK_TRIALS) {
         return false;
     }
-    contest->since = 0;
-    contest->lost = is_less(harm) ? contest->lost + 1 : 0;
-    return contest->lost >= TL_FREE_RUN_CHECK_LOST;
+    free_run_check->since = 0;
+    free_run_check->lost = is_less(harm) ? free_run_check->lost + 1 : 0;
+    return free_run_check->lost >= TL_FREE_RUN_CHECK_LOST;
 }
 
-static void check_locked(tl_free_run_check *contest, tl_free_run_check_verdict *verdict) {
-    estimate harm = find_harm(contest, contest->count);
+static void check_locked(tl_free_run_check *free_run_check, tl_free_run_check_verdict *verdict) {
+    estimate harm = find_harm(free_run_check, free_run_check->count);
     if (is_more(harm)) {
         verdict->turned = true;
-        verdict->adopt =
-            find_harm(contest, contest->count / 4).value > 0.0; /* recently as well: it does not drift away */
-        contest->rests = true;
-        contest->follows = false;
-        forget_trials(contest);
-    } else if (is_useless(contest, harm)) {
+        verdict->adopt = find_harm(free_run_check, free_run_check->count / 4).value >
+                         0.0; /* recently as well: it does not drift away */
+        free_run_check->rests = true;
+        free_run_check->follows = false;
+        forget_trials(free_run_check);
+    } else if (is_useless(free_run_check, harm)) {
         verdict->renew = true;
-        forget_trials(contest);
+        forget_trials(free_run_check);
     }
 }
 
 /* Whether the resting twin is further off than a locked one would be, at once or lastingly. */
-static bool is_too_far(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
-    estimate gain = find_gain(contest);
-    double usual = fmax(contest->known.locked.mean + gain.value, NEGLIGIBLE);
-    contest->excess = fmax(0.0, contest->excess + fmin(trial->locked / (usual + gain.error), COUNTED) - ALLOWED);
-    if (contest->excess > TOO_MUCH) {
+static bool is_too_far(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial) {
+    estimate gain = find_gain(free_run_check);
+    double usual = fmax(free_run_check->known.locked.mean + gain.value, NEGLIGIBLE);
+    free_run_check->excess =
+        fmax(0.0, free_run_check->excess + fmin(trial->locked / (usual + gain.error), COUNTED) - ALLOWED);
+    if (free_run_check->excess > TOO_MUCH) {
         return true;
     }
-    return contest->count >= TL_FREE_RUN_CHECK_LEAST &&
-           is_more(sum(find_mean(contest, contest->count, usual), (estimate){0.0, gain.error}));
+    return free_run_check->count >= TL_FREE_RUN_CHECK_LEAST &&
+           is_more(sum(find_mean(free_run_check, free_run_check->count, usual), (estimate){0.0, gain.error}));
 }
 
-static void check_resting(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+static void check_resting(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial,
                           tl_free_run_check_verdict *verdict) {
-    if (is_too_far(contest, trial)) {
+    if (is_too_far(free_run_check, trial)) {
         verdict->turned = true;
-        contest->rests = false;
-        forget_trials(contest);
+        free_run_check->rests = false;
+        forget_trials(free_run_check);
         return;
     }
-    if (contest->count < TL_FREE_RUN_CHECK_LEAST) {
+    if (free_run_check->count < TL_FREE_RUN_CHECK_LEAST) {
         return;
     }
-    estimate difference = find_mean(contest, contest->count, -1.0); /* neither has used any noise */
-    verdict->adopt = is_more(difference) && find_mean(contest, contest->count / 4, -1.0).value > 0.0;
+    estimate difference = find_mean(free_run_check, free_run_check->count, -1.0); /* neither has used any noise */
+    verdict->adopt = is_more(difference) && find_mean(free_run_check, free_run_check->count / 4, -1.0).value > 0.0;
     verdict->renew = is_less(difference);
     if (verdict->adopt || verdict->renew) {
-        forget_trials(contest);
+        forget_trials(free_run_check);
     }
 }
 
 /* A trial of which less than half was measured does not count. */
-static void end_trial(tl_free_run_check *contest, const tl_free_run_check_errors *errors, bool measured,
+static void end_trial(tl_free_run_check *free_run_check, const tl_free_run_check_errors *errors, bool measured,
                       tl_free_run_check_verdict *verdict) {
-    bool is_counted = 2 * contest->counted >= contest->guard;
-    tl_free_run_check_trial trial = contest->sum;
-    trial.locked /= fmax(contest->counted, 1.0);
-    trial.free /= fmax(contest->counted, 1.0);
+    bool is_counted = 2 * free_run_check->counted >= free_run_check->guard;
+    tl_free_run_check_trial trial = free_run_check->sum;
+    trial.locked /= fmax(free_run_check->counted, 1.0);
+    trial.free /= fmax(free_run_check->counted, 1.0);
     if (is_counted) {
-        add_trial(contest, &trial);
+        add_trial(free_run_check, &trial);
     }
-    if (contest->rests) {
+    if (free_run_check->rests) {
         if (is_counted) {
-            check_resting(contest, &trial, verdict);
+            check_resting(free_run_check, &trial, verdict);
         }
     } else {
         if (is_counted && measured) {
-            learn(contest, &trial, errors);
+            learn(free_run_check, &trial, errors);
         } else {
-            contest->follows = false;
+            free_run_check->follows = false;
         }
-        if (contest->count >= TL_FREE_RUN_CHECK_LEAST && contest->known.count >= TL_FREE_RUN_CHECK_LEAST) {
-            check_locked(contest, verdict);
+        if (free_run_check->count >= TL_FREE_RUN_CHECK_LEAST &&
+            free_run_check->known.count >= TL_FREE_RUN_CHECK_LEAST) {
+            check_locked(free_run_check, verdict);
         }
     }
-    begin_trial(contest);
-    verdict->predict = !contest->rests;
+    begin_trial(free_run_check);
+    verdict->predict = !free_run_check->rests;
 }
 
-tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *contest, const tl_free_run_check_errors *errors,
-                                                 bool measured) {
+tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *free_run_check,
+                                                 const tl_free_run_check_errors *errors, bool measured) {
     tl_free_run_check_verdict verdict = {0};
-    contest->weight = errors->weight;
-    contest->steps++;
+    free_run_check->weight = errors->weight;
+    free_run_check->steps++;
     if (measured) {
-        contest->counted++;
-        contest->sum.locked += product(errors->locked, errors->locked);
-        contest->sum.free += product(errors->free, errors->free);
+        free_run_check->counted++;
+        free_run_check->sum.locked += product(errors->locked, errors->locked);
+        free_run_check->sum.free += product(errors->free, errors->free);
     }
-    if (contest->steps >= contest->guard) {
-        end_trial(contest, errors, measured, &verdict);
+    if (free_run_check->steps >= free_run_check->guard) {
+        end_trial(free_run_check, errors, measured, &verdict);
     }
     return verdict;
 }
 
 /* ---- archive ---- */
 
-static void require_sound(const tl_free_run_check *contest, tl_archive *archive) {
-    tl_archive_require(archive, contest->steps < contest->guard && contest->counted <= contest->steps);
-    tl_archive_require(archive, contest->count <= TL_FREE_RUN_CHECK_TRIALS && contest->at < TL_FREE_RUN_CHECK_TRIALS);
-    tl_archive_require(archive, contest->known.count <= TL_FREE_RUN_CHECK_MEMORY &&
-                                    contest->recent.count <= TL_FREE_RUN_CHECK_RECENT);
-    tl_archive_require_finite(archive, contest->lasting, TL_MAX_MATCH);
-    tl_archive_require_finite(archive, &contest->sum.locked, 2);
-    tl_archive_require_finite(archive, &contest->trial[0].locked, 2 * (size_t)TL_FREE_RUN_CHECK_TRIALS);
-    tl_archive_require_finite(archive, &contest->known.locked.mean, 8);
-    tl_archive_require_finite(archive, &contest->recent.locked.mean, 8);
-    tl_archive_require_finite(archive, &contest->excess, 1);
+static void require_sound(const tl_free_run_check *free_run_check, tl_archive *archive) {
+    tl_archive_require(archive, free_run_check->steps < free_run_check->guard &&
+                                    free_run_check->counted <= free_run_check->steps);
+    tl_archive_require(archive, free_run_check->count <= TL_FREE_RUN_CHECK_TRIALS &&
+                                    free_run_check->at < TL_FREE_RUN_CHECK_TRIALS);
+    tl_archive_require(archive, free_run_check->known.count <= TL_FREE_RUN_CHECK_MEMORY &&
+                                    free_run_check->recent.count <= TL_FREE_RUN_CHECK_RECENT);
+    tl_archive_require_finite(archive, free_run_check->lasting, TL_MAX_MATCH);
+    tl_archive_require_finite(archive, &free_run_check->sum.locked, 2);
+    tl_archive_require_finite(archive, &free_run_check->trial[0].locked, 2 * (size_t)TL_FREE_RUN_CHECK_TRIALS);
+    tl_archive_require_finite(archive, &free_run_check->known.locked.mean, 8);
+    tl_archive_require_finite(archive, &free_run_check->recent.locked.mean, 8);
+    tl_archive_require_finite(archive, &free_run_check->excess, 1);
 }
 
-void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive) {
-    tl_archive_flag(archive, &contest->rests);
-    tl_archive_flag(archive, &contest->follows);
-    tl_archive_part(archive, contest->before, sizeof contest->before);
-    tl_archive_part(archive, contest->lasting, sizeof contest->lasting);
-    tl_archive_part(archive, &contest->steps, sizeof contest->steps);
-    tl_archive_part(archive, &contest->counted, sizeof contest->counted);
-    tl_archive_part(archive, &contest->sum, sizeof contest->sum);
-    tl_archive_part(archive, contest->trial, sizeof contest->trial);
-    tl_archive_part(archive, &contest->count, sizeof contest->count);
-    tl_archive_part(archive, &contest->at, sizeof contest->at);
-    tl_archive_part(archive, &contest->since, sizeof contest->since);
-    tl_archive_part(archive, &contest->lost, sizeof contest->lost);
-    tl_archive_part(archive, &contest->known, sizeof contest->known);
-    tl_archive_part(archive, &contest->recent, sizeof contest->recent);
-    tl_archive_part(archive, &contest->excess, sizeof contest->excess);
+void tl_free_run_check_archive(tl_free_run_check *free_run_check, tl_archive *archive) {
+    tl_archive_flag(archive, &free_run_check->rests);
+    tl_archive_flag(archive, &free_run_check->follows);
+    tl_archive_part(archive, free_run_check->before, sizeof free_run_check->before);
+    tl_archive_part(archive, free_run_check->lasting, sizeof free_run_check->lasting);
+    tl_archive_part(archive, &free_run_check->steps, sizeof free_run_check->steps);
+    tl_archive_part(archive, &free_run_check->counted, sizeof free_run_check->counted);
+    tl_archive_part(archive, &free_run_check->sum, sizeof free_run_check->sum);
+    tl_archive_part(archive, free_run_check->trial, sizeof free_run_check->trial);
+    tl_archive_part(archive, &free_run_check->count, sizeof free_run_check->count);
+    tl_archive_part(archive, &free_run_check->at, sizeof free_run_check->at);
+    tl_archive_part(archive, &free_run_check->since, sizeof free_run_check->since);
+    tl_archive_part(archive, &free_run_check->lost, sizeof free_run_check->lost);
+    tl_archive_part(archive, &free_run_check->known, sizeof free_run_check->known);
+    tl_archive_part(archive, &free_run_check->recent, sizeof free_run_check->recent);
+    tl_archive_part(archive, &free_run_check->excess, sizeof free_run_check->excess);
     if (tl_archive_is_loading(archive)) {
-        require_sound(contest, archive);
+        require_sound(free_run_check, archive);
     }
 }
 
@@ -360,12 +365,12 @@ static bool init_snapshot(tl_snapshot *snapshot, tl_arena *arena, const tl_excha
 
 bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchange, const tl_objective *objective,
                        uint32_t guard) {
-    *twin = (tl_free_twin){.exchange = exchange, .objective = objective, .is_led = guard != 0};
+    *twin = (tl_free_twin){.exchange = exchange, .objective = objective, .is_enabled = guard != 0};
     if (guard == 0) {
         return true;
     }
-    twin->contest.guard = guard;
-    exchange->beside += STATES;
+    twin->free_run_check.guard = guard;
+    exchange->extra_states += STATES;
     twin->executions = tl_arena_take(arena, exchange->component_count, sizeof *twin->executions);
     return twin->executions != NULL && init_snapshot(&twin->free, arena, exchange) &&
            init_snapshot(&twin->predicted, arena, exchange);
@@ -380,23 +385,23 @@ static bool has_replay(const tl_exchange *exchange) {
 }
 
 tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error) {
-    twin->is_led = twin->is_led && !has_replay(twin->exchange);
-    if (!twin->is_led) {
+    twin->is_enabled = twin->is_enabled && !has_replay(twin->exchange);
+    if (!twin->is_enabled) {
         return TL_OK;
     }
     tl_exchange_keep_always(twin->exchange);
-    tl_free_run_check_reset(&twin->contest);
+    tl_free_run_check_reset(&twin->free_run_check);
     twin->predicts = true;
     tl_status status = tl_snapshot_take(&twin->free, error);
     return status == TL_OK ? tl_snapshot_take(&twin->predicted, error) : status;
 }
 
 bool tl_free_twin_rests(const tl_free_twin *twin) {
-    return twin->contest.rests;
+    return twin->free_run_check.rests;
 }
 
 void tl_free_twin_retune(tl_free_twin *twin) {
-    twin->contest = (tl_free_run_check){.guard = twin->contest.guard};
+    twin->free_run_check = (tl_free_run_check){.guard = twin->free_run_check.guard};
     twin->predicts = false;
 }
 
@@ -463,7 +468,7 @@ static tl_status execute_saved(tl_free_twin *twin, tl_snapshot *one, const tl_re
 /* Starts what is to start; the FMUs are in the twin's state. */
 static tl_status start_due(tl_free_twin *twin, bool predicts, bool renews, tl_error *error) {
     tl_status status = predicts ? tl_snapshot_take(&twin->predicted, error) : TL_OK;
-    twin->predicts = predicts || (twin->predicts && !twin->contest.rests);
+    twin->predicts = predicts || (twin->predicts && !twin->free_run_check.rests);
     twin->counts.renewed += renews ? 1 : 0;
     return status == TL_OK && renews ? tl_snapshot_take(&twin->free, error) : status;
 }
@@ -498,20 +503,20 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_fr
     tl_free_run_check_errors errors = {.weight = sum_of_weights(twin->objective)};
     bool failed[2] = {false, false};
     *verdict = (tl_free_run_check_verdict){0};
-    if (!twin->is_led) {
+    if (!twin->is_enabled) {
         return TL_OK;
     }
-    bool rested = twin->contest.rests;
+    bool rested = twin->free_run_check.rests;
     bool measured = measure(twin, record, record->y, errors.locked);
     tl_status status = execute_both(twin, record, &errors, failed, error);
     if (status != TL_OK) {
         return status;
     }
     if (!rested && (!twin->predicts || failed[1])) { /* nothing can be compared yet, or any more */
-        tl_free_run_check_reset(&twin->contest);
+        tl_free_run_check_reset(&twin->free_run_check);
         return start_due(twin, true, failed[0], error);
     }
-    *verdict = tl_free_run_check_step(&twin->contest, &errors, measured);
+    *verdict = tl_free_run_check_step(&twin->free_run_check, &errors, measured);
     count(twin, rested, verdict);
     if (verdict->adopt) {
         twin->predicts = false;
@@ -521,10 +526,10 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_fr
 }
 
 tl_status tl_free_twin_archive(tl_free_twin *twin, tl_archive *archive, tl_error *error) {
-    if (!twin->is_led) {
+    if (!twin->is_enabled) {
         return TL_OK;
     }
-    tl_free_run_check_archive(&twin->contest, archive);
+    tl_free_run_check_archive(&twin->free_run_check, archive);
     tl_archive_flag(archive, &twin->predicts);
     tl_status status = tl_snapshot_archive(&twin->free, archive, error);
     return status == TL_OK ? tl_snapshot_archive(&twin->predicted, archive, error) : status;

@@ -118,14 +118,14 @@ typedef struct tl_free_run_check {
 } tl_free_run_check;
 
 /* Evaluates a committed step. `measured`: false if no output had a good measurement. */
-tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *contest, const tl_free_run_check_errors *errors,
-                                                 bool measured);
+tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *free_run_check,
+                                                 const tl_free_run_check_errors *errors, bool measured);
 
 /* Restarts the predictions and drops their history; u does not rest. The known noise stays. */
-void tl_free_run_check_reset(tl_free_run_check *contest);
+void tl_free_run_check_reset(tl_free_run_check *free_run_check);
 
 /* Saves or loads all data except `guard`. */
-void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive);
+void tl_free_run_check_archive(tl_free_run_check *free_run_check, tl_archive *archive);
 
 /* ---- The free-running twin: the same co-simulation without corrections, beside the locked one.
  *
@@ -145,11 +145,11 @@ void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive);
 typedef struct tl_free_twin {
     tl_exchange *exchange;
     const tl_objective *objective;
-    bool is_led;   /* there is a free-running twin */
-    bool predicts; /* `predicted` holds a prediction; else the next one must start */
+    bool is_enabled; /* there is a free-running twin */
+    bool predicts;   /* `predicted` holds a prediction; else the next one must start */
     tl_snapshot free;
     tl_snapshot predicted;
-    tl_free_run_check contest;
+    tl_free_run_check free_run_check;
     uint64_t *executions; /* of each component: its count, saved during executions that do not count */
     tl_free_twin_counts counts;
 } tl_free_twin;

@@ -296,7 +296,7 @@ static tl_status note_culprit(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
         const tl_exchange *exchange = self->synchroniser->exchange;
         self->culprit = find_failed(exchange);
-        bool by_own = self->culprit != NO_COMPONENT && !exchange->components[self->culprit].fmi->is_unaware;
+        bool by_own = self->culprit != NO_COMPONENT && !exchange->components[self->culprit].fmi->always_final;
         self->cause = self->proof->was_saved && by_own ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
     }
     return status;

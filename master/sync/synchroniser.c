@@ -351,14 +351,14 @@ static tl_outcome improve(tl_step_search *search, double value) {
 /* All is within tolerance, but a solver that can guess has no data of this twin yet. Without them
  * the twin would move freely within the tolerance until the first large error. */
 static bool needs_teaching(const tl_synchroniser *synchroniser) {
-    return !synchroniser->met && synchroniser->solver->is_new != NULL &&
+    return !synchroniser->had_final_search && synchroniser->solver->is_new != NULL &&
            synchroniser->solver->is_new(synchroniser->optimiser);
 }
 
 /* Once per run. While all is well, a variable without effect is not news. */
 static tl_outcome teach_solver(tl_step_search *search, double value) {
     tl_synchroniser *synchroniser = search->synchroniser;
-    synchroniser->met = true;
+    synchroniser->had_final_search = true;
     search->acquaints = true;
     run_search(search, value);
     bool searched = search->evaluations > 1;
@@ -711,7 +711,7 @@ static void forget_solver(const tl_optimiser_class *solver, tl_optimiser *optimi
 static void forget_courses(tl_synchroniser *synchroniser) {
     synchroniser->courses = 0;
     synchroniser->was_blind = false;
-    synchroniser->met = false;
+    synchroniser->had_final_search = false;
     forget_solver(synchroniser->solver, synchroniser->optimiser);
     forget_solver(synchroniser->fallback, synchroniser->second);
 }

@@ -88,7 +88,7 @@ typedef struct tl_synchroniser {
     bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
     bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool met;                         /* the solver has had its one search with all outputs within tolerance */
+    bool had_final_search;            /* the solver has had its one search with all outputs within tolerance */
     tl_synchroniser_times times;
 } tl_synchroniser;
 

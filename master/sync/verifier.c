@@ -174,7 +174,7 @@ bool tl_verifier_init(tl_verifier *verifier, tl_arena *arena, tl_exchange *excha
     if (every == 0) {
         return true;
     }
-    exchange->beside += STATES;
+    exchange->extra_states += STATES;
     for (size_t i = 0; i < exchange->component_count; i++) {
         verifier->input_bytes = greater(verifier->input_bytes, tl_ports_size(&exchange->components[i].inputs));
         verifier->output_bytes = greater(verifier->output_bytes, tl_ports_size(&exchange->components[i].outputs));

@@ -37,13 +37,13 @@ static uint64_t state_memory(const tl_twin *twin) {
     const tl_exchange *exchange = &twin->exchange;
     uint64_t sum = 0;
     for (size_t k = 0; k < exchange->component_count && exchange->rooms != NULL; k++) {
-        sum += (1 + (uint64_t)exchange->beside) * exchange->rooms[k].size;
+        sum += (1 + (uint64_t)exchange->extra_states) * exchange->rooms[k].size;
     }
     return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
 }
 
 static const char *culprit_name(const tl_twin *twin) {
-    return twin->cannot_return && twin->proof.culprit < twin->graph.component_count
+    return twin->rollback_inexact && twin->proof.culprit < twin->graph.component_count
                ? twin->graph.components[twin->proof.culprit].name
                : NULL;
 }
@@ -68,14 +68,14 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
         .returns = twin->proof.holds,
-        .cannot_return = twin->cannot_return,
-        .astray = culprit_name(twin),
+        .rollback_inexact = twin->rollback_inexact,
+        .inexact_component = culprit_name(twin),
         .proved_executions = twin->proof.executions,
         .runs_free = twin->runs_free,
         .verified = twin->verifier.counts.turns,
         .verified_executions = twin->verifier.counts.executions,
         .differed = twin->verifier.counts.found,
-        .has_free_twin = twin->free_twin.is_led,
+        .has_free_twin = twin->free_twin.is_enabled,
         .free_twin = twin->free_twin.counts,
         .structure = searches && synchroniser->ledger.saving.structure,
         .sequences = searches && synchroniser->ledger.saving.sequences,
@@ -447,7 +447,7 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
     if (status == TL_OK && twin->synchroniser.horizon.variables != 0) {
         status = tl_proof_of_rollback(&twin->proof, &twin->synchroniser, &twin->graph, twin->first, twin->now, error);
-        twin->cannot_return = status != TL_OK && twin->proof.stepped;
+        twin->rollback_inexact = status != TL_OK && twin->proof.stepped;
     }
     return status;
 }

@@ -46,8 +46,8 @@ typedef struct tl_twin_facts {
     uint64_t executions_per_step;       /* of a step without search: K */
     uint64_t executions_per_evaluation; /* without saving: K·T_P */
     bool returns;                       /* started, and the rollback of all FMUs was proved */
-    bool cannot_return;                 /* the proof has failed: the rollback of an FMU is not exact */
-    const char *astray;                 /* the component for which it failed; NULL: none, or not known */
+    bool rollback_inexact;              /* the proof has failed: the rollback of an FMU is not exact */
+    const char *inexact_component;      /* the component for which it failed; NULL: none, or not known */
     uint64_t proved_executions;         /* executions of the proof; no other count includes them */
     const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
     uint64_t verified;     /* number of verifications (tl_twin_verify()) */
@@ -157,7 +157,7 @@ typedef enum tl_twin_mended {
     TL_MENDED_NOT,         /* by the same method as before */
     TL_REPAIRED_BY_MEMORY, /* by a copy of its memory, not by its own states any more */
     TL_REPAIRED_BY_STATES, /* by its own states, which the copy had replaced because it was faster */
-    TL_MENDED              /* number of values */
+    TL_MENDED_COUNT        /* number of values */
 } tl_twin_mended;
 
 /* A finding of tl_twin_verify(): the rollback of an FMU is not exact. */

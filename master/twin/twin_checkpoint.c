@@ -31,7 +31,7 @@ static head head_of(const tl_twin *twin, int64_t tick) {
         .adjusted = twin->synchroniser.horizon.variables,
         .values = twin->exchange.values_size,
         .window = twin->exchange.plant.window_mask + 1,
-        .guard = twin->free_twin.contest.guard,
+        .guard = twin->free_twin.free_run_check.guard,
         .tick = tick,
         .first = twin->first,
     };

@@ -23,7 +23,7 @@ struct tl_twin {
     tl_arena arena;
     tl_graph graph;
     tl_exchange exchange;
-    bool cannot_return; /* the rollback proof has failed */
+    bool rollback_inexact; /* the rollback proof has failed */
     tl_synchroniser synchroniser;
     tl_event_horizon *event; /* used in place of the synchroniser's search; NULL: no event horizon */
     tl_objective_term terms[TL_MAX_MATCH];

@@ -28,7 +28,7 @@ void bench_chain_open(bench_chain *chain, const tl_fmu *fmu, size_t count) {
     chain->output = reference_of(fmu, "y");
     for (size_t k = 0; k < count; k++) {
         fmi2Component instance = chain->fmi->instantiate("floor", fmi2CoSimulation, fmu->model.guid, fmu->resources,
-                                                         &fmu->guard.given, fmi2False, fmi2False);
+                                                         &fmu->guard.fmu_callbacks, fmi2False, fmi2False);
         if (instance == NULL) {
             bench_fail(fmu->path, "cannot be instantiated");
         }

@@ -35,7 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         tl_elf_visit(&file, read_name, &file);
         (void)tl_elf_rename_libraries(&file, renames, sizeof renames / sizeof renames[0]);
         expect_only_names(data, &file);
-        (void)tl_elf_part_unique(&file);
+        (void)tl_elf_unshare_symbols(&file);
         (void)tl_elf_opens_libraries(&file);
     }
     free(bytes);

@@ -47,7 +47,7 @@ static int decode_line(const char *line) {
     }
     const tl_can_id *found = tl_can_map_find(&map, id, extended != 0);
     for (size_t i = 0; found != NULL && i < found->slots; i++) {
-        const tl_can_slot *slot = &map.slots[found->first + i];
+        const tl_can_entry *slot = &map.slots[found->first + i];
         double value = 0;
         if (length < slot->bytes || !tl_can_is_present(&slot->channel, data)) {
             continue;

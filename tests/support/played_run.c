@@ -219,7 +219,7 @@ void tl_played_begin(void) {
                                              .plant = "motor",
                                              .path = run->path,
                                              .allowed = run->allowed,
-                                             .be = tl_played_be,
+                                             .run_role = tl_played_be,
                                              .say = on_event};
     tl_activation_begin(&run->activation, &settings);
 }

@@ -118,7 +118,7 @@ static void keep_more(void) {
     }
 }
 
-static void let_go(void) {
+static void end_proof(void) {
     if (has_thread) {
         (void)pthread_cancel(thread);
         (void)pthread_join(thread, NULL);
@@ -267,7 +267,7 @@ static void forget_all(keeper *self) {
 /* All that is not the instance's, too. */
 static void begin_anew(void) {
     unsigned short first[3] = {1, 2, 3};
-    let_go();
+    end_proof();
     steps = 0;
     factor = 0.875;
     thread_sum = 0.125;

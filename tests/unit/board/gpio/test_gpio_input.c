@@ -126,8 +126,8 @@ static void test_a_bounce_counts_once(void) {
     TEST_ASSERT_FALSE(edge(true, 203));
     TEST_ASSERT_EQUAL_INT64(208 * MS, tl_gpio_input_due(&input));
     TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 204 * MS, &reading)); /* not yet */
-    TEST_ASSERT_FALSE(tl_gpio_input_pass(&input, 208 * MS - 1, &reading));
-    expect_reading(tl_gpio_input_pass(&input, 208 * MS, &reading), 1, 203 * MS);
+    TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 208 * MS - 1, &reading));
+    expect_reading(tl_gpio_input_advance(&input, 208 * MS, &reading), 1, 203 * MS);
     TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_gpio_input_due(&input));
     expect_reading(tl_gpio_input_level(&input, true, 210 * MS, &reading), 1, 210 * MS);
     TEST_ASSERT_EQUAL_UINT64(0, input.missed);
@@ -137,7 +137,7 @@ static void test_a_spike_counts_not_at_all(void) {
     start(5 * MS, false);
     TEST_ASSERT_FALSE(edge(true, 200));
     TEST_ASSERT_FALSE(edge(false, 201));
-    TEST_ASSERT_FALSE(tl_gpio_input_pass(&input, 206 * MS, &reading));
+    TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 206 * MS, &reading));
     expect_reading(tl_gpio_input_level(&input, false, 207 * MS, &reading), 0, 207 * MS);
 }
 
@@ -164,8 +164,8 @@ static void test_a_missed_edge_begins_the_time_anew(void) {
     TEST_ASSERT_FALSE(edge(true, 200));
     TEST_ASSERT_FALSE(edge(true, 204)); /* it was low between the two */
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
-    TEST_ASSERT_FALSE(tl_gpio_input_pass(&input, 206 * MS, &reading));
-    expect_reading(tl_gpio_input_pass(&input, 209 * MS, &reading), 1, 204 * MS);
+    TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 206 * MS, &reading));
+    expect_reading(tl_gpio_input_advance(&input, 209 * MS, &reading), 1, 204 * MS);
     TEST_ASSERT_FALSE(tl_gpio_input_newest(&input, true, 220 * MS, &reading)); /* nor is it known what was before */
     expect_reading(tl_gpio_input_level(&input, true, 225 * MS, &reading), 1, 225 * MS);
 }

@@ -152,11 +152,11 @@ static void test_unique_symbols_become_ordinary_ones(void) {
         NATIVE, STRINGS("\0_ZN7counter5countE\0_ZZN1a1fEvE1b\0plain"),
         .symbols = {{"_ZN7counter5countE", UNIQUE, true}, {"_ZZN1a1fEvE1b", UNIQUE, true}, {"plain", GLOBAL, true}}};
     open_made(&plan);
-    TEST_ASSERT_EQUAL_size_t(2, tl_elf_part_unique(&file));
+    TEST_ASSERT_EQUAL_size_t(2, tl_elf_unshare_symbols(&file));
     TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(1));
     TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(2));
     TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(3));
-    TEST_ASSERT_EQUAL_size_t(0, tl_elf_part_unique(&file));
+    TEST_ASSERT_EQUAL_size_t(0, tl_elf_unshare_symbols(&file));
 }
 
 static void test_those_of_the_languages_library_stay(void) {
@@ -168,7 +168,7 @@ static void test_those_of_the_languages_library_stay(void) {
                                     {"_ZZNSt19_Sp_make_shared_tag5_S_tiEvE5__tag", UNIQUE, true},
                                     {"_ZN9__gnu_cxx3poolE", UNIQUE, true}}};
     open_made(&plan);
-    TEST_ASSERT_EQUAL_size_t(0, tl_elf_part_unique(&file));
+    TEST_ASSERT_EQUAL_size_t(0, tl_elf_unshare_symbols(&file));
 }
 
 static void test_who_opens_libraries(void) {
@@ -219,7 +219,7 @@ static void try_everything(size_t length) {
     if (tl_elf_open(&file, copy, length)) {
         tl_elf_visit(&file, tell_reference, all);
         (void)rename_one("libtable.so", "001table.so");
-        (void)tl_elf_part_unique(&file);
+        (void)tl_elf_unshare_symbols(&file);
         (void)tl_elf_opens_libraries(&file);
     }
     free(copy);

@@ -12,7 +12,7 @@ static double reals[2];
 static fmi2Integer integers[1];
 static fmi2Boolean booleans[3];
 static tl_ports ports;
-static tl_fmu_inputs *given;
+static tl_last_inputs *given;
 
 static struct {
     double reals[2];
@@ -76,7 +76,7 @@ void setUp(void) {
     booleans[0] = fmi2True;
     booleans[1] = fmi2False;
     booleans[2] = fmi2True;
-    given = tl_fmu_inputs_open(&ports);
+    given = tl_last_inputs_open(&ports);
     TEST_ASSERT_NOT_NULL(given);
 }
 
@@ -88,10 +88,10 @@ void tearDown(void) {
 }
 
 static void test_what_was_in_the_ports_was_given(void) {
-    tl_fmu_inputs_state *state = tl_fmu_inputs_make_state(given);
+    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
     TEST_ASSERT_NOT_NULL(state);
     TEST_ASSERT_NULL(state->own);
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_inputs_restore(given, state, &functions, NULL));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_last_inputs_restore(given, state, &functions, NULL));
     TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
     TEST_ASSERT_EQUAL_MEMORY(integers, fmu.integers, sizeof integers);
     TEST_ASSERT_EQUAL_MEMORY(booleans, fmu.booleans, sizeof booleans);
@@ -102,21 +102,21 @@ static void test_each_state_has_its_own(void) {
     static const double later[] = {8.0, 9.0};
     static const fmi2Integer later_integers[] = {-1};
     static const fmi2Boolean later_booleans[] = {fmi2False, fmi2True, fmi2True};
-    tl_fmu_inputs_state *first = tl_fmu_inputs_make_state(given);
+    tl_last_inputs_state *first = tl_last_inputs_make_state(given);
     TEST_ASSERT_NOT_NULL(first);
-    tl_fmu_inputs_note(given, TL_PROLOGUE_SET_REAL, ports.real_references, later);
-    tl_fmu_inputs_note(given, TL_PROLOGUE_SET_INTEGER, ports.integer_references, later_integers);
-    tl_fmu_inputs_note(given, TL_PROLOGUE_SET_BOOLEAN, ports.boolean_references, later_booleans);
-    tl_fmu_inputs_state *second = tl_fmu_inputs_make_state(given);
+    tl_last_inputs_note(given, TL_PROLOGUE_SET_REAL, ports.real_references, later);
+    tl_last_inputs_note(given, TL_PROLOGUE_SET_INTEGER, ports.integer_references, later_integers);
+    tl_last_inputs_note(given, TL_PROLOGUE_SET_BOOLEAN, ports.boolean_references, later_booleans);
+    tl_last_inputs_state *second = tl_last_inputs_make_state(given);
     TEST_ASSERT_NOT_NULL(second);
-    (void)tl_fmu_inputs_restore(given, first, &functions, NULL);
+    (void)tl_last_inputs_restore(given, first, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
-    (void)tl_fmu_inputs_restore(given, second, &functions, NULL);
+    (void)tl_last_inputs_restore(given, second, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     TEST_ASSERT_EQUAL_MEMORY(later_integers, fmu.integers, sizeof later_integers);
     TEST_ASSERT_EQUAL_MEMORY(later_booleans, fmu.booleans, sizeof later_booleans);
-    tl_fmu_inputs_save(given, first); /* what it was given last now is what it was given again */
-    (void)tl_fmu_inputs_restore(given, first, &functions, NULL);
+    tl_last_inputs_save(given, first); /* what it was given last now is what it was given again */
+    (void)tl_last_inputs_restore(given, first, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     free(first);
     free(second);
@@ -125,20 +125,20 @@ static void test_each_state_has_its_own(void) {
 /* Of other variables, or that sets nothing. */
 static void test_other_calls_say_nothing(void) {
     static const double other[] = {8.0, 9.0};
-    tl_fmu_inputs_note(given, TL_PROLOGUE_SET_REAL, real_references, other);
-    tl_fmu_inputs_note(given, TL_PROLOGUE_GET_REAL, ports.real_references, other);
-    tl_fmu_inputs_state *state = tl_fmu_inputs_make_state(given);
+    tl_last_inputs_note(given, TL_PROLOGUE_SET_REAL, real_references, other);
+    tl_last_inputs_note(given, TL_PROLOGUE_GET_REAL, ports.real_references, other);
+    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
     TEST_ASSERT_NOT_NULL(state);
-    (void)tl_fmu_inputs_restore(given, state, &functions, NULL);
+    (void)tl_last_inputs_restore(given, state, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
     free(state);
 }
 
 static void test_an_fmu_that_refuses(void) {
-    tl_fmu_inputs_state *state = tl_fmu_inputs_make_state(given);
+    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
     TEST_ASSERT_NOT_NULL(state);
     fmu.answer = fmi2Error;
-    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_inputs_restore(given, state, &functions, NULL));
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_last_inputs_restore(given, state, &functions, NULL));
     TEST_ASSERT_EQUAL_UINT(1, fmu.calls);
     free(state);
 }

@@ -807,7 +807,7 @@ static void expect_line(const char *parts) {
 static void test_messages(void) {
     expect_loaded(GOOD);
     fmi2CallbackLogger logger = fmu.guard.callbacks.logger;
-    fmi2ComponentEnvironment environment = fmu.guard.given.componentEnvironment;
+    fmi2ComponentEnvironment environment = fmu.guard.fmu_callbacks.componentEnvironment;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "not shown");
     logger(environment, "m1", fmi2Pending, "logEvents", "not shown");
@@ -835,7 +835,7 @@ static void test_messages_that_write_back(void) {
         char parts[128];
         TEST_ASSERT_TRUE(tl_stderr_capture_begin());
         fmi2String message = texts[i];
-        fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", message);
+        fmu.guard.fmu_callbacks.logger(&fmu.guard.logger, "m", fmi2Error, "c", message);
         (void)snprintf(parts, sizeof parts, "error|motor|m|%s|c", message);
         expect_line(parts);
     }
@@ -846,9 +846,9 @@ static void test_messages_are_bounded(void) {
     memset(large, 'x', sizeof large - 1);
     expect_loaded(GOOD);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", "%s", large);
+    fmu.guard.fmu_callbacks.logger(&fmu.guard.logger, "m", fmi2Error, "c", "%s", large);
     for (int i = 0; i < 1000; i++) {
-        fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", "again and again %d", i);
+        fmu.guard.fmu_callbacks.logger(&fmu.guard.logger, "m", fmi2Error, "c", "again and again %d", i);
     }
     tl_fmu_unload(&fmu); /* reports the number of dropped messages */
     char *text = tl_stderr_capture_end();

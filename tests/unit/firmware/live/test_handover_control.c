@@ -21,7 +21,7 @@ enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };
 static tl_config config;
 static tl_handover handover_block;
 static tl_block blocks[TL_LIVE_BLOCKS];
-static tl_twin_slot places[TL_TWIN_SLOTS];
+static tl_twin_slot slots[TL_TWIN_SLOTS];
 static tl_live_config_manager_status config_manager;
 static tl_live_recorder_status recorder;
 static tl_block candidate_block;
@@ -56,27 +56,27 @@ void setUp(void) {
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         tl_block *live_status = &blocks[TL_LIVE_TWIN_STATUS + i];
         TEST_ASSERT_EQUAL_INT(
-            TL_OK, tl_block_make("twin", sizeof *places->live_status, TL_BLOCK_THEY_WRITE, live_status, &error));
-        places[i] = (tl_twin_slot){.live_status = live_status->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
+            TL_OK, tl_block_make("twin", sizeof *slots->live_status, TL_BLOCK_THEY_WRITE, live_status, &error));
+        slots[i] = (tl_twin_slot){.live_status = live_status->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
     }
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_load(&places[0], &config, false, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_load(&slots[0], &config, false, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
     candidate = candidate_block.bytes;
     change = (tl_handover_control){.handover_block = &handover_block,
-                                   .places = places,
+                                   .slots = slots,
                                    .orders = &config_manager,
                                    .candidate = &candidate_block,
                                    .recorder = &recorder,
                                    .step = config.step,
                                    .unconfined = false,
                                    .tell = tell};
-    play_ready(&places[0], RUN, 900 * TL_SECOND);
+    play_ready(&slots[0], RUN, 900 * TL_SECOND);
 }
 
 void tearDown(void) {
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
-        tl_twin_slot_unload(&places[i]);
+        tl_twin_slot_unload(&slots[i]);
         tl_block_close(&blocks[TL_LIVE_TWIN_STATUS + i]);
     }
     tl_block_close(&candidate_block);
@@ -123,7 +123,7 @@ static void begin_shadow(pid_t pid) {
     order(TL_LIVE_SHADOW);
     TEST_ASSERT_TRUE(orders.shadow);
     expect_obeyed(true);
-    tl_twin_slot *slot_index = &places[1 - handover_block.slot_index];
+    tl_twin_slot *slot_index = &slots[1 - handover_block.slot_index];
     play_ready(slot_index, pid, slot_index->start);
     look();
 }
@@ -136,20 +136,20 @@ static void end_twin(tl_twin_slot *slot_index) {
 /* ---- a shadow ---- */
 
 static void test_a_candidate_is_loaded(void) {
-    places[1].live_status->number = 6;
-    places[1].live_status->handed_over = 3;
+    slots[1].live_status->number = 6;
+    slots[1].live_status->handed_over = 3;
     begin_shadow(SHADOW);
-    TEST_ASSERT_EQUAL_STRING(TEXT, places[1].text);
-    TEST_ASSERT_EQUAL_STRING(candidate->hash, places[1].hash);
-    TEST_ASSERT_EQUAL_size_t(config.signal_count, places[1].queue_settings.shape.plant);
-    TEST_ASSERT_EQUAL_size_t(2, places[1].queue_settings.shape.match);
-    TEST_ASSERT_EQUAL_size_t(4, places[1].queue_settings.shape.components);
-    TEST_ASSERT_EQUAL_size_t(tl_record_queue_bytes(&places[1].queue_settings), places[1].queue->size);
-    TEST_ASSERT_EQUAL_INT64(900 * TL_SECOND, places[1].start);
-    TEST_ASSERT_EQUAL_INT64(77, places[1].started);
-    TEST_ASSERT_EQUAL_UINT32(6, places[1].live_status->number);
-    TEST_ASSERT_EQUAL_UINT32(7, places[1].live_status->first);
-    TEST_ASSERT_EQUAL_UINT32(0, places[1].live_status->handed_over);
+    TEST_ASSERT_EQUAL_STRING(TEXT, slots[1].text);
+    TEST_ASSERT_EQUAL_STRING(candidate->hash, slots[1].hash);
+    TEST_ASSERT_EQUAL_size_t(config.signal_count, slots[1].queue_settings.shape.plant);
+    TEST_ASSERT_EQUAL_size_t(2, slots[1].queue_settings.shape.match);
+    TEST_ASSERT_EQUAL_size_t(4, slots[1].queue_settings.shape.components);
+    TEST_ASSERT_EQUAL_size_t(tl_record_queue_bytes(&slots[1].queue_settings), slots[1].queue->size);
+    TEST_ASSERT_EQUAL_INT64(900 * TL_SECOND, slots[1].start);
+    TEST_ASSERT_EQUAL_INT64(77, slots[1].started);
+    TEST_ASSERT_EQUAL_UINT32(6, slots[1].live_status->number);
+    TEST_ASSERT_EQUAL_UINT32(7, slots[1].live_status->first);
+    TEST_ASSERT_EQUAL_UINT32(0, slots[1].live_status->handed_over);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow);
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
 }
@@ -158,15 +158,15 @@ static void test_a_candidate_is_loaded(void) {
 static void test_a_candidate_is_copied(void) {
     begin_shadow(SHADOW);
     candidate->text[0] = 'x';
-    TEST_ASSERT_EQUAL_STRING(TEXT, places[1].text);
+    TEST_ASSERT_EQUAL_STRING(TEXT, slots[1].text);
 }
 
 static void refuse_candidate(const char *why) {
     order(TL_LIVE_SHADOW);
     TEST_ASSERT_FALSE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, handover_block.shadow);
-    TEST_ASSERT_NULL(places[1].text);
-    TEST_ASSERT_EQUAL_size_t(0, places[1].queue->size);
+    TEST_ASSERT_NULL(slots[1].text);
+    TEST_ASSERT_EQUAL_size_t(0, slots[1].queue->size);
     expect_refused(why);
 }
 
@@ -195,26 +195,26 @@ static void test_a_shadow_is_as_confined_as_the_run(void) {
     write_candidate();
     config_manager.order.needs.unconfined = 1;
     order(TL_LIVE_SHADOW);
-    TEST_ASSERT_FALSE(places[1].unconfined);
+    TEST_ASSERT_FALSE(slots[1].unconfined);
 }
 
 static void test_a_shadow_waits_for_the_runs_twin(void) {
-    places[0].live_status->start = 0;
+    slots[0].live_status->start = 0;
     write_candidate();
     order(TL_LIVE_SHADOW);
     expect_obeyed(false);
     TEST_ASSERT_FALSE(orders.shadow);
     look_after(TL_HANDOVER_CONTROL_PATIENCE);
     expect_obeyed(false);
-    play_ready(&places[0], RUN, 950 * TL_SECOND);
+    play_ready(&slots[0], RUN, 950 * TL_SECOND);
     look();
     expect_obeyed(true);
     TEST_ASSERT_TRUE(orders.shadow);
-    TEST_ASSERT_EQUAL_INT64(950 * TL_SECOND, places[1].start);
+    TEST_ASSERT_EQUAL_INT64(950 * TL_SECOND, slots[1].start);
 }
 
 static void test_an_order_times_out(void) {
-    play_ready(&places[0], RUN, INT64_MAX); /* a false value */
+    play_ready(&slots[0], RUN, INT64_MAX); /* a false value */
     write_candidate();
     order(TL_LIVE_SHADOW);
     look_after(TL_HANDOVER_CONTROL_PATIENCE);
@@ -225,7 +225,7 @@ static void test_an_order_times_out(void) {
 
 static void test_a_shadow_that_ends(void) {
     begin_shadow(SHADOW);
-    places[1].pid = 0;
+    slots[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, DIED);
     look();
     TEST_ASSERT_FALSE(orders.shadow);
@@ -239,7 +239,7 @@ static void test_another_shadow_waits_for_the_end_of_the_one_before(void) {
     order(TL_LIVE_SHADOW);
     expect_obeyed(false);
     TEST_ASSERT_FALSE(orders.shadow);
-    places[1].pid = 0;
+    slots[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, STOPPED);
     look();
     expect_obeyed(true);
@@ -253,7 +253,7 @@ static void test_a_shadow_is_stopped_on_order(void) {
     expect_obeyed(true);
     TEST_ASSERT_FALSE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, handover_block.shadow);
-    places[1].pid = 0;
+    slots[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, STOPPED);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, handover_block.shadow);
 }
@@ -272,7 +272,7 @@ static void test_safe_hold(void) {
     TEST_ASSERT_FALSE(orders.shadow);
     order(TL_LIVE_HAND_OVER);
     expect_refused("safe hold");
-    places[1].pid = 0;
+    slots[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, STOPPED);
     TL_EXPECT_PARTS("safe hold", handover_block.why);
     write_candidate();
@@ -304,13 +304,13 @@ static void test_a_handover(void) {
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.handovers);
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.to);
     TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, handover_block.tick);
-    expect_told_handover(handover_block.tick, places[1].hash);
+    expect_told_handover(handover_block.tick, slots[1].hash);
     look_after(TL_SECOND / 10);
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_TRUE(orders.soon);
     TEST_ASSERT_TRUE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
-    places[0].live_status->handed_over = 1;
+    slots[0].live_status->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_TRUE(orders.shadow); /* the old one */
@@ -323,7 +323,7 @@ static void test_a_handover(void) {
 
 static void handover(uint32_t number) {
     announce();
-    places[handover_block.slot_index].live_status->handed_over = number;
+    slots[handover_block.slot_index].live_status->handed_over = number;
     look();
     TEST_ASSERT_TRUE(orders.swap);
 }
@@ -336,13 +336,13 @@ static void test_a_handover_back(void) {
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.slot_index);
     TEST_ASSERT_EQUAL_UINT32(2, handover_block.handovers);
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.to);
-    TEST_ASSERT_EQUAL_STRING(config.text, places[handover_block.slot_index].text);
+    TEST_ASSERT_EQUAL_STRING(config.text, slots[handover_block.slot_index].text);
 }
 
 static void test_a_twin_that_dies_before_its_tick(void) {
     begin_shadow(SHADOW);
     announce();
-    end_twin(&places[0]);
+    end_twin(&slots[0]);
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_FALSE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
@@ -353,8 +353,8 @@ static void test_a_twin_that_dies_before_its_tick(void) {
 /* So a configuration whose twin dies can be rolled back. */
 static void test_a_handover_does_not_wait_for_a_dead_twin(void) {
     begin_shadow(SHADOW);
-    end_twin(&places[0]);
-    places[0].live_status->start = 0;
+    end_twin(&slots[0]);
+    slots[0].live_status->start = 0;
     announce();
     look();
     TEST_ASSERT_TRUE(orders.swap);
@@ -378,9 +378,9 @@ static void test_a_twin_that_does_not_do_its_part(void) {
 static void test_a_shadow_that_dies_before_its_tick(void) {
     begin_shadow(SHADOW);
     announce();
-    places[1].pid = 0;
+    slots[1].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, DIED);
-    places[0].live_status->handed_over = 1;
+    slots[0].live_status->handed_over = 1;
     look();
     TEST_ASSERT_TRUE(orders.swap);
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.slot_index);
@@ -391,11 +391,11 @@ static void test_handovers_that_are_rejected(void) {
     order(TL_LIVE_HAND_OVER);
     expect_refused("no shadow");
     begin_shadow(SHADOW);
-    memset(&places[1].live_status->beats, 0, sizeof places[1].live_status->beats);
+    memset(&slots[1].live_status->beats, 0, sizeof slots[1].live_status->beats);
     order(TL_LIVE_HAND_OVER);
     expect_refused("shadow|not");
-    tl_heartbeats_set_ready(&places[1].live_status->beats);
-    places[0].live_status->start++;
+    tl_heartbeats_set_ready(&slots[1].live_status->beats);
+    slots[0].live_status->start++;
     order(TL_LIVE_HAND_OVER);
     expect_refused("shadow|ticks");
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.handovers);
@@ -406,7 +406,7 @@ static void test_handovers_that_are_rejected(void) {
 static void publish_tick(int64_t tick) {
     static tl_run_status figures;
     figures.tick = tick;
-    tl_latest_publish(&places[0].live_status->figures, &figures, sizeof figures);
+    tl_latest_publish(&slots[0].live_status->figures, &figures, sizeof figures);
 }
 
 static void test_a_twin_that_is_ahead(void) {
@@ -433,7 +433,7 @@ static void test_a_candidate_with_more_look_ups(void) {
     config_manager.order.needs.signals = more;
     order(TL_LIVE_SHADOW);
     expect_obeyed(true);
-    TEST_ASSERT_EQUAL_size_t(more, places[1].queue_settings.shape.plant);
+    TEST_ASSERT_EQUAL_size_t(more, slots[1].queue_settings.shape.plant);
 }
 
 static void test_invalid_numbers_of_signals(void) {
@@ -494,7 +494,7 @@ static void test_a_recorder_two_handovers_behind(void) {
 static void test_a_recorder_follows_when_all_end(void) {
     begin_shadow(SHADOW);
     announce();
-    places[0].live_status->handed_over = 1;
+    slots[0].live_status->handed_over = 1;
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
     tl_handover_control_poll(&change, now, true, &orders);
@@ -506,7 +506,7 @@ static void test_a_recorder_follows_when_all_end(void) {
 static void test_a_handover_that_the_end_overtakes(void) {
     begin_shadow(SHADOW);
     announce();
-    places[0].pid = 0;
+    slots[0].pid = 0;
     recorder.drained = 1;
     orders = (tl_orders){.end = false};
     tl_handover_control_poll(&change, now, true, &orders);
@@ -519,18 +519,18 @@ static void test_a_handover_that_the_end_overtakes(void) {
 static void test_a_slot_waits_for_the_recorder(void) {
     begin_shadow(SHADOW);
     handover(1);
-    places[0].pid = 0;
+    slots[0].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, DIED);
     write_candidate();
     order(TL_LIVE_SHADOW);
     expect_obeyed(false);
-    TEST_ASSERT_EQUAL_STRING(config.text, places[0].text);
+    TEST_ASSERT_EQUAL_STRING(config.text, slots[0].text);
     recorder.drained = 1;
     look();
     tl_handover_control_begin_recorder(&change);
     look();
     expect_obeyed(true);
-    TEST_ASSERT_EQUAL_STRING(TEXT, places[0].text);
+    TEST_ASSERT_EQUAL_STRING(TEXT, slots[0].text);
     TEST_ASSERT_TRUE(orders.shadow);
 }
 
@@ -538,10 +538,10 @@ static void test_without_a_recorder_no_slot_waits(void) {
     change.recorder = NULL;
     begin_shadow(SHADOW);
     handover(1);
-    places[0].pid = 0;
+    slots[0].pid = 0;
     tl_handover_control_note_end_of_shadow(&change, DIED);
     begin_shadow(NEXT);
-    TEST_ASSERT_EQUAL_STRING(TEXT, places[0].text);
+    TEST_ASSERT_EQUAL_STRING(TEXT, slots[0].text);
     TEST_ASSERT_FALSE(orders.recorder);
 }
 

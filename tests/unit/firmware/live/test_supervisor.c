@@ -261,7 +261,7 @@ static void test_an_end_without_a_duration(void) {
 }
 
 static void test_damage_alone(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     stage->damaged[TL_MEMBER_TWIN] = in_future();
     tl_stage_expect_code("w", 70);
     TL_EXPECT_PARTS("twin|memory", stage->event);

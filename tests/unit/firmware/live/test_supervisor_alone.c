@@ -24,14 +24,14 @@ void tearDown(void) {
 }
 
 static void test_alone_a_failure_is_the_end(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     tl_stage_expect_code("c", 70);
     TL_EXPECT_PARTS("twin|11|Segmentation fault|fmi2DoStep|motor", stage->event);
     tl_stage_expect_told(stage->event);
 }
 
 static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     tl_stage_expect_code("7", 70);
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -40,7 +40,7 @@ static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
 }
 
 static void test_alone_long_silence_is_the_end(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     stage->settings.call_limit = TL_SECOND / 5;
     tl_stage_expect_code("f", 70);
     TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", stage->event);
@@ -67,7 +67,7 @@ static void hold_and_let_go(bool ends, tl_orders *orders) {
 
 /* After the debugger has released it, it has the whole time again. */
 static void test_alone_a_stopped_twin_is_not_killed(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     stage->settings.call_limit = TL_SECOND / 8;
     stage->play_on = hold_and_let_go;
     tl_stage_expect_code("f", 70);
@@ -76,14 +76,14 @@ static void test_alone_a_stopped_twin_is_not_killed(void) {
 
 /* Up to the limit. */
 static void test_alone_silence_is_allowed(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     stage->settings.call_limit = 60 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("h", SIGTERM, 3000));
     tl_stage_expect_said("6 s");
 }
 
 static void test_alone_a_process_that_cannot_be_made(void) {
-    stage->settings.alone = true;
+    stage->settings.unsupervised = true;
     tl_stage_expect_code("-", 75);
 }
 

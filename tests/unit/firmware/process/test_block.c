@@ -301,7 +301,7 @@ static void expect_reader_cannot_write(uint32_t user) {
     memcpy(taken.bytes, "ours", 5);
     tl_block_close(&taken);
     int reader = tl_block_reader(&block);
-    const tl_confine_settings settings = {.whole_process = true, .lives_on = true, .user = user};
+    const tl_confine_settings settings = {.whole_process = true, .only_denies = true, .user = user};
     tl_confined_run(settings, cannot_write, &reader, &confined);
     (void)close(reader);
     TEST_ASSERT_EQUAL_INT(0, confined.signal);

@@ -142,7 +142,7 @@ static int go_down(int count, mode_t mode) {
     return home;
 }
 
-static void come_back(int count, int home) {
+static void restore_start(int count, int home) {
     for (int i = 0; i < count; i++) {
         TEST_ASSERT_EQUAL_INT(0, chdir(".."));
         TEST_ASSERT_EQUAL_INT(0, rmdir("deeper"));
@@ -158,7 +158,7 @@ static void too_deeply_nested_folders_are_found(void) {
     TEST_ASSERT_EQUAL_INT(0, mkdir("deeper", 0700));
     bool kept = tl_bounds_are_kept(&at, getpid(), text);
     TEST_ASSERT_EQUAL_INT(0, rmdir("deeper"));
-    come_back(TL_BOUNDS_DEPTH - 1, home);
+    restore_start(TL_BOUNDS_DEPTH - 1, home);
     TEST_ASSERT_FALSE(kept);
     TL_EXPECT_PARTS("folder|deep", text);
 }

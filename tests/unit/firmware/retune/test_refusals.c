@@ -11,7 +11,7 @@
 
 static tl_scratch scratch;
 static tl_versions versions;
-static tl_refusals refusals;
+static tl_refusal_list refusals;
 static tl_error error;
 
 void setUp(void) {

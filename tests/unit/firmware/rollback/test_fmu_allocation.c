@@ -162,10 +162,10 @@ static void test_the_number_of_heaps_is_limited(void) {
 static void test_a_heap_that_is_full(void) {
     (void)tl_fmu_allocation_enter(heaps[0]);
     void *small = take(100);
-    TEST_ASSERT_FALSE(heaps[0]->is_not_all);
+    TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
     unsigned char *large = take_zeroed(3, 2 << 20); /* the heap has 4 MiB */
     void *aligned = take_aligned(4096, 8 << 20);
-    TEST_ASSERT_TRUE(heaps[0]->is_not_all);
+    TEST_ASSERT_TRUE(heaps[0]->has_outside_memory);
     TEST_ASSERT_FALSE(is_in(heaps[0], large) || is_in(heaps[0], aligned));
     TEST_ASSERT_EQUAL_UINT64(0, (uintptr_t)aligned % 4096);
     TEST_ASSERT_EQUAL_UINT8(0, large[(6 << 20) - 1]);
@@ -194,12 +194,12 @@ static void test_memory_that_it_maps_is_noted(void) {
     (void)tl_fmu_allocation_enter(heaps[0]);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *constant = mmap(NULL, 4096, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    TEST_ASSERT_FALSE(heaps[0]->is_not_all);
+    TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     (void)tl_fmu_allocation_enter(NULL);
-    TEST_ASSERT_TRUE(heaps[0]->is_not_all);
-    TEST_ASSERT_FALSE(heaps[1]->is_not_all);
+    TEST_ASSERT_TRUE(heaps[0]->has_outside_memory);
+    TEST_ASSERT_FALSE(heaps[1]->has_outside_memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *ours = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     TEST_ASSERT_EQUAL_INT(0, munmap(constant, 4096) + munmap(own, 4096) + munmap(ours, 4096));

@@ -133,7 +133,7 @@ static void test_any_order(void) {
 static void test_a_write_that_is_not_recorded(void) {
     save(0);
     memset(memory, 5, used);
-    tl_fmu_pages_lose(pages);
+    tl_fmu_pages_invalidate(pages);
     save(1);
     restore(0);
     expect(0);
@@ -179,12 +179,12 @@ static void write_all(void) {
 static void test_excluded_versions(void) {
     test_the_estimated_size();
     size_t known = tl_fmu_pages_size(pages);
-    tl_fmu_pages_pass(pages, true);
+    tl_fmu_pages_freeze_estimate(pages, true);
     write_all();
     save(0);
     restore(1);
     restore(0);
-    tl_fmu_pages_pass(pages, false);
+    tl_fmu_pages_freeze_estimate(pages, false);
     TEST_ASSERT_EQUAL_size_t(known, tl_fmu_pages_size(pages));
     write_all();
     save(1);

@@ -196,7 +196,7 @@ static void live_until_shadow(const slot_index *self, bool is_shadow) {
 /* Waits until a shadow has caught up. */
 static void live_until_live(const slot_index *self) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
-    while (!self->shown.is_live) {
+    while (!self->shown.has_caught_up) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the shadow is not live");
         live_on(MILLISECOND);
     }

@@ -31,7 +31,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     tl_config_use_lookups(&config);
     order = (tl_twin_job){.task = TL_TASK_CHECK, .path = LOCK, .text = config.text, .folder = ""};
-    checked = (tl_component_methods){.cannot_return = 0};
+    checked = (tl_component_methods){.rollback_inexact = 0};
     for (size_t i = 0; i < config.component_count; i++) {
         checked.of[i].rollback = TL_ROLLBACK_STATE;
     }
@@ -61,7 +61,7 @@ static void test_nothing_to_try(void) {
 /* The check reports that the configured method of the motor is not exact. */
 static void test_a_component_that_is_not_rolled_back(void) {
     config.components[1].rollback = TL_ROLLBACK_MEMORY;
-    checked.cannot_return = 1;
+    checked.rollback_inexact = 1;
     (void)snprintf(checked.component, sizeof checked.component, "motor");
     find();
     expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_FOUND);
@@ -71,7 +71,7 @@ static void test_a_component_that_is_not_rolled_back(void) {
 
 /* Without the name of a component, nothing is tried. */
 static void test_no_component_is_named(void) {
-    checked.cannot_return = 1;
+    checked.rollback_inexact = 1;
     find();
     expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_NOT_SOUGHT);
 }
@@ -80,7 +80,7 @@ static void test_no_component_is_named(void) {
 static void test_no_process(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1));
     config.components[1].rollback = TL_ROLLBACK_STATE;
-    checked.cannot_return = 1;
+    checked.rollback_inexact = 1;
     (void)snprintf(checked.component, sizeof checked.component, "motor");
     find();
     expect_kinds(TL_OTHER_METHOD_NOT_SOUGHT, TL_OTHER_METHOD_UNKNOWN);

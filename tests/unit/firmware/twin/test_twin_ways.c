@@ -23,7 +23,7 @@ static tl_error error;
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
-    ways = (tl_component_methods){.cannot_return = 0};
+    ways = (tl_component_methods){.rollback_inexact = 0};
     error = (tl_error){TL_OK, ""};
 }
 
@@ -45,7 +45,7 @@ static void test_all_are_rolled_back(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_component_methods_try(&assembly, &ways, &error), error.text);
     TEST_ASSERT_EQUAL_STRING("", error.text);
     TEST_ASSERT_EQUAL_STRING("", ways.component);
-    TEST_ASSERT_EQUAL_UINT32(0, ways.cannot_return);
+    TEST_ASSERT_EQUAL_UINT32(0, ways.rollback_inexact);
     for (size_t i = 0; i < 2; i++) {
         TEST_ASSERT_EQUAL_UINT32(TL_HAS_SANITIZER ? TL_ROLLBACK_STATE : TL_ROLLBACK_MEMORY, ways.of[i].rollback);
         TEST_ASSERT_EQUAL_UINT32(0, ways.of[i].is_given_again);
@@ -82,7 +82,7 @@ static void test_it_cannot_be_built(void) {
 static void test_nothing_is_rolled_back(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/free.json", &assembly));
     tl_component_methods_note(&assembly, &ways);
-    TEST_ASSERT_EQUAL_UINT32(0, ways.cannot_return);
+    TEST_ASSERT_EQUAL_UINT32(0, ways.rollback_inexact);
     TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_NONE, ways.of[0].rollback);
 }
 

@@ -20,14 +20,14 @@ typedef struct world {
     bool spikes;   /* one measurement in fifty is far off */
 } world;
 
-static tl_free_run_check contest;
+static tl_free_run_check free_run_check;
 static tl_free_run_check_verdict verdict;
 static tl_test_random numbers;
 static double followed; /* by the locked twin, of the last measurement's noise */
 static uint32_t trial;  /* so many were over before the verdict */
 
 void setUp(void) {
-    contest = (tl_free_run_check){.guard = GUARD};
+    free_run_check = (tl_free_run_check){.guard = GUARD};
     verdict = (tl_free_run_check_verdict){0};
     numbers = (tl_test_random){7};
     followed = 0.0;
@@ -54,12 +54,12 @@ static void one_trial(const world *of) {
     for (int step = 0; step < GUARD && !verdict.turned && !verdict.renew; step++) {
         double noise = normal(of->noise);
         noise += of->spikes && tl_test_random_chance(&numbers, 2) ? 40.0 : 0.0;
-        followed = contest.rests ? 0.0 : of->gain * noise;
-        double rested = contest.rests ? of->bias + of->drift * trial : followed;
+        followed = free_run_check.rests ? 0.0 : of->gain * noise;
+        double rested = free_run_check.rests ? of->bias + of->drift * trial : followed;
         const tl_free_run_check_errors errors = {
             .locked = {rested - noise}, .free = {free - noise}, .predicted = {began + unknown - noise}, .weight = 1.0};
-        verdict = tl_free_run_check_step(&contest, &errors, true);
-        TEST_ASSERT_EQUAL_INT(step == GUARD - 1 && !contest.rests, verdict.predict);
+        verdict = tl_free_run_check_step(&free_run_check, &errors, true);
+        TEST_ASSERT_EQUAL_INT(step == GUARD - 1 && !free_run_check.rests, verdict.predict);
     }
     trial++;
 }
@@ -76,31 +76,31 @@ static void go_on(const world *of, uint32_t most) {
 
 static void u_rests_if_the_model_is_right(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.turned && verdict.adopt && contest.rests);
+    TEST_ASSERT_TRUE(verdict.turned && verdict.adopt && free_run_check.rests);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT32(TL_FREE_RUN_CHECK_LEAST, trial);
     TEST_ASSERT_LESS_THAN_UINT32(100, trial);
 }
 
 static void and_if_it_is_a_little_off(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.15}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.turned && contest.rests);
+    TEST_ASSERT_TRUE(verdict.turned && free_run_check.rests);
 }
 
 /* Whoever held it against what was measured would see no more than 0.2² + 0.3², of which the locked twin has nothing. */
 static void and_if_the_lock_follows_only_a_part_of_the_noise(void) {
     go_on(&(world){.noise = 0.3, .gain = 0.7, .bias = 0.05}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.turned && contest.rests);
+    TEST_ASSERT_TRUE(verdict.turned && free_run_check.rests);
 }
 
 static void it_stays_locked_if_the_free_twin_is_further_off(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, 5 * TL_FREE_RUN_CHECK_TRIALS);
-    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+    TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
 /* A prediction is no better than the free twin then; what was measured is. */
 static void it_stays_locked_if_nobody_can_predict(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .unrest = 0.5}, 5 * TL_FREE_RUN_CHECK_TRIALS);
-    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+    TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
 /* Up and down it looks like noise, which is in two predictions in a row with opposite signs. But noise is less than half a tolerance. */
@@ -108,18 +108,18 @@ static void it_stays_locked_if_what_it_does_not_know_swings(void) {
     for (int i = 1; i <= 31; i++) {
         setUp();
         go_on(&(world){.noise = 0.3, .gain = 1.0, .swing = 2.0, .pace = 0.1 * i}, 5 * TL_FREE_RUN_CHECK_TRIALS);
-        TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+        TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
     }
 }
 
 static void it_stays_locked_if_there_is_no_noise(void) {
     go_on(&(world){.noise = 0.0, .gain = 1.0}, TRIALS);
-    TEST_ASSERT_FALSE(verdict.turned || verdict.renew || contest.rests);
+    TEST_ASSERT_FALSE(verdict.turned || verdict.renew || free_run_check.rests);
 }
 
 static void outliers_do_not_decide(void) {
     go_on(&(world){.noise = 0.3, .gain = 0.0, .bias = 0.6, .spikes = true}, 5 * TL_FREE_RUN_CHECK_TRIALS);
-    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+    TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
 /* It was the better one on the whole, and is not any more. */
@@ -138,13 +138,13 @@ static void a_free_twin_that_drifts_away_is_not_adopted(void) {
 
 static void one_that_has_lost_for_long_begins_anew(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 2.0}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.renew && !contest.rests);
+    TEST_ASSERT_TRUE(verdict.renew && !free_run_check.rests);
     TEST_ASSERT_EQUAL_UINT32(TL_FREE_RUN_CHECK_LOST * TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
 /* Until u rests; the trials that it took, or `most`. A free twin that begins anew does not end it. */
 static uint32_t trials_to_rest(const world *of, uint32_t most) {
-    for (trial = 0; trial < most && !contest.rests;) {
+    for (trial = 0; trial < most && !free_run_check.rests;) {
         verdict = (tl_free_run_check_verdict){0};
         one_trial(of);
     }
@@ -156,10 +156,10 @@ static void it_forgets_what_was_before_times_have_changed(void) {
     uint32_t most = TL_FREE_RUN_CHECK_MEMORY;
     TEST_ASSERT_EQUAL_UINT32(most,
                              trials_to_rest(&(world){.noise = 0.3, .gain = 1.0, .swing = 1.0, .pace = 0.6}, most));
-    TEST_ASSERT_TRUE(contest.known.noise.mean < 0.0);
+    TEST_ASSERT_TRUE(free_run_check.known.noise.mean < 0.0);
     TEST_ASSERT_LESS_THAN_UINT32(8 * TL_FREE_RUN_CHECK_TRIALS,
                                  trials_to_rest(&(world){.noise = 0.3, .gain = 1.0}, most));
-    TEST_ASSERT_TRUE(contest.known.noise.mean > 0.0);
+    TEST_ASSERT_TRUE(free_run_check.known.noise.mean > 0.0);
 }
 
 /* So much worse that each prediction looks as if the plant were upset. */
@@ -173,26 +173,26 @@ static void and_if_a_sensor_becomes_worse(void) {
 
 static void let_it_rest(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
-    TEST_ASSERT_TRUE(contest.rests);
+    TEST_ASSERT_TRUE(free_run_check.rests);
 }
 
 static void it_rests_on_while_the_model_is_right(void) {
     let_it_rest();
     go_on(&(world){.noise = 0.3, .gain = 1.0}, 20 * TRIALS);
-    TEST_ASSERT_TRUE(contest.rests && !verdict.renew);
+    TEST_ASSERT_TRUE(free_run_check.rests && !verdict.renew);
 }
 
 static void what_jumps_ends_it_at_once(void) {
     let_it_rest();
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 1.5}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.turned && verdict.predict && !contest.rests);
+    TEST_ASSERT_TRUE(verdict.turned && verdict.predict && !free_run_check.rests);
     TEST_ASSERT_EQUAL_UINT32(2, trial);
 }
 
 static void what_is_off_for_long_ends_it(void) {
     let_it_rest();
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, TRIALS);
-    TEST_ASSERT_TRUE(verdict.turned && !contest.rests);
+    TEST_ASSERT_TRUE(verdict.turned && !free_run_check.rests);
     TEST_ASSERT_LESS_THAN_UINT32(TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
@@ -201,20 +201,21 @@ static void what_is_off_for_long_ends_it(void) {
 static void nothing_measured_says_nothing(void) {
     const tl_free_run_check_errors errors = {.weight = 1.0};
     for (uint32_t i = 0; i < GUARD * TRIALS; i++) {
-        verdict = tl_free_run_check_step(&contest, &errors, i % 3 == 0);
+        verdict = tl_free_run_check_step(&free_run_check, &errors, i % 3 == 0);
         TEST_ASSERT_FALSE(verdict.turned || verdict.renew || verdict.adopt);
     }
-    TEST_ASSERT_EQUAL_UINT32(0, contest.known.count); /* two predictions in a row never ended with a measurement */
+    TEST_ASSERT_EQUAL_UINT32(0,
+                             free_run_check.known.count); /* two predictions in a row never ended with a measurement */
 }
 
 static void what_is_not_finite_is_as_far_as_can_be(void) {
     const tl_free_run_check_errors errors = {
         .locked = {0.1}, .free = {(double)NAN, HUGE_VAL}, .predicted = {-HUGE_VAL}, .weight = 1.0};
     for (uint32_t i = 0; i < GUARD * TL_FREE_RUN_CHECK_LOST * TL_FREE_RUN_CHECK_TRIALS; i++) {
-        verdict = tl_free_run_check_step(&contest, &errors, true);
+        verdict = tl_free_run_check_step(&free_run_check, &errors, true);
         TEST_ASSERT_FALSE(verdict.turned);
     }
-    TEST_ASSERT_TRUE(verdict.renew && isfinite(contest.known.noise.mean));
+    TEST_ASSERT_TRUE(verdict.renew && isfinite(free_run_check.known.noise.mean));
 }
 
 /* ---- as bytes ---- */
@@ -223,7 +224,7 @@ static unsigned char bytes[4096];
 
 static size_t save(void) {
     tl_archive archive = tl_archive_saving(bytes, sizeof bytes);
-    tl_free_run_check_archive(&contest, &archive);
+    tl_free_run_check_archive(&free_run_check, &archive);
     TEST_ASSERT_TRUE(tl_archive_is_whole(&archive));
     return archive.at;
 }
@@ -241,40 +242,40 @@ static void it_comes_back_from_its_bytes(void) {
     size_t size = save();
     TEST_ASSERT_TRUE(load(&other, size));
     TEST_ASSERT_TRUE(other.rests);
-    TEST_ASSERT_EQUAL_MEMORY(&contest.trial, &other.trial, sizeof contest.trial);
-    TEST_ASSERT_EQUAL_MEMORY(&contest.known, &other.known, sizeof contest.known);
-    TEST_ASSERT_EQUAL_MEMORY(&contest.recent, &other.recent, sizeof contest.recent);
+    TEST_ASSERT_EQUAL_MEMORY(&free_run_check.trial, &other.trial, sizeof free_run_check.trial);
+    TEST_ASSERT_EQUAL_MEMORY(&free_run_check.known, &other.known, sizeof free_run_check.known);
+    TEST_ASSERT_EQUAL_MEMORY(&free_run_check.recent, &other.recent, sizeof free_run_check.recent);
     TEST_ASSERT_FALSE(load(&other, size - 1));
 }
 
 static void counts_that_cannot_be_are_refused(void) {
     static tl_free_run_check other;
-    contest.at = TL_FREE_RUN_CHECK_TRIALS;
+    free_run_check.at = TL_FREE_RUN_CHECK_TRIALS;
     TEST_ASSERT_FALSE(load(&other, save()));
-    contest.at = 0;
-    contest.steps = GUARD;
+    free_run_check.at = 0;
+    free_run_check.steps = GUARD;
     TEST_ASSERT_FALSE(load(&other, save()));
-    contest.steps = 0;
-    contest.excess = (double)NAN;
+    free_run_check.steps = 0;
+    free_run_check.excess = (double)NAN;
     TEST_ASSERT_FALSE(load(&other, save()));
-    contest.excess = 0.0;
-    contest.recent.count = TL_FREE_RUN_CHECK_RECENT + 1;
+    free_run_check.excess = 0.0;
+    free_run_check.recent.count = TL_FREE_RUN_CHECK_RECENT + 1;
     TEST_ASSERT_FALSE(load(&other, save()));
-    contest.recent.count = 0;
-    contest.known.noise.square = HUGE_VAL;
+    free_run_check.recent.count = 0;
+    free_run_check.known.noise.square = HUGE_VAL;
     TEST_ASSERT_FALSE(load(&other, save()));
-    contest.known.noise.square = 0.0;
+    free_run_check.known.noise.square = 0.0;
     TEST_ASSERT_TRUE(load(&other, save()));
 }
 
 static void to_begin_anew_keeps_what_is_known_of_the_noise(void) {
     let_it_rest();
-    double noise = contest.known.noise.mean;
+    double noise = free_run_check.known.noise.mean;
     TEST_ASSERT_DOUBLE_WITHIN(0.03, 0.09, noise);
-    tl_free_run_check_reset(&contest);
-    TEST_ASSERT_FALSE(contest.rests);
-    TEST_ASSERT_EQUAL_UINT32(0, contest.count);
-    TEST_ASSERT_EQUAL_DOUBLE(noise, contest.known.noise.mean);
+    tl_free_run_check_reset(&free_run_check);
+    TEST_ASSERT_FALSE(free_run_check.rests);
+    TEST_ASSERT_EQUAL_UINT32(0, free_run_check.count);
+    TEST_ASSERT_EQUAL_DOUBLE(noise, free_run_check.known.noise.mean);
 }
 
 int main(void) {

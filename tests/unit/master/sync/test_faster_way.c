@@ -69,14 +69,14 @@ static fmi2Status keep(fmi2Component instance) {
     return ways.own.get_fmu_state(instance, &ways.full_copy);
 }
 
-static fmi2Status come_back(fmi2Component instance) {
+static fmi2Status restore_start(fmi2Component instance) {
     ways.is_complete = true;
     now += ways.by_copy;
     return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.full_copy);
 }
 
 /* Switches to the other method. */
-static fmi2Status give_up_states(fmi2Component instance, const char *why) {
+static fmi2Status next_method(fmi2Component instance, const char *why) {
     (void)snprintf(ways.why, sizeof ways.why, "%s", why);
     ways.given_up++;
     if (ways.refuses) {
@@ -84,11 +84,11 @@ static fmi2Status give_up_states(fmi2Component instance, const char *why) {
     }
     fmi2FMUstate beginning = ways.is_by_copy ? ways.beginning : ways.full_copy;
     ways.is_by_copy = !ways.is_by_copy;
-    fmu.functions.is_unaware = ways.is_by_copy;
+    fmu.functions.always_final = ways.is_by_copy;
     return ways.own.set_fmu_state(instance, beginning);
 }
 
-static void let_go(fmi2Component instance) {
+static void end_proof(fmi2Component instance) {
     if (ways.full_copy != NULL) {
         (void)ways.own.free_fmu_state(instance, &ways.full_copy);
     }
@@ -139,11 +139,11 @@ static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times
     ways.preferred++;
     ways.times = *times;
     ways.is_by_copy = true;
-    fmu.functions.is_unaware = true;
+    fmu.functions.always_final = true;
     return ways.own.get_fmu_state(instance, &ways.beginning);
 }
 
-static const tl_fmi2_fallback full_copy = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
+static const tl_fmi2_fallback full_copy = {keep, restore_start, next_method, end_proof, size, has_choice, prefer_copy};
 
 /* ---- a twin with one FMU ---- */
 
@@ -157,7 +157,7 @@ void setUp(void) {
     fmu.functions.do_step = do_step;
     fmu.functions.get_real = get_real;
     fmu.functions.set_real = set_real;
-    fmu.functions.full_copy = &full_copy;
+    fmu.functions.fallback = &full_copy;
     fmu.control.clock = &now;
     fmu.control.cost = STEP;
     (void)tl_test_plan_component(&plan, "motor", &fmu);
@@ -311,9 +311,9 @@ static fmi2Status keep_and_count(fmi2Component instance) {
 }
 
 static void find_steps_until_timed(void) {
-    static const tl_fmi2_fallback counting = {keep_and_count, come_back,  give_up_states, let_go,
-                                              size,           has_choice, prefer_copy};
-    fmu.functions.full_copy = &counting;
+    static const tl_fmi2_fallback counting = {keep_and_count, restore_start, next_method, end_proof,
+                                              size,           has_choice,    prefer_copy};
+    fmu.functions.fallback = &counting;
     lead(with);
     steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last round begins with a copy */
     tearDown();

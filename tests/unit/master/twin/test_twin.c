@@ -535,7 +535,7 @@ static void a_liar_at_rest_is_found(void) {
 /* A second rollback method that restores exactly. It uses the states of the test FMU. */
 typedef struct full_copy {
     fmi2FMUstate kept;
-    int given_up, let_go;
+    int given_up, end_proof;
     char why[120];
 } full_copy;
 
@@ -556,7 +556,7 @@ static fmi2Status keep_aside(fmi2Component instance) {
     return fmus[i].functions.get_fmu_state(instance, &asides[i].kept);
 }
 
-static fmi2Status come_back(fmi2Component instance) {
+static fmi2Status restore_start(fmi2Component instance) {
     size_t i = fmu_of(instance);
     bool lies = fmus[i].control.state_lies;
     fmus[i].control.state_lies = false;
@@ -565,17 +565,17 @@ static fmi2Status come_back(fmi2Component instance) {
     return status;
 }
 
-static fmi2Status give_up_states(fmi2Component instance, const char *why) {
+static fmi2Status next_method(fmi2Component instance, const char *why) {
     size_t i = fmu_of(instance);
     asides[i].given_up++;
     (void)snprintf(asides[i].why, sizeof asides[i].why, "%s", why);
     fmus[i].control.state_lies = false;
-    return come_back(instance);
+    return restore_start(instance);
 }
 
-static void let_go(fmi2Component instance) {
+static void end_proof(fmi2Component instance) {
     size_t i = fmu_of(instance);
-    asides[i].let_go++;
+    asides[i].end_proof++;
     if (asides[i].kept != NULL) {
         (void)fmus[i].functions.free_fmu_state(instance, &asides[i].kept);
     }
@@ -591,7 +591,8 @@ static bool has_choice(fmi2Component instance) {
     return false;
 }
 
-static const tl_fmi2_fallback other_way = {keep_aside, come_back, give_up_states, let_go, size_aside, has_choice, NULL};
+static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof,
+                                           size_aside, has_choice,    NULL};
 
 /* The first locked step, with exact or with wrong states. */
 static tl_record first_step(bool lies) {
@@ -600,7 +601,7 @@ static tl_record first_step(bool lies) {
     memset(asides, 0, sizeof asides);
     for (size_t i = 0; i < 3; i++) {
         tl_test_fmu_variable(&fmus[i], "lag")->start.real = 0.5;
-        fmus[i].functions.full_copy = &other_way;
+        fmus[i].functions.fallback = &other_way;
     }
     fmus[0].control.state_lies = fmus[2].control.state_lies = lies;
     tl_test_run_build(&run, &plan);
@@ -616,7 +617,7 @@ static void a_liar_is_rolled_back_by_the_other_method(void) {
     tl_record honest = first_step(false);
     for (size_t i = 0; i < 3; i++) {
         TEST_ASSERT_EQUAL_INT(0, asides[i].given_up);
-        TEST_ASSERT_EQUAL_INT(1, asides[i].let_go);
+        TEST_ASSERT_EQUAL_INT(1, asides[i].end_proof);
     }
     tearDown();
     setUp();

@@ -206,7 +206,7 @@ static fmi2Status keep_aside(fmi2Component instance) {
 }
 
 /* Honest. */
-static fmi2Status come_back(fmi2Component instance) {
+static fmi2Status restore_start(fmi2Component instance) {
     size_t i = fmu_of(instance);
     bool lies = fmus[i].control.state_lies;
     fmus[i].control.state_lies = false;
@@ -215,14 +215,14 @@ static fmi2Status come_back(fmi2Component instance) {
     return status;
 }
 
-static fmi2Status give_up_states(fmi2Component instance, const char *why) {
+static fmi2Status next_method(fmi2Component instance, const char *why) {
     (void)why;
     given_up++;
     fmus[fmu_of(instance)].control.state_lies = false;
-    return come_back(instance);
+    return restore_start(instance);
 }
 
-static void let_go(fmi2Component instance) {
+static void end_proof(fmi2Component instance) {
     size_t i = fmu_of(instance);
     if (kept[i] != NULL) {
         (void)fmus[i].functions.free_fmu_state(instance, &kept[i]);
@@ -239,11 +239,12 @@ static bool has_choice(fmi2Component instance) {
     return false;
 }
 
-static const tl_fmi2_fallback other_way = {keep_aside, come_back, give_up_states, let_go, size_aside, has_choice, NULL};
+static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof,
+                                           size_aside, has_choice,    NULL};
 
 static void use_other_way(void) {
     given_up = 0;
-    fmus[0].functions.full_copy = fmus[1].functions.full_copy = &other_way;
+    fmus[0].functions.fallback = fmus[1].functions.fallback = &other_way;
 }
 
 /* With one unknown, whose guess is right, no state comes back but for looking: so the values are those of an honest twin. */
