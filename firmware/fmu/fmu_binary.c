@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/statvfs.h>
@@ -83,12 +84,28 @@ static tl_status fail_open(const char *path, const char *reason, tl_error *error
         text);
 }
 
+/* Number of libraries before one is opened. The first time these are the program's own. */
+static size_t count_loaded(void) {
+    static bool has_begun;
+    if (!has_begun) {
+        has_begun = true;
+        tl_fmu_regions_exclude(0);
+    }
+    return tl_fmu_regions_loaded();
+}
+
 tl_status tl_library_open(const char *path, tl_error *error) {
+    size_t before = count_loaded();
     void *opened = dlopen(path, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
     if (opened == NULL) {
         return fail_open(path, dlerror(), error);
     }
     tl_process_run_exit_handlers();
+    if (python_version(opened) == NULL) {
+        tl_fmu_regions_exclude(before);
+    } else { /* its threads would prevent rollback by memory */
+        (void)setenv("OPENBLAS_NUM_THREADS", "1", 0);
+    }
     return check_python(path, opened, error);
 }
 
@@ -453,9 +470,13 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status != TL_OK) {
         return status;
     }
+    size_t before = count_loaded();
     tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* dlopen() runs code of the FMU */
     void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     tl_fmu_guard_leave(guard);
+    if (guard->memory == NULL || guard->memory == &guard->own_memory) {
+        tl_fmu_regions_exclude(before);
+    }
     if (opened == NULL) {
         return fail_open_binary(path, label, dlerror(), error);
     }

@@ -114,11 +114,10 @@ static void log_failure(tl_fmu_guarded *self, const char *text) {
 
 /* The FMU has side effects that no copy contains. Logged once; not logged after the proof if the
  * FMU is not rolled back by memory, because then it needs no copy. */
-static fmi2Status reject_copy(tl_fmu_guarded *self) {
+static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
-    (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s",
-                  tl_fmu_memory_remaining(&self->guard->memory),
+    (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s", side_effect,
                   was_exact ? "; set \"rollback\": \"state\" in its component" : "");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
     if (is_needed && !self->guard->was_remaining_reported) {
@@ -131,10 +130,11 @@ static fmi2Status reject_copy(tl_fmu_guarded *self) {
 static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_error error;
-    if (tl_fmu_memory_remaining(&self->guard->memory) != NULL) {
-        return reject_copy(self);
+    const char *side_effect = tl_fmu_memory_remaining(self->guard->memory);
+    if (side_effect != NULL) {
+        return reject_copy(self, side_effect);
     }
-    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
+    if (tl_fmu_memory_save(self->guard->memory, state, &error) != TL_OK) {
         log_failure(self, error.text);
         return fmi2Error;
     }
@@ -143,10 +143,15 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
 
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    if (tl_fmu_memory_remaining(&self->guard->memory) != NULL) {
-        return reject_copy(self);
+    const char *obstacle = tl_fmu_memory_obstacle(self->guard->memory, state);
+    if (has_fallback(self) && tl_fmu_memory_has_new_library(self->guard->memory, state)) {
+        self->guard->lacks_library = true;
+        return fmi2Error;
     }
-    tl_fmu_memory_restore(&self->guard->memory, state);
+    if (obstacle != NULL) {
+        return reject_copy(self, obstacle);
+    }
+    tl_fmu_memory_restore(self->guard->memory, state);
     return fmi2OK;
 }
 
@@ -160,7 +165,7 @@ static fmi2Status free_memory(fmi2Component component, fmi2FMUstate *state) {
 static fmi2Status reserve_memory(fmi2Component component, size_t states) {
     tl_fmu_guarded *self = component;
     tl_error error;
-    if (tl_fmu_memory_reserve(&self->guard->memory, states, &error) != TL_OK) {
+    if (tl_fmu_memory_reserve(self->guard->memory, states, &error) != TL_OK) {
         tl_fmu_logger_log(&self->guard->logger, TL_LOG_ERROR, error.text);
         return fmi2Error;
     }
@@ -169,7 +174,7 @@ static fmi2Status reserve_memory(fmi2Component component, size_t states) {
 
 static size_t memory_size(fmi2Component component) {
     const tl_fmu_guarded *self = component;
-    return tl_fmu_memory_size(&self->guard->memory);
+    return tl_fmu_memory_size(self->guard->memory);
 }
 
 /* ---- serialising states that are copies of memory ---- */
@@ -177,18 +182,18 @@ static size_t memory_size(fmi2Component component) {
 /* The FMU's own states enlarge its memory; `pass` keeps this out of the size estimate. */
 static bool keep_present(tl_fmu_guarded *self, void **present) {
     *present = NULL;
-    tl_fmu_memory_freeze_estimate(&self->guard->memory, true);
+    tl_fmu_memory_freeze_estimate(self->guard->memory, true);
     bool is_kept = save_memory(self, present) == fmi2OK;
     if (!is_kept) {
-        tl_fmu_memory_freeze_estimate(&self->guard->memory, false);
+        tl_fmu_memory_freeze_estimate(self->guard->memory, false);
     }
     return is_kept;
 }
 
 /* Restores the memory from before keep_present(). This also removes own states created since. */
 static void restore_present(tl_fmu_guarded *self, void *present) {
-    tl_fmu_memory_restore(&self->guard->memory, present);
-    tl_fmu_memory_freeze_estimate(&self->guard->memory, false);
+    tl_fmu_memory_restore(self->guard->memory, present);
+    tl_fmu_memory_freeze_estimate(self->guard->memory, false);
     tl_fmu_memory_forget(present);
 }
 
@@ -198,7 +203,7 @@ static fmi2Status save_own_state(tl_fmu_guarded *self, fmi2FMUstate copy, void *
     if (!keep_present(self, present)) {
         return fmi2Error;
     }
-    tl_fmu_memory_restore(&self->guard->memory, copy);
+    tl_fmu_memory_restore(self->guard->memory, copy);
     fmi2Status status = self->guard->by_states.get_fmu_state(self, state);
     if (status > fmi2Warning) {
         restore_present(self, *present);
@@ -339,7 +344,9 @@ static const tl_fmi2 BY_REPLAY = {.always_final = true,
 static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *method) {
     tl_fmi2 *functions = &guard->functions;
     guard->by_memory = method == &BY_MEMORY;
-    guard->memory.has_flags = guard->by_memory;
+    if (guard->memory != NULL) {
+        guard->memory->has_flags = guard->by_memory;
+    }
     functions->always_final = method->always_final;
     functions->get_fmu_state = method->get_fmu_state;
     functions->set_fmu_state = method->set_fmu_state;
@@ -356,7 +363,7 @@ static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *method) {
 static void roll_back_by_memory(tl_fmu_guard *guard) {
     tl_fmi2 *functions = &guard->functions;
     roll_back_by(guard, &BY_MEMORY);
-    tl_fmu_memory_remeasure(&guard->memory);
+    tl_fmu_memory_remeasure(guard->memory);
     if (guard->is_by_choice && guard->by_states.serialize_fmu_state != NULL) {
         functions->serialized_fmu_state_size = copy_bytes_size;
         functions->serialize_fmu_state = copy_bytes_write;
@@ -372,6 +379,9 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
 
 /* ---- fallback to the next method ---- */
 
+/* Most times that an FMU is started again, because it has opened libraries. */
+enum { MOST_RENEWALS = 4 };
+
 /* Start of a proof. Replay needs no copy, because it can restore the end of the prologue. */
 static fmi2Status keep_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
@@ -379,8 +389,8 @@ static fmi2Status keep_start(fmi2Component component) {
     if (self->replay != NULL && !guard->was_proved) {
         tl_fmu_replay_wait(self->replay);
     }
-    bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->sets_inputs &&
-                    (guard->by_memory ? tl_fmu_memory_remaining(&guard->memory) == NULL : true) &&
+    bool has_copy = guard->memory != NULL && !self->by_replay && !guard->sets_inputs &&
+                    (guard->by_memory ? tl_fmu_memory_remaining(guard->memory) == NULL : true) &&
                     save_memory(component, &guard->full_copy) == fmi2OK;
     return has_copy || has_fallback(self) ? fmi2OK : fmi2Error;
 }
@@ -392,8 +402,8 @@ static void drop_copy(tl_fmu_guard *guard) {
 
 static size_t size_start(fmi2Component component) {
     const tl_fmu_guarded *self = component;
-    return self->guard->memory.heap != NULL && !self->by_replay && !self->guard->sets_inputs
-               ? tl_fmu_memory_size(&self->guard->memory)
+    return self->guard->memory != NULL && !self->by_replay && !self->guard->sets_inputs
+               ? tl_fmu_memory_size(self->guard->memory)
                : 0;
 }
 
@@ -403,9 +413,33 @@ static fmi2Status replay_from_start(tl_fmu_guarded *self) {
                : fmi2Error;
 }
 
+/* Some FMUs open libraries in their first steps, and a copy from before does not contain these. So
+ * the FMU is reset, and is copied again with all libraries. */
+static fmi2Status renew_start(tl_fmu_guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    drop_copy(guard);
+    fmi2Status status = guard->renewals < MOST_RENEWALS ? replay_from_start(self) : fmi2Error;
+    guard->renewals++;
+    if (status > fmi2Warning) {
+        return status;
+    }
+    self->replay->phase = TL_FMU_REPLAY_WAITS;
+    tl_fmu_logger_log(&guard->logger, TL_LOG_NOTICE, "has opened a library in a step: it is started again with it");
+    return save_memory(self, &guard->full_copy);
+}
+
+static bool is_to_be_renewed(const tl_fmu_guarded *self) {
+    const tl_fmu_guard *guard = self->guard;
+    return guard->by_memory && guard->full_copy != NULL && !guard->was_proved && self->replay != NULL &&
+           tl_fmu_memory_has_new_library(guard->memory, guard->full_copy);
+}
+
 static fmi2Status restore_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
+    if (is_to_be_renewed(self)) {
+        return renew_start(self);
+    }
     if (guard->full_copy != NULL && !self->by_replay) {
         return restore_memory(component, guard->full_copy);
     }
@@ -440,11 +474,11 @@ static void end_proof(fmi2Component component) {
     void *copy = NULL;
     if (guard->beginning !=
         NULL) { /* copies are being proved; this changes the FMU's memory in the same way for all later copies */
-        tl_fmu_memory_freeze_estimate(&guard->memory, true);
+        tl_fmu_memory_freeze_estimate(guard->memory, true);
         free_first_state(self);
         (void)save_memory(self, &copy);
         tl_fmu_memory_forget(copy);
-        tl_fmu_memory_freeze_estimate(&guard->memory, false);
+        tl_fmu_memory_freeze_estimate(guard->memory, false);
     }
     if (guard->sets_inputs && !guard->was_proved) {
         (void)log_fallback(self, "rollback by its own states is not exact", "parameters kept",
@@ -476,6 +510,9 @@ static fmi2Status use_inputs_or_replay(tl_fmu_guarded *self, const char *cause) 
     guard->renews = guard->renews || self->by_replay;
     if (!self->by_replay) {
         self->by_replay = true;
+        if (guard->by_memory) { /* FMUs that share the memory cannot use it any more */
+            guard->memory->is_given_up = true;
+        }
         roll_back_by_replay(guard);
         (void)log_fallback(self, "no faster rollback method works", cause,
                            "it is rolled back by replay (reset, then its inputs again)");
@@ -504,6 +541,10 @@ static fmi2Status replace_method(fmi2Component component, const char *cause) {
     if (guard->is_by_choice) {
         return use_states_again(self, cause);
     }
+    if (guard->lacks_library) { /* the method is right, only its copies are too old */
+        guard->lacks_library = false;
+        return restore_start(self);
+    }
     bool has_memory_copy = guard->full_copy != NULL && !guard->by_memory && !self->by_replay;
     if (!has_memory_copy || restore_start(component) != fmi2OK) {
         return use_inputs_or_replay(self, cause);
@@ -517,7 +558,7 @@ static fmi2Status replace_method(fmi2Component component, const char *cause) {
 static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     const tl_fmu_guard *guard = self->guard;
-    return guard->full_copy != NULL && tl_fmu_memory_remaining(&guard->memory) == NULL && !guard->was_proved &&
+    return guard->full_copy != NULL && tl_fmu_memory_remaining(guard->memory) == NULL && !guard->was_proved &&
            !guard->by_memory && !guard->sets_inputs && !self->by_replay;
 }
 
@@ -539,7 +580,7 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
 
 /* ---- first method ---- */
 
-static void choose_first_method(tl_fmu_guard *guard) {
+void tl_fmu_guard_choose_method(tl_fmu_guard *guard) {
     static const tl_fmi2_fallback fallback = {.keep = keep_start,
                                               .restore_start = restore_start,
                                               .next_method = replace_method,
@@ -547,13 +588,16 @@ static void choose_first_method(tl_fmu_guard *guard) {
                                               .size = size_start,
                                               .has_choice = has_choice,
                                               .prefer_copy = prefer_copy};
-    guard->by_states = guard->functions;
-    if (guard->by_memory) {
+    bool by_memory = guard->by_memory;
+    roll_back_by(guard, &guard->by_states);
+    guard->functions.fallback = NULL;
+    guard->functions.replay.most = 0;
+    if (by_memory) {
         roll_back_by_memory(guard);
     } else if (guard->by_replay) {
         roll_back_by_replay(guard);
     }
-    if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
+    if (guard->may_replay || (guard->memory != NULL && !guard->by_memory)) {
         guard->functions.fallback = &fallback;
     }
 }
@@ -604,15 +648,15 @@ static bool is_unchanged(const guarded *self) {
 
 static inline void enter(const guarded *self, tl_fmu_function function) {
     tl_fmu_call_begin(self->name, function);
-    if (self->heap != NULL) {
-        tl_fmu_memory_enter(&self->guard->memory);
+    if (self->memory != NULL) {
+        tl_fmu_memory_enter(self->memory);
     }
 }
 
 /* Must be the first action after a call, because later allocations do not belong to the FMU. */
 static inline void leave_heap(const guarded *self) {
-    if (self->heap != NULL) {
-        tl_fmu_memory_leave(&self->guard->memory);
+    if (self->memory != NULL) {
+        tl_fmu_memory_leave(self->memory);
     }
 }
 
@@ -636,14 +680,14 @@ static fmi2Status leave_fully(guarded *self, fmi2Status status) {
 
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function) {
     tl_fmu_call_begin(guard->name, function);
-    if (guard->memory.heap != NULL) {
-        tl_fmu_memory_enter(&guard->memory);
+    if (guard->memory != NULL) {
+        tl_fmu_memory_enter(guard->memory);
     }
 }
 
 void tl_fmu_guard_leave(tl_fmu_guard *guard) {
-    if (guard->memory.heap != NULL) {
-        tl_fmu_memory_leave(&guard->memory);
+    if (guard->memory != NULL) {
+        tl_fmu_memory_leave(guard->memory);
     }
     log_changes(guard, &guard->was_reported, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
@@ -744,7 +788,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     if (self == NULL) {
         return NULL;
     }
-    *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .heap = guard->memory.heap, .guard = guard};
+    *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .memory = guard->memory, .guard = guard};
     self->begun = (struct begun){name, guid, resources, type, visible, logging};
     self->set_real = guard->own.set_real;
     self->do_step = guard->own.do_step;
@@ -1082,7 +1126,8 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .do_step = do_step,
         .step_reals = step_reals,
     };
-    choose_first_method(guard);
+    guard->by_states = guard->functions;
+    tl_fmu_guard_choose_method(guard);
     if (guard->may_replay) {
         guard->functions.know_ports = note_ports;
     }
@@ -1091,7 +1136,9 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
     tl_fmu_memory_forget(guard->full_copy);
     guard->full_copy = NULL;
-    tl_fmu_memory_free_reserve(&guard->memory);
+    if (guard->memory != NULL) {
+        tl_fmu_memory_free_reserve(guard->memory);
+    }
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
         end_recording(self);

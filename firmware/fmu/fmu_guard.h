@@ -69,10 +69,13 @@ typedef struct tl_fmu_guard {
     tl_fmi2 own;                         /* private, from here on: the FMU's functions */
     fmi2CallbackFunctions fmu_callbacks; /* callbacks that the FMU gets */
     tl_fmu_logger logger;
-    tl_fmu_memory memory; /* zeroed: the FMU cannot be rolled back by memory */
-    bool by_memory;       /* memory is the method in use; if not, it may be the fallback if own states are wrong */
-    bool may_replay;      /* rollback by replay is allowed if no other method works */
-    bool by_replay;       /* replay is the method in use */
+    tl_fmu_memory *memory;    /* NULL: the FMU cannot be rolled back by memory */
+    tl_fmu_memory own_memory; /* used by `memory`, unless the FMU shares that of all FMUs in Python */
+    bool by_memory;           /* memory is the method in use; if not, it may be the fallback if own states are wrong */
+    bool may_replay;          /* rollback by replay is allowed if no other method works */
+    bool by_replay;           /* replay is the method in use */
+    unsigned renewals; /* private: times that the FMU was started again in the proof, because it had opened libraries */
+    bool lacks_library; /* private: a copy could not be restored, because it lacks a library that was opened later */
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most; /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
@@ -104,7 +107,7 @@ typedef struct tl_fmu_guarded {
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
     tl_last_inputs *last_inputs;             /* notes the last inputs; NULL: not noted */
-    tl_fmu_heap *heap;                       /* serves allocations of its calls; NULL: the C library serves them */
+    tl_fmu_memory *memory;                   /* serves allocations of its calls; NULL: the C library serves them */
     double shift;                            /* s; the FMU's time is smaller by this: it accepts only start time 0 */
     uint32_t name;
     uint32_t control;
@@ -157,6 +160,10 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard);
 
 /* Fills the table for callers. `own`: the functions of the FMU, which its binary exports. */
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
+
+/* Chooses the first rollback method again, by `memory`, `by_memory`, `by_replay` and `may_replay`.
+ * Call it before the FMU is instantiated. */
+void tl_fmu_guard_choose_method(tl_fmu_guard *guard);
 
 /* Frees what the guard owns. Use no instance afterwards. Memory of instances that still exist is
  * freed without a call of the FMU. A zeroed guard is allowed. */

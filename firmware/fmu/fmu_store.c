@@ -78,19 +78,44 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
-/* Sets up the wanted rollback methods, as far as the description allows. FMUs in Python cannot be
- * copied, because all of them share one interpreter. The first possible method is used first: own
- * states, memory, replay. */
+static tl_status open_memory(tl_fmu *fmu, tl_error *error) {
+    if (fmu->module[0] != '\0') {
+        fmu->guard.memory = tl_fmu_memory_of_python(error);
+        return fmu->guard.memory != NULL ? TL_OK : TL_TRY_AGAIN;
+    }
+    fmu->guard.memory = &fmu->guard.own_memory;
+    return tl_fmu_memory_open(fmu->folder.path, fmu->guard.memory, error);
+}
+
+/* Sets up the wanted rollback methods, as far as the description allows. The first possible method
+ * is used first: own states, memory, replay. */
 static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
-    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves() && fmu->module[0] == '\0';
+    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves();
     fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
     fmu->guard.is_free = wanted == TL_ROLLBACK_NONE;
     fmu->guard.most = TL_REPLAY_STEPS;
     fmu->guard.may_replay = is_auto || wanted == TL_ROLLBACK_REPLAY;
     fmu->guard.by_replay = fmu->guard.may_replay && !fmu->has_state && !by_memory;
     fmu->guard.by_memory = by_memory && !fmu->has_state;
-    return by_memory ? tl_fmu_memory_open(fmu->folder.path, &fmu->guard.memory, error) : TL_OK;
+    return by_memory ? open_memory(fmu, error) : TL_OK;
+}
+
+bool tl_fmu_is_in_python(const tl_fmu *fmu) {
+    return fmu->module[0] != '\0';
+}
+
+bool tl_fmu_can_share_memory(const tl_fmu *fmu) {
+    return fmu->guard.memory != NULL;
+}
+
+void tl_fmu_share_memory(tl_fmu *fmu, bool is_shared) {
+    tl_fmu_guard *guard = &fmu->guard;
+    guard->memory = is_shared ? guard->memory : NULL;
+    guard->by_memory = is_shared;
+    fmu->has_state = fmu->has_state && !is_shared;
+    guard->by_replay = guard->may_replay && !is_shared && !fmu->has_state;
+    tl_fmu_guard_choose_method(guard);
 }
 
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {

@@ -13,6 +13,8 @@
 #include <netdb.h>
 #include <pthread.h>
 #include <pwd.h>
+#include <stdarg.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdio_ext.h>
@@ -33,18 +35,25 @@ enum { LINEAR_CLASSES = LINEAR / UNIT, CLASSES = LINEAR_CLASSES + PARTS * DOUBLI
 /* Smallest part that is made usable at once. */
 enum { PIECE = 64 * 1024 };
 
+enum { SPINS = 1000, SHORT_WAIT_NS = 50 * 1000 };
+
+/* Mappings are aligned to pages of this size, on any machine. */
+enum { PAGE = 4096 };
+
 /* Lies at the beginning of the range. Positions are counted in units from there; 0: none. */
 typedef struct directory {
     uint64_t used; /* bytes */
     uint32_t free
         [CLASSES]; /* the block of each class that was freed last; each contains the previous one in its first bytes */
+    uint32_t mapped; /* the mapping that was made last; each head contains the previous one */
 } directory;
 
 /* Precedes each allocated block. */
 typedef struct block_head {
     uint32_t class;
     uint32_t shift; /* units from the start of the block to the aligned address that was returned */
-    uint64_t unused;
+    uint32_t pages; /* of a mapping, else 0 */
+    uint32_t next;  /* mapping made before this one */
 } block_head;
 
 /* Otherwise blocks would not be aligned. */
@@ -147,9 +156,13 @@ static block_head head_of(const void *block) {
     return head;
 }
 
-/* Spin lock, held for some instructions only. */
+/* Spin lock, held for some instructions only. A thread that waits longer sleeps, because its owner
+ * may have a lower priority on the same processor. */
 static void lock_heap(tl_fmu_heap *heap) {
-    while (__atomic_test_and_set(&heap->is_taken, __ATOMIC_ACQUIRE)) {
+    for (unsigned tries = 1; __atomic_test_and_set(&heap->is_taken, __ATOMIC_ACQUIRE); tries++) {
+        if (tries % SPINS == 0) {
+            (void)nanosleep(&(struct timespec){.tv_nsec = SHORT_WAIT_NS}, NULL);
+        }
     }
 }
 
@@ -157,7 +170,8 @@ static void unlock_heap(tl_fmu_heap *heap) {
     __atomic_clear(&heap->is_taken, __ATOMIC_RELEASE);
 }
 
-void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
+/* As tl_fmu_heap_allocate(). *is_new: the block was never used, so it is zero. */
+static void *take_block(tl_fmu_heap *heap, size_t size, size_t alignment, bool *is_new) {
     size_t more = alignment > UNIT ? alignment : 0;
     if (size > heap->reserved || more > heap->reserved) {
         return NULL;
@@ -168,6 +182,7 @@ void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
     }
     lock_heap(heap);
     uint32_t *free_block = &directory_of(heap)->free[class];
+    *is_new = *free_block == 0;
     unsigned char *block = *free_block != 0 ? heap->base + (size_t)*free_block * UNIT : cut(heap, class);
     if (*free_block != 0) {
         memcpy(free_block, block, sizeof *free_block);
@@ -180,6 +195,11 @@ void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
     const block_head head = {.class = class, .shift = (uint32_t)(shift / UNIT)};
     memcpy(block + shift - sizeof head, &head, sizeof head);
     return block + shift;
+}
+
+void *tl_fmu_heap_allocate(tl_fmu_heap *heap, size_t size, size_t alignment) {
+    bool is_new = false;
+    return take_block(heap, size, alignment, &is_new);
 }
 
 void tl_fmu_heap_release(tl_fmu_heap *heap, void *block) {
@@ -199,6 +219,62 @@ void tl_fmu_heap_release(tl_fmu_heap *heap, void *block) {
 size_t tl_fmu_heap_size(const void *block) {
     const block_head head = head_of(block);
     return head.class < CLASSES ? size_of_class(head.class) - (size_t)head.shift * UNIT : 0;
+}
+
+/* ---- mappings ---- */
+
+static uint32_t position_of(const tl_fmu_heap *heap, const void *address) {
+    return (uint32_t)((size_t)((const unsigned char *)address - heap->base) / UNIT);
+}
+
+void *tl_fmu_heap_map(tl_fmu_heap *heap, size_t size) {
+    bool is_new = false;
+    if (size == 0 || size > heap->reserved) {
+        return NULL;
+    }
+    unsigned char *mapping = take_block(heap, round_up(size, PAGE), PAGE, &is_new);
+    if (mapping == NULL) {
+        return NULL;
+    }
+    if (!is_new) {
+        memset(mapping, 0, round_up(size, PAGE));
+    }
+    lock_heap(heap);
+    block_head head = head_of(mapping);
+    head.pages = (uint32_t)(round_up(size, PAGE) / PAGE);
+    head.next = directory_of(heap)->mapped;
+    memcpy(mapping - sizeof head, &head, sizeof head);
+    directory_of(heap)->mapped = position_of(heap, mapping);
+    unlock_heap(heap);
+    return mapping;
+}
+
+/* Finds the link to a mapping: in the directory, or in the head of a later mapping. Returns NULL if
+ * the address is not the start of one. The search is bounded, because an FMU may have overwritten a
+ * head. */
+static uint32_t *find_mapping(tl_fmu_heap *heap, const void *address) {
+    uint32_t *link = &directory_of(heap)->mapped;
+    for (size_t i = 0; i < heap->reserved / PAGE && *link != 0 && *link < heap->reserved / UNIT; i++) {
+        unsigned char *mapping = heap->base + (size_t)*link * UNIT;
+        if (mapping == address) {
+            return link;
+        }
+        link = (uint32_t *)(void *)(mapping - sizeof(block_head) + offsetof(block_head, next));
+    }
+    return NULL;
+}
+
+void tl_fmu_heap_unmap(tl_fmu_heap *heap, void *address, size_t size) {
+    lock_heap(heap);
+    uint32_t *link = find_mapping(heap, address);
+    bool is_whole = link != NULL && head_of(address).pages <= (size + PAGE - 1) / PAGE;
+    if (is_whole) {
+        *link = head_of(address).next;
+    }
+    unlock_heap(heap);
+    if (is_whole) {
+        tl_fmu_heap_release(heap, address);
+    }
 }
 
 /* ---- allocation per thread ---- */
@@ -384,6 +460,16 @@ size_t tl_fmu_allocation_used(void) {
     return 0;
 }
 
+bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap) {
+    (void)heap;
+    return true;
+}
+
+uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
+    (void)heap;
+    return 0;
+}
+
 #else
 
 /* The C library's own allocator under its second names. */
@@ -394,6 +480,9 @@ extern void own_free(void *block) __asm__("__libc_free");
 extern void *own_memalign(size_t alignment, size_t size) __asm__("__libc_memalign");
 
 enum { ALIGNMENT = 16 };
+
+/* Processor time of a thread that has ended. */
+enum { THREAD_ENDED = -1 };
 
 /* Addresses from `begin` to before `end`. */
 typedef struct range {
@@ -635,6 +724,11 @@ NEXT(int, pthread_create, (pthread_t *, const pthread_attr_t *, void *(*run)(voi
 NEXT(void *, sbrk, (intptr_t more))
 NEXT(void *, mmap64, (void *, size_t, int, int, int, off_t))
 NEXT(void *, mmap, (void *, size_t, int, int, int, long))
+NEXT(int, munmap, (void *, size_t))
+NEXT(void *, mremap, (void *, size_t, size_t, int, ...))
+NEXT(int, mprotect, (void *, size_t, int))
+NEXT(int, madvise, (void *, size_t, int))
+NEXT(void *, dlopen, (const char *, int))
 NEXT(void, tzset, (void))
 
 size_t malloc_usable_size(void *block) {
@@ -650,13 +744,99 @@ size_t malloc_usable_size(void *block) {
 
 /* ---- threads ---- */
 
-/* The allocations of a thread of the FMU are in no heap, and a thread cannot be rolled back. */
+typedef struct thread_start {
+    void *(*run)(void *);
+    void *context;
+    tl_fmu_heap *heap;
+} thread_start;
+
+static int64_t processor_time(clockid_t clock) {
+    struct timespec time;
+    return clock_gettime(clock, &time) == 0 ? (int64_t)time.tv_sec * 1000000000 + time.tv_nsec : THREAD_ENDED;
+}
+
+/* The new thread is served from the heap of the call that has started it. */
+static void *run_thread(void *context) {
+    const thread_start start = *(const thread_start *)context;
+    own_free(context);
+    (void)tl_fmu_allocation_enter(start.heap);
+    uint32_t index = __atomic_fetch_add(&start.heap->thread_count, 1, __ATOMIC_RELAXED);
+    if (index >= TL_FMU_HEAP_THREADS || pthread_getcpuclockid(pthread_self(), &start.heap->threads[index].clock) != 0) {
+        start.heap->has_threads = true;
+    }
+    __atomic_fetch_add(&start.heap->threads_begun, 1, __ATOMIC_RELEASE);
+    return start.run(start.context);
+}
+
+/* Python scripts start threads to work in them. */
+static bool is_script(const void *caller) {
+    Dl_info info;
+    return dladdr(caller, &info) != 0 && strstr(info.dli_fname, "libpython") != NULL;
+}
+
 int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*run)(void *), void *context) {
     find_pthread_create();
-    if (tl_fmu_allocation_heap != NULL) {
-        tl_fmu_allocation_heap->has_threads = true;
+    tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    if (heap == NULL) {
+        return own_pthread_create(thread, attributes, run, context);
     }
-    return own_pthread_create(thread, attributes, run, context);
+    heap->has_threads = heap->has_threads || !heap->allows_threads || is_script(CALLER);
+    thread_start *start = heap->allows_threads ? own_malloc(sizeof *start) : NULL;
+    if (start == NULL) {
+        return heap->allows_threads ? EAGAIN : own_pthread_create(thread, attributes, run, context);
+    }
+    *start = (thread_start){run, context, heap};
+    heap->threads_started++;
+    int failed = own_pthread_create(thread, attributes, run_thread, start);
+    if (failed != 0) {
+        heap->threads_started--;
+        own_free(start);
+    }
+    return failed;
+}
+
+bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap) {
+    uint32_t begun = __atomic_load_n(&heap->threads_begun, __ATOMIC_ACQUIRE);
+    bool ran = begun != heap->threads_started;
+    for (uint32_t i = 0; i < begun && i < TL_FMU_HEAP_THREADS; i++) {
+        tl_fmu_heap_thread *thread = &heap->threads[i];
+        int64_t now = thread->ran == THREAD_ENDED ? THREAD_ENDED : processor_time(thread->clock);
+        ran = ran || now != thread->ran;
+        thread->ran = now;
+    }
+    return ran;
+}
+
+uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
+    uint32_t alive = 0;
+    for (uint32_t i = 0; i < heap->thread_count && i < TL_FMU_HEAP_THREADS; i++) {
+        alive += heap->threads[i].ran != THREAD_ENDED ? 1 : 0;
+    }
+    return alive;
+}
+
+/* ---- libraries ---- */
+
+/* The constructors of the library allocate outside of the heap, as in no copy before. */
+static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
+    (void)tl_fmu_allocation_enter(heap->opens_outside ? NULL : heap);
+    void *library = own_dlopen(path, mode);
+    (void)tl_fmu_allocation_enter(NULL);
+    heap->report_opened(heap->context);
+    (void)tl_fmu_allocation_enter(heap);
+    return library;
+}
+
+/* A name without a slash is searched in the folders of the caller, so the C library must see that
+ * caller: the last call here is a jump (-O2). */
+void *dlopen(const char *path, int mode) {
+    tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    if (own_dlopen == NULL) {
+        find_dlopen();
+    }
+    return heap == NULL || heap->report_opened == NULL || path == NULL || strchr(path, '/') == NULL
+               ? own_dlopen(path, mode)
+               : open_and_report(heap, path, mode);
 }
 
 /* ---- mapped memory ---- */
@@ -673,23 +853,81 @@ void *sbrk(intptr_t more) {
 void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flags, int file,
                             long offset) __asm__("mmap");
 
-static void note_map(const void *caller, int protection) {
+/* Serves private memory from the heap. Returns NULL for all other mappings; the heap notes writable
+ * ones. */
+static void *map_from_heap(const void *caller, size_t size, int protection, int flags) {
     tl_fmu_heap *heap = find_server(caller);
-    if (heap != NULL && (protection & PROT_WRITE) != 0) {
-        heap->has_outside_memory = true;
+    if (heap == NULL || (protection & PROT_WRITE) == 0) {
+        return NULL;
     }
+    bool is_plain = protection == (PROT_READ | PROT_WRITE) && (flags & ~MAP_STACK) == (MAP_PRIVATE | MAP_ANONYMOUS);
+    void *mapping = is_plain ? tl_fmu_heap_map(heap, size) : NULL;
+    heap->has_outside_memory = heap->has_outside_memory || mapping == NULL;
+    return mapping;
 }
 
 void *mmap(void *address, size_t size, int protection, int flags, int file, off_t offset) {
     find_mmap64();
-    note_map(CALLER, protection);
-    return own_mmap64(address, size, protection, flags, file, offset);
+    void *mapping = map_from_heap(CALLER, size, protection, flags);
+    return mapping != NULL ? mapping : own_mmap64(address, size, protection, flags, file, offset);
 }
 
 void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flags, int file, long offset) {
     find_mmap();
-    note_map(CALLER, protection);
-    return own_mmap(address, size, protection, flags, file, offset);
+    void *mapping = map_from_heap(CALLER, size, protection, flags);
+    return mapping != NULL ? mapping : own_mmap(address, size, protection, flags, file, offset);
+}
+
+int munmap(void *address, size_t size) {
+    find_munmap();
+    tl_fmu_heap *owner = find_owner(address);
+    if (owner == NULL) {
+        return own_munmap(address, size);
+    }
+    tl_fmu_heap_unmap(owner, address, size);
+    return 0;
+}
+
+void *mremap(void *address, size_t size, size_t new_size, int flags, ...) {
+    find_mremap();
+    tl_fmu_heap *owner = find_owner(address);
+    if (owner == NULL) {
+        va_list arguments;
+        va_start(arguments, flags);
+        void *wanted = (flags & MREMAP_FIXED) != 0 ? va_arg(arguments, void *) : NULL;
+        va_end(arguments);
+        return own_mremap(address, size, new_size, flags, wanted);
+    }
+    void *mapping = flags == MREMAP_MAYMOVE ? tl_fmu_heap_map(owner, new_size) : NULL;
+    if (mapping == NULL) {
+        errno = ENOMEM;
+        return MAP_FAILED;
+    }
+    memcpy(mapping, address, size < new_size ? size : new_size);
+    tl_fmu_heap_unmap(owner, address, size);
+    return mapping;
+}
+
+/* Memory that is not writable cannot be restored. */
+int mprotect(void *address, size_t size, int protection) {
+    find_mprotect();
+    tl_fmu_heap *owner = find_owner(address);
+    if (owner != NULL && protection != (PROT_READ | PROT_WRITE)) {
+        owner->has_outside_memory = true;
+    }
+    return own_mprotect(address, size, protection);
+}
+
+/* Pages that the kernel drops by itself would not be found as changed. Other advice is ignored. */
+int madvise(void *address, size_t size, int advice) {
+    find_madvise();
+    if (find_owner(address) == NULL) {
+        return own_madvise(address, size, advice);
+    }
+    if (advice == MADV_DONTNEED || advice == MADV_FREE) {
+        memset(address, 0, size);
+    }
+    return 0;
 }
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)

@@ -7,6 +7,8 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
+#include <time.h>
 
 #include "master/base/status.h"
 
@@ -29,7 +31,15 @@
  * Thread:  any thread may allocate and free blocks; all other functions: one thread at a time.
  */
 
-/* Fields are private. */
+/* Most threads of an FMU that are watched. */
+enum { TL_FMU_HEAP_THREADS = 16 };
+
+typedef struct tl_fmu_heap_thread {
+    clockid_t clock; /* of its processor time */
+    int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
+} tl_fmu_heap_thread;
+
+/* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {
     unsigned char *base;     /* NULL: no heap */
     size_t reserved;         /* bytes of address range */
@@ -37,8 +47,19 @@ typedef struct tl_fmu_heap {
     size_t highest;          /* bytes from the beginning that may differ from zero */
     void *first;             /* the first block: state of rand() and similar functions */
     bool has_outside_memory; /* the FMU also has memory outside of the heap */
-    bool has_threads;        /* the FMU has started threads */
-    bool is_taken;           /* spin lock: a thread of the FMU may free a block while another thread allocates */
+    bool has_threads;        /* the FMU has started threads that are not allowed */
+    bool
+        allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
+    bool
+        opens_outside; /* set by the user: constructors of libraries that a call opens by a path are served by the C library */
+    void (*report_opened)(
+        void *context);       /* set by the user, may be NULL: called after a call has opened a library by a path */
+    void *context;            /* of report_opened */
+    uint32_t threads_started; /* allowed threads that calls have started */
+    uint32_t threads_begun;   /* those of them that run by now */
+    uint32_t thread_count;    /* used entries of `threads`; may exceed their number */
+    tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
+    bool is_taken; /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
 
 /* Creates a heap, which exists until the process ends. `reserve`: size of the address range, bytes.
@@ -60,6 +81,17 @@ static inline bool tl_fmu_heap_holds(const tl_fmu_heap *heap, const void *addres
     return (size_t)((const unsigned char *)address - heap->base) < heap->reserved;
 }
 
+/* As mmap() and munmap() of private memory: zeroed, and aligned to pages of 4096 bytes. A mapping
+ * of which only a part is unmapped stays. The first function returns NULL if the heap is full. */
+void *tl_fmu_heap_map(tl_fmu_heap *heap, size_t size);
+void tl_fmu_heap_unmap(tl_fmu_heap *heap, void *address, size_t size);
+
+/* Returns true if an allowed thread has run since the last call of this function. */
+bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap);
+
+/* Number of allowed threads that had not ended at the last call of that function. */
+uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap);
+
 /* Bytes from the beginning of the range that contain its whole state. */
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap);
 
@@ -78,8 +110,9 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  *          with a heap they use a state in that heap, with the seed of a newly started program.
  * Full:    if a heap is full, the C library serves the request. Then the FMU cannot be rolled back
  *          by memory, but it can still run.
- * Mapped:  writable memory that an FMU maps itself by mmap() is outside of its heap, like memory
- *          from the C library. The heap notes both, because a copy of the heap is then incomplete.
+ * Mapped:  private memory that an FMU maps by mmap() comes from its heap too. Other writable
+ *          mappings, for example shared ones, are outside, like memory from the C library. The heap
+ *          notes both, because a copy of the heap is then incomplete.
  * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
  *          before the call does.
  * Outside: functions of the C library that store data in the library run outside of the heap. These

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "firmware/base/text.h"
@@ -29,6 +30,7 @@ typedef struct tl_fmu_memory_state {
     struct tl_fmu_memory_state *next; /* next unused state */
     size_t room;                      /* bytes of `bytes` */
     size_t used;                      /* bytes of the heap */
+    size_t regions;                   /* number of regions in it */
     tl_fmu_pages *
         pages; /* NULL: `bytes` contains everything, first the heap, then the regions; else `bytes` contains only the regions outside of `version` */
     tl_fmu_version version;
@@ -41,6 +43,20 @@ tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
     memory->heap = tl_fmu_allocation_open(RESERVED, error);
     return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
+}
+
+tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error) {
+    static tl_fmu_memory shared;
+    if (shared.heap == NULL && tl_fmu_memory_open(NULL, &shared, error) != TL_OK) {
+        return NULL;
+    }
+    shared.heap->allows_threads = true;
+    shared.watched = TL_FMU_MEMORY_WATCHED;
+    return &shared;
+}
+
+static const char *name_of(const tl_fmu_memory *memory) {
+    return memory->folder != NULL ? memory->folder : "FMUs in Python";
 }
 
 /* ---- side effects ---- */
@@ -104,6 +120,7 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     tl_fmu_side_effects after;
     tl_fmu_side_effects_check(&after);
+    after.threads -= memory->heap->threads_started - memory->started_before;
     memory->watched--;
     if (memory->left[0] == '\0') {
         (void)find_new(&memory->before, &after, memory->left);
@@ -124,7 +141,7 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     size_t room = need + SPARE + need / SPARE_PART;
     memory_state *made = malloc(sizeof *made + room);
     if (made == NULL) {
-        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for a copy of %zu bytes (%s)", need, memory->folder);
+        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for a copy of %zu bytes (%s)", need, name_of(memory));
         return TL_TRY_AGAIN;
     }
     *made = (memory_state){.room = room};
@@ -133,14 +150,15 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     return TL_OK;
 }
 
-static bool is_in_pages(const tl_fmu_region *region) {
-    return region->has_pages && region->size >= PAGED_REGION;
+static bool is_in_pages(const tl_fmu_memory *memory, size_t region) {
+    const tl_fmu_region *one = &memory->places.place[region];
+    return region < memory->paged && one->has_pages && one->size >= PAGED_REGION;
 }
 
-static size_t bytes_outside_pages(const tl_fmu_regions *places) {
+static size_t bytes_outside_pages(const tl_fmu_memory *memory) {
     size_t sum = 0;
-    for (size_t i = 0; i < places->count; i++) {
-        sum += is_in_pages(&places->place[i]) ? 0 : places->place[i].size;
+    for (size_t i = 0; i < memory->places.count; i++) {
+        sum += is_in_pages(memory, i) ? 0 : memory->places.place[i].size;
     }
     return sum;
 }
@@ -151,7 +169,7 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
     }
     return sizeof(memory_state) + (memory->pages == NULL
                                        ? tl_fmu_heap_used(memory->heap) + memory->places.bytes
-                                       : tl_fmu_pages_size(memory->pages) + bytes_outside_pages(&memory->places));
+                                       : tl_fmu_pages_size(memory->pages) + bytes_outside_pages(memory));
 }
 
 /* ---- pages ---- */
@@ -163,16 +181,18 @@ static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *er
     if (memory->pages != NULL || used + memory->places.bytes < TL_FMU_MEMORY_LARGE) {
         return TL_OK;
     }
+    memory->paged = memory->places.count;
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_region *region = &memory->places.place[i];
         size_t before = (uintptr_t)region->begin % TL_FMU_PAGE; /* bytes between the start of the page and the region */
         size_t size = (before + region->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
-        if (is_in_pages(region)) {
+        if (is_in_pages(memory, i)) {
             ranges[count++] = (tl_fmu_region){.begin = region->begin - before, .size = size, .has_pages = true};
         }
     }
     ranges[count++] = (tl_fmu_region){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
     memory->pages = tl_fmu_pages_open(ranges, count, error);
+    memory->paged = memory->pages != NULL ? memory->paged : 0;
     return memory->pages != NULL ? TL_OK : TL_TRY_AGAIN;
 }
 
@@ -184,10 +204,20 @@ const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory) {
     }
     return memory->heap->has_threads          ? "a thread"
            : memory->heap->has_outside_memory ? "memory outside of its heap"
+           : memory->is_given_up              ? "an interpreter in common with FMUs that are not copied"
                                               : NULL;
 }
 
-/* Finds the regions once. Checks them again if a library was opened since. */
+static bool begins_with(const tl_fmu_regions *now, const tl_fmu_regions *known) {
+    bool is_same = now->count >= known->count;
+    for (size_t i = 0; i < known->count && is_same; i++) {
+        is_same = now->place[i].begin == known->place[i].begin && now->place[i].size == known->place[i].size;
+    }
+    return is_same;
+}
+
+/* Finds the regions once. Checks them again if a library was opened since; then its regions follow
+ * the others. */
 static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     tl_fmu_regions now;
     unsigned long long opened = tl_fmu_regions_opened();
@@ -195,8 +225,8 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
         return TL_OK;
     }
     tl_status status = tl_fmu_regions_find(memory->folder, &now, error);
-    if (status == TL_OK && memory->are_found && now.bytes != memory->places.bytes) {
-        return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has opened another library");
+    if (status == TL_OK && memory->are_found && !begins_with(&now, &memory->places)) {
+        return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has closed a library");
     }
     memory->places = now;
     memory->are_found = status == TL_OK;
@@ -204,13 +234,60 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
+/* Called in a call of the FMU. */
+static void note_library(void *context) {
+    tl_fmu_memory *memory = context;
+    size_t known = memory->places.count;
+    if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
+        return;
+    }
+    for (size_t i = known; i < memory->places.count; i++) {
+        const tl_fmu_region *region = &memory->places.place[i];
+        memory->opened_as[i] = malloc(region->size);
+        if (memory->opened_as[i] != NULL) {
+            memcpy(memory->opened_as[i], region->begin, region->size);
+        }
+    }
+}
+
+/* ---- threads ---- */
+
+/* Threads that were just started need some time until they wait. */
+enum { QUIET_ROUNDS = 50, MOST_ROUNDS = 1000, ROUND_NS = 1000 * 1000 };
+
+static bool wait_until_asleep(tl_fmu_heap *heap) {
+    int quiet = 0;
+    for (int i = 0; i < MOST_ROUNDS && quiet < QUIET_ROUNDS; i++) {
+        (void)nanosleep(&(struct timespec){.tv_nsec = ROUND_NS}, NULL);
+        quiet = tl_fmu_heap_threads_ran(heap) ? 0 : quiet + 1;
+    }
+    return quiet >= QUIET_ROUNDS;
+}
+
+/* A thread that sleeps between all calls does not change the memory. New threads are allowed until
+ * the first state is saved; later ones must have ended. */
+static bool are_threads_asleep(tl_fmu_memory *memory) {
+    tl_fmu_heap *heap = memory->heap;
+    if (heap->threads_started == memory->settled_threads) {
+        heap->has_threads = heap->has_threads || (heap->threads_started > 0 && tl_fmu_heap_threads_ran(heap));
+        return !heap->has_threads;
+    }
+    bool is_asleep = wait_until_asleep(heap);
+    uint32_t live = tl_fmu_heap_threads_alive(heap);
+    heap->has_threads = heap->has_threads || !is_asleep || (memory->are_found && live > memory->live_threads);
+    memory->settled_threads = heap->threads_started;
+    memory->live_threads = live;
+    return !heap->has_threads;
+}
+
 /* ---- save ---- */
 
-/* Copies between a state and all regions, or only those outside of the page storage. */
-static void copy_regions(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool restore) {
-    for (size_t i = 0; i < memory->places.count; i++) {
+/* Copies between a state and the first `count` regions: all, or only those outside of the page
+ * storage. */
+static void copy_regions(const tl_fmu_memory *memory, size_t count, bool all, unsigned char *bytes, bool restore) {
+    for (size_t i = 0; i < count; i++) {
         const tl_fmu_region *region = &memory->places.place[i];
-        if (all || !is_in_pages(region)) {
+        if (all || !is_in_pages(memory, i)) {
             memcpy(restore ? region->begin : bytes, restore ? bytes : region->begin, region->size);
             bytes += region->size;
         }
@@ -219,11 +296,11 @@ static void copy_regions(const tl_fmu_memory *memory, bool all, unsigned char *b
 
 static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
     memory_state *before = *state;
-    tl_status status = make_room(memory, state, bytes_outside_pages(&memory->places), error);
+    tl_status status = make_room(memory, state, bytes_outside_pages(memory), error);
     status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
-        copy_regions(memory, false, (*state)->bytes, false);
+        copy_regions(memory, memory->places.count, false, (*state)->bytes, false);
     } else if (before == NULL) {
         tl_fmu_memory_forget(*state);
     }
@@ -241,7 +318,7 @@ static memory_state *take_reserved(tl_fmu_memory *memory) {
 }
 
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
-    const char *side_effect = tl_fmu_memory_remaining(memory);
+    const char *side_effect = are_threads_asleep(memory) ? tl_fmu_memory_remaining(memory) : "a thread";
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
     }
@@ -264,11 +341,15 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     }
     if (memory->pages == NULL) {
         memcpy(kept->bytes, memory->heap->base, used);
-        copy_regions(memory, true, kept->bytes + used, false);
+        copy_regions(memory, memory->places.count, true, kept->bytes + used, false);
     }
     *state = kept;
+    memory->heap->opens_outside = true;
+    memory->heap->report_opened = note_library;
+    memory->heap->context = memory;
     note_used(memory);
     kept->used = used;
+    kept->regions = memory->places.count;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
     return TL_OK;
@@ -278,11 +359,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
 
 static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
     memory_state *made = NULL;
-    size_t need =
-        memory->pages != NULL ? bytes_outside_pages(&memory->places) : memory->most_used + memory->places.bytes;
+    size_t need = memory->pages != NULL ? bytes_outside_pages(memory) : memory->most_used + memory->places.bytes;
     tl_status status = make_room(memory, &made, need, error);
     if (status == TL_OK && memory->pages != NULL && !tl_fmu_pages_reserve_version(memory->pages, &made->version)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for copies (%s)", memory->folder);
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for copies (%s)", name_of(memory));
     }
     if (status != TL_OK) {
         tl_fmu_memory_forget(made);
@@ -296,7 +376,7 @@ static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
 tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error) {
     tl_status status = TL_OK;
     if (memory->pages != NULL && !tl_fmu_pages_reserve(memory->pages, states)) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu copies (%s)", states, memory->folder);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu copies (%s)", states, name_of(memory));
     }
     for (size_t i = 0; i < states && status == TL_OK; i++) {
         status = reserve_one(memory, error);
@@ -326,6 +406,27 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 
 /* ---- restore ---- */
 
+/* A library that was opened by a name without a path is only noticed here, and only if the FMU may
+ * use libraries outside of its folder. */
+static bool has_unknown_library(const tl_fmu_memory *memory, const memory_state *state) {
+    bool is_unknown = memory->folder == NULL && tl_fmu_regions_opened() != memory->opened;
+    for (size_t i = state->regions; i < memory->places.count; i++) {
+        is_unknown = is_unknown || memory->opened_as[i] == NULL;
+    }
+    return is_unknown;
+}
+
+bool tl_fmu_memory_has_new_library(const tl_fmu_memory *memory, const void *state) {
+    const memory_state *kept = state;
+    return kept->regions != memory->places.count || has_unknown_library(memory, kept);
+}
+
+const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
+    return has_unknown_library(memory, state) ? "opened a library since the copy was made"
+           : !are_threads_asleep(memory)      ? "a thread"
+                                              : tl_fmu_memory_remaining(memory);
+}
+
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
     bool is_complete = kept->pages == NULL;
@@ -335,7 +436,10 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     } else {
         tl_fmu_pages_restore(memory->pages, &kept->version);
     }
-    copy_regions(memory, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
+    copy_regions(memory, kept->regions, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
+    for (size_t i = kept->regions; i < memory->places.count; i++) {
+        memcpy(memory->places.place[i].begin, memory->opened_as[i], memory->places.place[i].size);
+    }
     if (is_complete && memory->pages != NULL) { /* the state was saved before the FMU became large */
         tl_fmu_pages_invalidate(memory->pages);
     }

@@ -12,6 +12,8 @@
  *          sockets, memory that it maps itself. So rollback is always tested before it is used.
  * States:  are valid only in this process and only for this load of the FMU. They can be restored
  *          in any order and any number of times.
+ * Python:  all FMUs in Python share one memory, because they share one interpreter. So they are
+ *          saved and restored together: a state contains all of them.
  * Owner:   the guard (fmu_guard.h) has one tl_fmu_memory for each loaded FMU.
  * Thread:  the thread that calls the FMUs.
  */
@@ -64,13 +66,20 @@ typedef struct tl_fmu_memory {
     bool
         has_flags; /* set by the user: saves exception flags for the FMU. It costs as much as a small step, so set it only with rollback by memory */
     int raised;    /* the FMU's floating-point exceptions, as fetestexcept() returns them */
-    fexcept_t flags; /* the same in the format of the machine */
-    const char *folder;
-    tl_fmu_regions places;                /* private, from here on */
-    bool are_found;                       /* `places` is valid */
-    unsigned long long opened;            /* tl_fmu_regions_opened() when `places` was filled */
-    size_t most_used;                     /* most bytes of the heap at a save or restore */
-    tl_fmu_pages *pages;                  /* NULL: the FMU is not large */
+    fexcept_t flags;       /* the same in the format of the machine */
+    const char *folder;    /* NULL: the memory of all FMUs in Python */
+    bool is_given_up;      /* set by the user: one of several FMUs is rolled back in another way */
+    tl_fmu_regions places; /* private, from here on */
+    bool are_found;        /* `places` is valid */
+    unsigned char *opened_as
+        [TL_FMU_REGIONS];      /* contents of regions of libraries when they were opened in a call; NULL: not known */
+    size_t paged;              /* regions that existed when `pages` was created */
+    uint32_t settled_threads;  /* threads_started of the heap when its threads were found asleep */
+    uint32_t live_threads;     /* number of them that had not ended */
+    uint32_t started_before;   /* threads_started of the heap before the present call */
+    unsigned long long opened; /* tl_fmu_regions_opened() when `places` was filled */
+    size_t most_used;          /* most bytes of the heap at a save or restore */
+    tl_fmu_pages *pages;       /* NULL: the FMU is not large */
     struct tl_fmu_memory_state *reserved; /* memory for later states */
     tl_fmu_side_effects before;           /* side effects before the present call */
     char left[TL_FMU_SIDE_EFFECT_TEXT];   /* side effect that was found; "": none */
@@ -80,6 +89,10 @@ typedef struct tl_fmu_memory {
  * links, from which the FMU will be loaded; it must remain valid. The heap exists until the process
  * ends, as the FMU's library does. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
+
+/* Returns the one memory of all FMUs in Python; NULL with TL_TRY_AGAIN. Call it for each of them
+ * before it is loaded. */
+tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error);
 
 /* Must enclose each call of the FMU. With `has_flags` they keep the floating-point exceptions of
  * the FMU and of the program apart. */
@@ -101,6 +114,13 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory);
 
 /* Returns the side effect that prevents a copy, as a text; NULL: none was found. */
 const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
+
+/* Returns what prevents the restore of a state, as a text; NULL: it can be restored. The second
+ * function returns true if the FMU has opened a library since then. A restore returns this library
+ * to its contents after opening, if they are known, except for the memory that its constructors
+ * have allocated. */
+const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state);
+bool tl_fmu_memory_has_new_library(const tl_fmu_memory *memory, const void *state);
 
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
@@ -127,6 +147,7 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
     if (memory->watched > 0) {
+        memory->started_before = memory->heap->threads_started;
         tl_fmu_side_effects_check(&memory->before);
     }
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {

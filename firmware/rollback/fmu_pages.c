@@ -268,11 +268,16 @@ typedef struct tls_index {
 extern void *get_thread_local(tls_index *index) __asm__("__tls_get_addr");
 
 typedef struct region_search {
-    const char *folder;
+    const char *folder; /* NULL: all libraries that are not excluded */
     size_t length;
     tl_fmu_regions *places;
     bool is_full;
 } region_search;
+
+/* Load addresses of the excluded libraries. If there are more, the last ones are not excluded. */
+enum { EXCLUDED = 1024 };
+static uintptr_t excluded[EXCLUDED];
+static size_t excluded_count;
 
 static void add(region_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
     tl_fmu_regions *places = self->places;
@@ -325,13 +330,50 @@ static bool is_below(const region_search *self, const char *name) {
            strncmp(path, self->folder, self->length) == 0 && path[self->length] == '/';
 }
 
+static bool is_excluded(uintptr_t address) {
+    size_t i = 0;
+    while (i < excluded_count && excluded[i] != address) {
+        i++;
+    }
+    return i < excluded_count;
+}
+
 static int read_object(struct dl_phdr_info *object, size_t size, void *context) {
     region_search *self = context;
     (void)size;
-    if (is_below(self, object->dlpi_name)) {
+    if (self->folder != NULL ? is_below(self, object->dlpi_name) : !is_excluded(object->dlpi_addr)) {
         add_object(self, object);
     }
     return 0;
+}
+
+static int count_object(struct dl_phdr_info *object, size_t size, void *context) {
+    (void)object;
+    (void)size;
+    ++*(size_t *)context;
+    return 0;
+}
+
+size_t tl_fmu_regions_loaded(void) {
+    size_t count = 0;
+    (void)dl_iterate_phdr(count_object, &count);
+    return count;
+}
+
+/* `context`: objects that are still to be skipped. The loader lists them in order of opening. */
+static int exclude_object(struct dl_phdr_info *object, size_t size, void *context) {
+    size_t *skipped = context;
+    (void)size;
+    if (*skipped > 0) {
+        --*skipped;
+    } else if (excluded_count < EXCLUDED && !is_excluded(object->dlpi_addr)) {
+        excluded[excluded_count++] = object->dlpi_addr;
+    }
+    return 0;
+}
+
+void tl_fmu_regions_exclude(size_t from) {
+    (void)dl_iterate_phdr(exclude_object, &from);
 }
 
 static int note_opened(struct dl_phdr_info *object, size_t size, void *context) {
@@ -347,7 +389,7 @@ unsigned long long tl_fmu_regions_opened(void) {
 }
 
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error) {
-    region_search self = {.folder = folder, .length = strlen(folder), .places = places};
+    region_search self = {.folder = folder, .length = folder != NULL ? strlen(folder) : 0, .places = places};
     *places = (tl_fmu_regions){.count = 0};
     (void)dl_iterate_phdr(read_object, &self);
     return self.is_full

@@ -16,10 +16,12 @@
  * Purpose: global and static variables of the FMU's binary and of the libraries in its folder, and
  *          their thread-local variables of the thread that calls the FMU. Memory that only the
  *          loader writes is left out.
+ * Python:  all FMUs in Python use one interpreter and its extension modules, so they have one list
+ *          of regions: those of all libraries that were not excluded.
  * Thread:  the thread that calls the FMUs.
  */
 
-enum { TL_FMU_REGIONS = 64 };
+enum { TL_FMU_REGIONS = 512 };
 
 typedef struct tl_fmu_region {
     unsigned char *begin;
@@ -37,8 +39,16 @@ typedef struct tl_fmu_regions {
  * regions. */
 unsigned long long tl_fmu_regions_opened(void);
 
+/* Number of libraries that are loaded now. */
+size_t tl_fmu_regions_loaded(void);
+
+/* Excludes loaded libraries from the regions of FMUs in Python: all except the first `from`, in the
+ * order in which they were loaded. */
+void tl_fmu_regions_exclude(size_t from);
+
 /* Finds the regions of all loaded libraries in `folder`, an absolute path without links, and in its
- * subfolders. Creates the thread-local variables of this thread if they do not exist yet. Errors:
+ * subfolders; NULL: those of FMUs in Python. They are in the order in which the libraries were
+ * loaded. Creates the thread-local variables of this thread if they do not exist yet. Errors:
  * TL_FMU_FAILED if there are more than TL_FMU_REGIONS. */
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error);
 

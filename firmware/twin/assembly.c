@@ -166,6 +166,40 @@ static void load_component(tl_assembly *assembly, size_t index) {
     }
 }
 
+static const tl_fmu *fmu_of(const tl_assembly *assembly, size_t component) {
+    const tl_fmu *fmu = assembly->fmus;
+    while (assembly->components[component].model != &fmu->model) {
+        fmu++;
+    }
+    return fmu;
+}
+
+/* Several components in Python are rolled back together by memory, or each in another way. */
+static void share_memory(tl_assembly *assembly) {
+    size_t sharing = 0;
+    size_t components = 0;
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        const tl_fmu *fmu = fmu_of(assembly, i);
+        components += tl_fmu_is_in_python(fmu) ? 1 : 0;
+        sharing += tl_fmu_is_in_python(fmu) && tl_fmu_can_share_memory(fmu) ? 1 : 0;
+    }
+    assembly->shares_memory = sharing > 1 && sharing == components;
+    for (size_t i = 0; i < assembly->config.component_count && sharing > 0 && components > 1; i++) {
+        const tl_config_component *configured = &assembly->config.components[i];
+        if (!assembly->shares_memory && configured->rollback == TL_ROLLBACK_MEMORY &&
+            tl_fmu_is_in_python(fmu_of(assembly, i))) {
+            tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
+                          "\"rollback\" is \"memory\", but not in all components in Python, which have one memory: set "
+                          "it in all of them, or in none");
+        }
+    }
+    for (tl_fmu *fmu = assembly->fmus; fmu < assembly->fmus + assembly->fmu_count && components > 1; fmu++) {
+        if (tl_fmu_is_in_python(fmu)) {
+            tl_fmu_share_memory(fmu, assembly->shares_memory);
+        }
+    }
+}
+
 /* Fills in the FMU variables that `emulate` reads; returns their number. */
 static size_t fill_outputs(tl_assembly *assembly) {
     size_t count = 0;
@@ -283,6 +317,10 @@ static void fill_plan(tl_assembly *assembly) {
         .heap = memory_used,
         .now = assembly->trusts_states ? NULL : tl_clock_now,
     };
+    if (assembly->shares_memory) { /* saving rolls back or leaves out single components */
+        assembly->plan.saving.structure = false;
+        assembly->plan.saving.sequences = false;
+    }
     const tl_config_delays *delays = config->delays;
     if (delays != NULL && delays->measure) {
         /* One lag more than needed, so that a peak at the end of the range is detected as one. */
@@ -316,6 +354,9 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     bool opened = report->count == 0; /* if a library is missing, each FMU that needs it would report the same again */
     for (size_t i = 0; i < config->component_count && opened; i++) {
         load_component(assembly, i);
+    }
+    if (report->count == 0 && config->synchronise) {
+        share_memory(assembly);
     }
     if (report->count == 0) {
         tl_config_tuning(config, &assembly->tuning);

@@ -31,6 +31,7 @@ typedef struct tl_assembly {
     tl_problems problems;
     tl_fmu *fmus; /* one per component; components with the same Python FMU share one */
     size_t fmu_count;
+    bool shares_memory; /* several components in Python are rolled back together */
     tl_plan plan;
     tl_plan_component *components; /* of the plan */
     tl_plan_signal *signals;

@@ -2,19 +2,23 @@
 """FMUs of PythonFMU in real time: one as the plant, which writes into a FIFO, and one as its twin
 in `run`.
 
-The twin must lock and end after a signal, and its replay must give the same bits.
+The twin must lock and end after a signal, and its replay must give the same bits. TL_LIVE_SECONDS is
+the duration of the runs of FMUs without states; for a campaign: 600.
 """
 import csv
 import math
+import os
 import signal
+import sys
 import time
 
 from live_test import Program, check_replay, check_summary, end_well, number, wait_for_steps, wait_until
 from python_fmu import LIBRARY, export
-from twinlock_test import expect, expect_line, main, merge, scratch, write_config
+from twinlock_test import expect, expect_line, expect_no_line, main, merge, scratch, write_config
 
 GAIN = 1.3  # of the plant; the twin starts with 1
-TICKS = 6000
+SECONDS = float(os.environ.get("TL_LIVE_SECONDS", "6"))
+TICKS = 6000 + int(100 * SECONDS)
 
 
 def recording():
@@ -73,6 +77,88 @@ def test_it_is_locked_in_real_time():
     print(f"    {rows} steps, {told['skipped']} skipped, {found_it(database)} with about the true gain")
     check_replay(config, database, rows)
     expect("error" not in log, log)
+
+
+LAG = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+{top}
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y, self.gain, self.u, self.x = 0.0, 1.0, 0.0, 0.0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+        self.register_variable(Real("u", causality=Fmi2Causality.input))
+        self.register_variable(Real("gain", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+
+    def do_step(self, current_time, step_size):
+        self.x += step_size / 0.05 * ({value} - self.x)
+        self.y = self.x
+        return True
+"""
+PLAIN = ("", "self.gain * self.u")
+NUMPY = ("import numpy", "float(numpy.array([self.gain, 0.0]) @ numpy.array([self.u, 1.0]))")
+
+
+def lag(name, top, value):
+    source = LAG.replace("{name}", name).replace("{top}", top).replace("{value}", value)
+    return {"fmu": str(export(name.lower(), source=source)), "libraries": [LIBRARY]}
+
+
+def series(fmus, changes):
+    names = list(fmus)
+    return write_config(merge({
+        "twinlock": 1, "name": "series", "step_s": 0.01, "components": fmus, "plant": {"u": {}},
+        "connect": [["plant.u", f"{names[0]}.u"]] + [[f"{a}.y", f"{b}.u"] for a, b in zip(names, names[1:])],
+    }, changes))
+
+
+def lock_live(fmus):
+    """FMUs without states, rolled back by memory: the twin is in lock from some seconds on."""
+    fifo = scratch() / "fifo"
+    last = list(fmus)[-1]
+    plant_config = series(fmus, {
+        "components": {"first": {"set": {"gain": GAIN}}}, "recording": {"file": str(recording())},
+        "emulate": {"columns": {"u": {"from": "plant.u"}, "y": {"from": f"{last}.y"}}}})
+    config = series(fmus, {
+        "sources": {"stream": {"csv": {"file": str(fifo)}}},
+        "plant": {name: {"csv": {"source": "stream"}} for name in ("u", "y")},
+        "record": {"file": "twin.db", "commit_s": 0.1},
+        "synchronise": {"horizon": {"prediction": len(fmus)}, "adjust": {"first.gain": {"step": 0.2, "min": 0.2, "max": 3}},
+                        "match": {f"{last}.y": {"to": "plant.y", "tolerance": 0.005}}}})
+    database = config.parent / "twin.db"
+    os.environ["PATH"] = os.path.dirname(sys.executable) + ":" + os.environ["PATH"]
+    with Program("plant", plant_config, "--fifo", fifo) as plant:
+        wait_until(fifo.exists, "the FIFO", plant.log)
+        with Program("run", config, "--json") as live:
+            wait_for_steps(live, database, 100)
+            time.sleep(SECONDS)
+            told, log = end_well(live, signal.SIGINT)
+        plant.end(signal.SIGTERM)
+    rows = check_summary(told, database, prediction=len(fmus), components=len(fmus) + 1)
+    lock = told["lock"]
+    gain = number(database, "SELECT avg(applied) FROM adjustments WHERE run = 1 AND step > ?", told["steps"] / 2)
+    print(f"    {told['steps']} steps, {told['skipped']} skipped, in lock {lock['percent']:.1f} %, gain {gain:.3f}")
+    expect(abs(gain - GAIN) < 0.05, f"gain {gain}, that of the plant is {GAIN}\n{log}")
+    expect(lock["state"] == "locked" and lock["steps"]["lost"] <= 100, f"lock {lock}\n{log}")
+    expect_no_line(log, "cannot be copied")
+    check_replay(config, database, rows)
+
+
+def test_one_without_states():
+    lock_live({"first": lag("First", *PLAIN)})
+
+
+def test_two_without_states():
+    lock_live({"first": lag("First", *PLAIN), "second": lag("Second", *PLAIN)})
+
+
+def test_one_with_numpy():
+    lock_live({"first": lag("First", *NUMPY)})
+
+
+def test_two_with_numpy():
+    lock_live({"first": lag("First", *NUMPY), "second": lag("Second", *NUMPY)})
 
 
 SLEEPER = """

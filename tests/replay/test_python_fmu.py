@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """FMUs of PythonFMU, made from tests/fmu/python, together with our own.
 
-Their results have the bits of an independent loop of FMPy. They are synchronised if they can save their state or be replayed.
+Their results have the bits of an independent loop of FMPy. They are synchronised by their states, by their memory, which all of them share, or by replay.
 If something is missing, the message names it."""
 import csv
 import functools
@@ -252,13 +252,18 @@ def true_plant():
 
 
 def test_it_is_synchronised_and_rolled_back():
-    """Adjusts a tunable parameter, then an input. Restored or executed again, the bits are the same."""
+    """Adjusts a tunable parameter, then an input. Restored or executed again, the bits are the same. Executions are saved with
+    the FMUs' own states; copied together, none is."""
+    by_states = {"components": {name: {"rollback": "state"} for name in ("controller", "process")}}
     free = replay_json(write_config(loop({"recording": {"file": str(true_plant())}})))["match"]["process.y"]["mse"]
     for adjusted, settings in {"process.gain": {"step": 0.2, "min": 0.2, "max": 3}, "process.u": {"step": 0.2}}.items():
         changes = {"recording": {"file": str(true_plant())}, "synchronise": {"adjust": {"process.gain": None, adjusted: settings}}}
-        config = write_config(loop(merge(LOCK, changes)))
+        config = write_config(loop(merge(LOCK, merge(changes, by_states))))
+        together = write_config(loop(merge(LOCK, changes)))
         saved, plain = replay_csv(config), replay_csv(config, "--plain")
         expect(saved == plain, f"{adjusted}: with and without saving executions differ")
+        expect(saved == replay_csv(together), f"{adjusted}: by states and by memory, the results differ")
+        expect(replay_json(together)["executions"]["process"] == all_executions(config), "executions are saved")
         told, all_told = replay_json(config), replay_json(config, "--plain")
         executions = told["executions"]["process"], all_told["executions"]["process"]
         mse = told["match"]["process.y"]["mse"]
@@ -269,6 +274,10 @@ def test_it_is_synchronised_and_rolled_back():
         if adjusted == "process.gain":
             last = saved["process.gain"][-100:]
             expect(all(abs(gain - STRONGER) < 0.1 for gain in last), f"the gain is not found: {last[-1]}")
+
+
+def all_executions(config):
+    return replay_json(config, "--plain")["executions"]["process"]
 
 
 def resident_peak(document):
@@ -300,12 +309,12 @@ def test_memory_of_states_does_not_grow():
     expect(long - short < STEPS, f"memory has grown by {long - short} kB")
 
 
-def test_without_states_it_is_rolled_back_by_replay():
+def test_without_states_it_is_rolled_back_by_memory():
     process = {"fmu": str(export("plant"))}
     refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 16|components.process|canGetAndSetFMUstate")
     code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
     expect(code == 0, f"exit code {code}\n{out}{err}")
-    expect_line(out, "replay|process|1000 steps")
+    expect_line(out, "rolled back|memory")
 
 
 def test_a_state_that_is_not_registered_is_found():
@@ -314,9 +323,137 @@ def test_a_state_that_is_not_registered_is_found():
     code, _, err = run(["replay", write_config(merge(alone(fmu, TUNED), {"components": {"slave": {"rollback": "state"}}}))])
     expect(code == 70, f"exit code {code}\n{err}")
     expect_line(err, 'error|slave.y|1|step|"rollback"')
-    code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
-    expect(code == 0, f"exit code {code}\n{err}")
-    expect_line(err, "warning|FMU Slave|reset|replay")
+    expect_method(alone(fmu, TUNED), "memory")
+
+
+# ---- rolled back by memory ----
+
+def expect_method(document, *methods, notices=()):
+    """`check` names the rollback method of each FMU, and reports the notices."""
+    code, out, err = run(["check", write_config(document)])
+    expect(code == 0, f"exit code {code}\n{out}{err}")
+    found = [line.split(" by ")[1].removeprefix("its ").split(":")[0] for line in out.splitlines() if "rolled back by " in line]
+    expect(found == list(methods), f"rolled back by {found}, wanted {methods}\n{out}{err}")
+    for notice in notices:
+        expect_line(err, notice)
+
+
+def expect_exact(document, *methods, notices=()):
+    """Rolled back by these methods, the results have the bits of --plain; those of replay if there is another method."""
+    expect_method(document, *methods, notices=notices)
+    rows, plain = replay_csv(write_config(document)), replay_csv(write_config(document), "--plain")
+    expect(rows == plain, "with and without saving, the results differ")
+    if "memory" in methods:
+        by_replay = merge(document, {"components": {name: {"rollback": "replay"} for name in document["components"]}})
+        expect(rows == replay_csv(write_config(by_replay)), "by memory and by replay, the results differ")
+
+
+MEMORY = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+{top}
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y, self.gain, self.u, self.x, self.k = 0.0, 1.0, 0.0, 0.0, 0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+        self.register_variable(Real("u", causality=Fmi2Causality.input))
+        self.register_variable(Real("gain", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+
+    def do_step(self, current_time, step_size):
+        self.k += 1
+        {body}
+        self.x += step_size * (self.gain * self.u - self.x)
+        self.y = self.x
+        return True
+"""
+
+
+def lag(body="pass", top="", name="Lag", states=False):
+    """An FMU with first-order dynamics whose state is not registered, and this code in its steps."""
+    source = MEMORY.replace("{body}", body).replace("{top}", top).replace("{name}", name)
+    return export(name.lower(), *(["--handle-state"] if states else []), source=source)
+
+
+def chain(*fmus):
+    """The FMUs in series; the gain of the first is found with Nelder-Mead over five steps, for 0.6 s."""
+    names = [f"c{i}" for i in range(len(fmus))]
+    return {"twinlock": 1, "name": "chain", "step_s": STEP_NS / 1e9, "duration_s": 0.6, "plant": {"y": {}, "ref": {}},
+            "components": {name: {"fmu": str(fmu), "libraries": [LIBRARY]} for name, fmu in zip(names, fmus)},
+            "recording": {"file": str(recording())},
+            "connect": [["plant.ref", "c0.u"]] + [[f"{a}.y", f"{b}.u"] for a, b in zip(names, names[1:])],
+            "synchronise": {"algorithm": "nelder-mead", "horizon": {"prediction": 5},
+                            "adjust": {"c0.gain": {"step": 0.2, "min": 0.2, "max": 3}},
+                            "match": {f"{names[-1]}.y": {"to": "plant.y", "tolerance": 0.001}}}}
+
+
+def with_packages(test):
+    """Runs it with the packages of this Python: numpy is found by the first python3 in PATH."""
+    def run_test():
+        path = os.environ["PATH"]
+        os.environ["PATH"] = os.path.dirname(sys.executable) + ":" + path
+        try:
+            test()
+        finally:
+            os.environ["PATH"] = path
+    run_test.__doc__ = test.__doc__
+    return run_test
+
+
+NUMPY = "v = numpy.roll(getattr(self, 'v', numpy.zeros(20)), 1); v[0] = self.x; self.v = v; self.x += 1e-3 * float(v @ v)"
+LAZY = "import decimal, random, zlib; self.x += 1e-3 * random.Random(self.k).random()"
+
+
+def test_components_in_python_go_back_together():
+    """They share one interpreter: two FMUs, the same FMU twice, and one whose states would not be exact."""
+    one, other = lag(), lag(name="Other", states=True)
+    for fmus in (one, other), (one, one), (other, other):
+        expect_exact(chain(*fmus), "memory", "memory")
+
+
+def test_what_two_instances_share_goes_back_too():
+    """A counter of the class belongs to both. Nothing is saved in their twin, so even that is exact."""
+    fmu = lag("type(self).n = getattr(type(self), 'n', 0) + 1; self.x += 1e-3 * (type(self).n % 7)")
+    rows, plain = (replay_csv(write_config(chain(fmu, fmu)), *options) for options in ([], ["--plain"]))
+    expect(rows == plain, "with and without saving, the results differ")
+
+
+@with_packages
+def test_numpy_goes_back():
+    expect_exact(chain(lag(NUMPY, "import numpy")), "memory")
+    expect_exact(chain(lag(NUMPY, "import numpy"), lag(NUMPY, "import numpy", "Other")), "memory", "memory")
+
+
+@with_packages
+def test_a_library_that_a_step_opens():
+    """In the first steps, then the FMU is started again with it; and later."""
+    expect_exact(chain(lag(LAZY)), "memory", notices=["notice|FMU Lag|library|again"])
+    expect_exact(chain(lag("import numpy; " + NUMPY), lag(name="Other")), "memory", "memory", notices=["notice|FMU Other|library"])
+    expect_exact(chain(lag(f"if current_time > 0.3:\n            {LAZY}")), "memory")
+
+
+def test_what_cannot_be_copied():
+    """A thread of the script, and a file that it keeps open: all components go by replay."""
+    thread = "import threading, time\nthreading.Thread(target=time.sleep, args=(5,), daemon=True).start()"
+    expect_exact(chain(lag(top=thread)), "replay", notices=["warning|FMU Lag|memory|thread"])
+    file = "import tempfile; self.file = getattr(self, 'file', None) or tempfile.TemporaryFile()"
+    expect_exact(chain(lag(file), lag(name="Other")), "replay", "replay", notices=["warning|FMU Lag|open file"])
+    expect_exact(chain(lag(), lag(file, name="Other")), "replay", "replay", notices=["warning|FMU Lag|open file"])
+
+
+def test_methods_of_several():
+    """By memory all or none."""
+    document = chain(lag(), lag(name="Other"))
+    mixed = merge(document, {"components": {"c0": {"rollback": "memory"}, "c1": {"rollback": "replay"}}})
+    refused(mixed, 65, 'components.c0|"memory"|in all')
+    expect_method(merge(document, {"components": {"c1": {"rollback": "replay"}}}), "replay", "replay")
+    expect_method(merge(document, {"components": {"c0": {"rollback": "memory"}}}), "memory", "memory")
+
+
+def test_a_trial_that_the_script_refuses():
+    document = chain(lag("if self.gain > 1.1: return False"))
+    found = replay_json(write_config(document))
+    expect(found["refused_trials"] > 0, found)
+    expect(replay_csv(write_config(document)) == replay_csv(write_config(document), "--plain"), "the results differ")
 
 
 def test_a_module_shared_by_two_instances_causes_a_warning():

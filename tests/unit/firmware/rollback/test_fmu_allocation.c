@@ -176,8 +176,10 @@ static void test_a_heap_that_is_full(void) {
 }
 
 static void *allocate_besides(void *context) {
-    (void)context;
-    return malloc(100);
+    int *pipe = context;
+    char byte = 0;
+    void *block = malloc(100);
+    return pipe == NULL || read(pipe[0], &byte, 1) == 1 ? block : NULL;
 }
 
 static void test_another_thread_is_in_no_call(void) {
@@ -190,13 +192,119 @@ static void test_another_thread_is_in_no_call(void) {
     free(block);
 }
 
+static void sleep_shortly(void) {
+    TEST_ASSERT_EQUAL_INT(0, usleep(1000));
+}
+
+/* An allowed thread has not run as long as it sleeps, and has run when it was woken. */
+static void test_a_thread_that_is_allowed(void) {
+    pthread_t thread;
+    void *block = NULL;
+    int pipes[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
+    heaps[0]->allows_threads = true;
+    (void)tl_fmu_allocation_enter(heaps[0]);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, allocate_besides, pipes));
+    (void)tl_fmu_allocation_enter(NULL);
+    while (tl_fmu_heap_threads_ran(heaps[0])) {
+        sleep_shortly();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1, tl_fmu_heap_threads_alive(heaps[0]));
+    TEST_ASSERT_FALSE(tl_fmu_heap_threads_ran(heaps[0]));
+    TEST_ASSERT_EQUAL_INT(1, write(pipes[1], "x", 1));
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
+    TEST_ASSERT_TRUE(tl_fmu_heap_threads_ran(heaps[0]));
+    TEST_ASSERT_FALSE(tl_fmu_heap_threads_ran(heaps[0]));
+    TEST_ASSERT_EQUAL_UINT32(0, tl_fmu_heap_threads_alive(heaps[0]));
+    TEST_ASSERT_TRUE(is_in(heaps[0], block));
+    TEST_ASSERT_FALSE(heaps[0]->has_threads);
+    TEST_ASSERT_EQUAL_INT(0, close(pipes[0]) + close(pipes[1]));
+    free(block);
+}
+
+static void test_more_threads_than_are_watched(void) {
+    heaps[0]->allows_threads = true;
+    for (int i = 0; i <= TL_FMU_HEAP_THREADS; i++) {
+        pthread_t thread;
+        void *block = NULL;
+        TEST_ASSERT_FALSE(heaps[0]->has_threads);
+        (void)tl_fmu_allocation_enter(heaps[0]);
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, allocate_besides, NULL));
+        (void)tl_fmu_allocation_enter(NULL);
+        TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
+        free(block);
+    }
+    TEST_ASSERT_TRUE(heaps[0]->has_threads);
+}
+
+/* The volatile sizes keep the compiler from merging or removing the calls. */
+static unsigned char *map_private(volatile size_t size) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *mapping = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(mapping != MAP_FAILED);
+    return mapping;
+}
+
+static void expect_bytes(unsigned char wanted, const unsigned char *bytes, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_UINT8(wanted, bytes[i]);
+    }
+}
+
+static void test_private_mappings_are_in_the_heap(void) {
+    enum { SIZE = 10000, PAGES = 3 * 4096 };
+    (void)tl_fmu_allocation_enter(heaps[0]);
+    unsigned char *first = map_private(SIZE);
+    unsigned char *second = map_private(SIZE);
+    TEST_ASSERT_TRUE(is_in(heaps[0], first) && is_in(heaps[0], second) && first != second);
+    TEST_ASSERT_EQUAL_UINT64(0, (uintptr_t)first % 4096);
+    memset(first, 1, SIZE);
+    memset(second, 2, SIZE);
+    TEST_ASSERT_EQUAL_INT(0, munmap(second + 4096, 4096)); /* a part stays */
+    expect_bytes(2, second, SIZE);
+    TEST_ASSERT_EQUAL_INT(0, munmap(first, SIZE));
+    unsigned char *third = map_private(SIZE); /* the same memory, but zeroed */
+    TEST_ASSERT_EQUAL_PTR(first, third);
+    expect_bytes(0, third, PAGES);
+    unsigned char *larger = mremap(second, SIZE, 4 * SIZE, MREMAP_MAYMOVE);
+    TEST_ASSERT_TRUE(is_in(heaps[0], larger));
+    expect_bytes(2, larger, SIZE);
+    expect_bytes(0, larger + SIZE, 3 * SIZE);
+    TEST_ASSERT_TRUE(mremap(larger, SIZE, 8 * SIZE, 0) == MAP_FAILED && errno == ENOMEM);
+    TEST_ASSERT_EQUAL_INT(0, madvise(larger, 4096, MADV_WILLNEED));
+    expect_bytes(2, larger, 4096);
+    TEST_ASSERT_EQUAL_INT(0, madvise(larger, 4096, MADV_DONTNEED));
+    expect_bytes(0, larger, 4096);
+    TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
+    TEST_ASSERT_EQUAL_INT(0, mprotect(third, 4096, PROT_READ));
+    TEST_ASSERT_TRUE(heaps[0]->has_outside_memory);
+    TEST_ASSERT_EQUAL_INT(0, mprotect(third, 4096, PROT_READ | PROT_WRITE));
+}
+
+/* Maps and unmaps without growing, in an order that is not that of the list. */
+static void test_mappings_are_used_again(void) {
+    unsigned char *mappings[8];
+    size_t used = 0;
+    (void)tl_fmu_allocation_enter(heaps[0]);
+    for (int round = 0; round < 100; round++) {
+        for (size_t i = 0; i < 8; i++) {
+            mappings[i] = map_private(4096);
+        }
+        for (size_t i = 0; i < 8; i++) {
+            TEST_ASSERT_EQUAL_INT(0, munmap(mappings[(5 * i + (size_t)round) % 8], 4096));
+        }
+        used = round == 0 ? tl_fmu_heap_used(heaps[0]) : used;
+    }
+    TEST_ASSERT_EQUAL_size_t(used, tl_fmu_heap_used(heaps[0]));
+}
+
 static void test_memory_that_it_maps_is_noted(void) {
     (void)tl_fmu_allocation_enter(heaps[0]);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *constant = mmap(NULL, 4096, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    void *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     (void)tl_fmu_allocation_enter(NULL);
     TEST_ASSERT_TRUE(heaps[0]->has_outside_memory);
     TEST_ASSERT_FALSE(heaps[1]->has_outside_memory);
@@ -278,6 +386,10 @@ int main(void) {
     RUN_TEST(test_impossible_requests);
     RUN_TEST(test_a_heap_that_is_full);
     RUN_TEST(test_another_thread_is_in_no_call);
+    RUN_TEST(test_a_thread_that_is_allowed);
+    RUN_TEST(test_more_threads_than_are_watched);
+    RUN_TEST(test_private_mappings_are_in_the_heap);
+    RUN_TEST(test_mappings_are_used_again);
     RUN_TEST(test_memory_that_it_maps_is_noted);
     RUN_TEST(test_each_has_its_own_random_numbers);
     RUN_TEST(test_all_kinds_of_random_numbers);

@@ -84,7 +84,7 @@ static double step(bool forward) {
 
 static void save(void **state) {
     tl_error error;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_memory_save(&fmu.guard.memory, state, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_memory_save(fmu.guard.memory, state, &error), error.text);
 }
 
 static void test_any_order(void) {
@@ -96,7 +96,7 @@ static void test_any_order(void) {
         next[i] = step(i % 3 != 0);
     }
     for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
-        tl_fmu_memory_restore(&fmu.guard.memory, states[order[i]]);
+        tl_fmu_memory_restore(fmu.guard.memory, states[order[i]]);
         steps = order[i];
         double again = step(order[i] % 3 != 0);
         TEST_ASSERT_EQUAL_MEMORY(&next[order[i]], &again, sizeof again);
@@ -150,15 +150,15 @@ static void test_a_state_that_is_used_again_grows(void) {
     const void *before = state;
     save(&state);
     TEST_ASSERT_EQUAL_PTR(before, state);
-    size_t size = tl_fmu_memory_size(&fmu.guard.memory);
-    (void)tl_fmu_allocation_enter(fmu.guard.memory.heap);
+    size_t size = tl_fmu_memory_size(fmu.guard.memory);
+    (void)tl_fmu_allocation_enter(fmu.guard.memory->heap);
     unsigned char *more = malloc(100000);
     memset(more, 3, 100000);
     (void)tl_fmu_allocation_enter(NULL);
-    size_t grown = tl_fmu_memory_size(&fmu.guard.memory);
+    size_t grown = tl_fmu_memory_size(fmu.guard.memory);
     save(&state);
     memset(more, 4, 100000);
-    tl_fmu_memory_restore(&fmu.guard.memory, state);
+    tl_fmu_memory_restore(fmu.guard.memory, state);
     TEST_ASSERT_EQUAL_UINT8(3, more[99999]);
     free(more);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(size + 100000, grown);
@@ -167,7 +167,7 @@ static void test_a_state_that_is_used_again_grows(void) {
 
 /* Floating-point exceptions of the FMU and of the program are separate. */
 static void test_exceptions_are_its_own(void) {
-    tl_fmu_memory *memory = &fmu.guard.memory;
+    tl_fmu_memory *memory = fmu.guard.memory;
     (void)feclearexcept(FE_ALL_EXCEPT);
     tl_fmu_memory_enter(memory);
     (void)feclearexcept(FE_ALL_EXCEPT);
@@ -196,7 +196,7 @@ static void test_exceptions_are_its_own(void) {
 static void expect_left(const char *parts) {
     void *state = NULL;
     tl_error error;
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_fmu_memory_save(&fmu.guard.memory, &state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_fmu_memory_save(fmu.guard.memory, &state, &error));
     TL_EXPECT_PARTS(parts, error.text);
     TEST_ASSERT_NULL(state);
 }
@@ -211,9 +211,9 @@ static void test_a_thread(void) {
     int pipes[2];
     pthread_t thread;
     TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
-    tl_fmu_memory_enter(&fmu.guard.memory);
+    tl_fmu_memory_enter(fmu.guard.memory);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, wait_on, &pipes[0]));
-    tl_fmu_memory_leave(&fmu.guard.memory);
+    tl_fmu_memory_leave(fmu.guard.memory);
     expect_left("thread");
     TEST_ASSERT_EQUAL_INT(0, close(pipes[1]));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
@@ -227,29 +227,29 @@ static void *do_nothing(void *context) {
 /* The allocations of the thread are in no heap. */
 static void test_a_thread_that_ends_within_the_call(void) {
     pthread_t thread;
-    tl_fmu_memory_enter(&fmu.guard.memory);
+    tl_fmu_memory_enter(fmu.guard.memory);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, do_nothing, NULL));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
-    tl_fmu_memory_leave(&fmu.guard.memory);
+    tl_fmu_memory_leave(fmu.guard.memory);
     expect_left("thread");
 }
 
 static void test_a_file(void) {
-    tl_fmu_memory_enter(&fmu.guard.memory);
+    tl_fmu_memory_enter(fmu.guard.memory);
     int file = open("/dev/null", O_RDONLY | O_CLOEXEC);
-    tl_fmu_memory_leave(&fmu.guard.memory);
+    tl_fmu_memory_leave(fmu.guard.memory);
     TEST_ASSERT_EQUAL_INT(0, close(file));
     expect_left("open file");
 }
 
 static void test_a_process(void) {
-    tl_fmu_memory_enter(&fmu.guard.memory);
+    tl_fmu_memory_enter(fmu.guard.memory);
     pid_t child = fork();
     if (child == 0) {
         (void)pause();
         _exit(0);
     }
-    tl_fmu_memory_leave(&fmu.guard.memory);
+    tl_fmu_memory_leave(fmu.guard.memory);
     expect_left("process");
     (void)kill(child, SIGKILL);
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, NULL, 0));
@@ -274,35 +274,53 @@ static void open_late_library(void) {
     char late[PATH_MAX];
     void *opened = NULL;
     glob_t found;
-    (void)snprintf(pattern, sizeof pattern, "%s/binaries/*/cylinder.so", fmu.guard.memory.folder);
-    (void)snprintf(late, sizeof late, "%s/late.so", fmu.guard.memory.folder);
+    (void)snprintf(pattern, sizeof pattern, "%s/binaries/*/cylinder.so", fmu.guard.memory->folder);
+    (void)snprintf(late, sizeof late, "%s/late.so", fmu.guard.memory->folder);
     TEST_ASSERT_EQUAL_INT(0, glob(pattern, 0, NULL, &found));
     for (size_t i = 0; i < found.gl_pathc && opened == NULL; i++) {
         copy_file(found.gl_pathv[i], late);
-        tl_fmu_memory_enter(&fmu.guard.memory);
+        tl_fmu_memory_enter(fmu.guard.memory);
         opened = dlopen(late, RTLD_NOW | RTLD_LOCAL);
-        tl_fmu_memory_leave(&fmu.guard.memory);
+        tl_fmu_memory_leave(fmu.guard.memory);
     }
     globfree(&found);
     TEST_ASSERT_NOT_NULL(opened);
 }
 
+/* A state from before the library was opened restores its data as they were after opening, a later
+ * one as they were then. */
 static void test_a_library_that_is_opened_late(void) {
-    void *state = NULL;
-    save(&state);
-    tl_fmu_memory_forget(state);
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *before = NULL;
+    void *after = NULL;
+    save(&before);
+    size_t known = memory->places.count;
     open_late_library();
-    expect_left("library");
+    TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
+    TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
+    unsigned char *data = memory->places.place[known].begin;
+    unsigned char first = data[0];
+    data[0]++;
+    save(&after);
+    TEST_ASSERT_FALSE(tl_fmu_memory_has_new_library(memory, after));
+    data[0]++;
+    TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, before));
+    tl_fmu_memory_restore(memory, before);
+    TEST_ASSERT_EQUAL_UINT8(first, data[0]);
+    tl_fmu_memory_restore(memory, after);
+    TEST_ASSERT_EQUAL_UINT8((unsigned char)(first + 1), data[0]);
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(after);
 }
 
 static void test_only_the_first_calls_are_watched(void) {
-    while (fmu.guard.memory.watched > 0) {
-        tl_fmu_memory_enter(&fmu.guard.memory);
-        tl_fmu_memory_leave(&fmu.guard.memory);
+    while (fmu.guard.memory->watched > 0) {
+        tl_fmu_memory_enter(fmu.guard.memory);
+        tl_fmu_memory_leave(fmu.guard.memory);
     }
-    tl_fmu_memory_enter(&fmu.guard.memory);
+    tl_fmu_memory_enter(fmu.guard.memory);
     int file = open("/dev/null", O_RDONLY | O_CLOEXEC);
-    tl_fmu_memory_leave(&fmu.guard.memory);
+    tl_fmu_memory_leave(fmu.guard.memory);
     void *state = NULL;
     save(&state);
     tl_fmu_memory_forget(state);
