@@ -69,6 +69,16 @@ def describe_result(found):
     return "exact" if is_exact(found) else f"differs in step {found['differs'] + 1}"
 
 
+def exact_method(arguments):
+    """A function that returns the first method by which an FMU is rolled back exactly, for studies/exactness.py."""
+    def first_exact(fmu, step, steps):
+        for way in "memory", "state", "replay":
+            if is_exact(probe(arguments.probe, fmu, way, step, max(1, min(steps, 400)), arguments.limit)):
+                return way
+        return "none"
+    return first_exact
+
+
 def has_run(result):
     return any(not found.get("error") and found["steps"] > 0 for found in result["ways"].values())
 

@@ -1,0 +1,60 @@
+"""Leads an FMU straight on with FMPy, without confinement: straight.py FMU CASE. Prints its outputs after each step as JSON.
+
+CASE is a JSON file: step_ns, start_s, stop_s; set: {variable: value before initialisation}; initial: {input: value in
+initialisation}; inputs: {variable: value of each step}; outputs: names of Reals.
+"""
+import json
+import sys
+import tempfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy
+from fmpy import fmi2
+
+
+def read_description(folder):
+    """(guid, model identifier, {variable: (type, reference)}), also of descriptions that FMPy refuses."""
+    root = ElementTree.parse(Path(folder) / "modelDescription.xml").getroot()
+    variables = {element.get("name"): (element[0].tag, int(element.get("valueReference")))
+                 for element in root.iterfind("ModelVariables/ScalarVariable") if len(element)}
+    return root.get("guid"), root.find("CoSimulation").get("modelIdentifier"), variables
+
+
+def write(slave, variable, value):
+    kind, reference = variable
+    kind = {"Enumeration": "Integer"}.get(kind, kind)
+    convert = {"Real": float, "String": str}.get(kind, int)
+    getattr(slave, f"set{kind}")([reference], [convert(value)])
+
+
+def lead(case, folder):
+    guid, identifier, variables = read_description(folder)
+    slave = fmi2.FMU2Slave(guid=guid, unzipDirectory=folder, instanceName="straight", modelIdentifier=identifier)
+    slave.instantiate()
+    for name, value in case["set"].items():
+        write(slave, variables[name], value)
+    slave.setupExperiment(startTime=case["start_s"], stopTime=case["stop_s"])
+    slave.enterInitializationMode()
+    for name, value in case["initial"].items():
+        write(slave, variables[name], value)
+    slave.exitInitializationMode()
+    outputs = [variables[name][1] for name in case["outputs"]]
+    step, rows = case["step_ns"], []
+    for tick in range(case["steps"]):
+        for name, values in case["inputs"].items():
+            write(slave, variables[name], values[tick])
+        slave.doStep(case["start_s"] + tick * step / 1e9, step / 1e9)
+        rows.append(slave.getReal(outputs))
+    return rows
+
+
+def main():
+    fmu, case = sys.argv[1:]
+    with tempfile.TemporaryDirectory(prefix="twinlock-straight-") as folder:
+        rows = lead(json.loads(Path(case).read_text(encoding="utf-8")), fmpy.extract(fmu, folder))
+    print("\n" + json.dumps(rows))
+
+
+if __name__ == "__main__":
+    main()
