@@ -8,6 +8,7 @@ import csv
 import hashlib
 import json
 import math
+import os
 import re
 import sqlite3
 import sys
@@ -22,7 +23,7 @@ from typing import NamedTuple
 from foreign import ENDED_BY_LIMIT, component_of, describe, execute, first_error, has_signal
 from study import NOT_LOCKED, Progress
 
-PREDICTION, EVALUATIONS = 5, 40
+STEPS, PREDICTION, EVALUATIONS = 120, 5, 40
 MOST_CANDIDATES, MOST_ADJUSTED, MOST_DRIVEN, MOST_MATCHED, MOST_COMPARED = 8, 2, 20, 2, 16
 LEAST_STEPS = 20
 STRAIGHT = Path(__file__).with_name("straight.py")
@@ -101,7 +102,7 @@ class Signals:
         others = [given for given in description.inputs if has_signal(given) and given not in self.candidates]
         self.inputs = ([] if self.are_parameters else self.candidates) + others[:MOST_DRIVEN]
         self.without = [given for given in description.inputs if given not in self.inputs]
-        self.outputs = [result for result in description.results if result.kind == "real"][:MOST_COMPARED]
+        self.outputs = sorted(description.results, key=lambda result: result.kind != "real")[:MOST_COMPARED]
         self.columns = [f"fmu.{output.name} simulated" for output in self.outputs]
         self.description, self.steps = description, 0
 
@@ -126,7 +127,7 @@ def base_of(fmu, signals, driven):
     plant = {f"u{signals.number(given)}": {"type": given.kind, "initial": initial_of(given)} for given in driven}
     return {"twinlock": 1, "name": "exactness", "step_s": signals.description.step, "start_s": signals.description.start,
             "stop_s": stop_of(signals), "components": {"fmu": component_of(fmu.path, signals.description, signals.without)},
-            "plant": {**plant, "y0": {}},
+            "plant": {**plant, **{kind: {"type": kind} for kind in sorted({output.kind for output in signals.outputs})}},
             "connect": [[f"plant.u{signals.number(given)}", f"fmu.{given.name}"] for given in driven]}
 
 
@@ -135,7 +136,7 @@ def free_configuration(fmu, signals, parameters=()):
     document = base_of(fmu, signals, signals.inputs)
     if parameters:
         document["components"]["fmu"].setdefault("set", {}).update(parameters)
-    return {**document, "compare": {f"fmu.{output.name}": {"to": "plant.y0"} for output in signals.outputs}}
+    return {**document, "compare": {f"fmu.{output.name}": {"to": f"plant.{output.kind}"} for output in signals.outputs}}
 
 
 def bounds_of(variable):
@@ -145,10 +146,10 @@ def bounds_of(variable):
 
 def twin_configuration(fmu, signals, adjusted, matched):
     document = base_of(fmu, signals, [given for given in signals.inputs if given not in adjusted])
-    document["plant"].update({f"y{i}": {} for i in range(len(matched))})
+    document["plant"].update({f"y{i}": {"type": output.kind} for i, (output, *_) in enumerate(matched)})
     names = {output.name for output, *_ in matched}
     match = {f"fmu.{output.name}": {"to": f"plant.y{i}", "tolerance": 1e-3 * spread} for i, (output, _, spread) in enumerate(matched)}
-    match.update({f"fmu.{output.name}": {"to": "plant.y0", "weight": 0} for output in signals.outputs if output.name not in names})
+    match.update({f"fmu.{output.name}": {"to": f"plant.{output.kind}", "weight": 0} for output in signals.outputs if output.name not in names})
     adjust = {f"fmu.{given.name}": {"step": swing_of(given)[1], "nominal": nominal_of(given), **bounds_of(given)} for given in adjusted}
     document["synchronise"] = {"algorithm": "nelder-mead", "adjust": adjust, "match": match, "noise_floor": 0,
                                "horizon": {"prediction": PREDICTION}, "budget": {"evaluations": EVALUATIONS}}
@@ -221,7 +222,7 @@ def record_itself(fmu, signals, options, folder):
     for scale in 1.0, 0.05, 0.0:
         columns = {f"u{i}": [jumping_value(given, i, tick, signals.steps, scale) for tick in range(signals.steps + 1)]
                    for i, given in enumerate(signals.inputs)}
-        columns["y0"] = [0.0] * (signals.steps + 1)
+        columns.update({output.kind: [0.0] * (signals.steps + 1) for output in signals.outputs})
         write_recording(folder / "own.csv", signals, columns)
         try:
             return columns, replay("own", free_configuration(fmu, signals), options, folder)
@@ -277,9 +278,11 @@ def choose_variables(fmu, signals, columns, own, options, folder):
     return [candidate for candidate, _ in responses[:MOST_ADJUSTED]], [(by_column[column], values, size) for column, (_, values, size) in ranked]
 
 
-def disturb(values, spread):
+def disturb(kind, values, spread):
     """A measurement: the values with a ripple and jumps, so that the search is never done."""
     count = len(values)
+    if kind != "real":
+        return [float(round(value) if tick % 7 < 5 else round(values[0])) for tick, value in enumerate(values)]
     return [value + spread * (0.02 * math.sin(0.9 * tick) + 0.05 * LEVELS[(3 + tick * 12 // max(count, 1)) % len(LEVELS)])
             for tick, value in enumerate(values)]
 
@@ -293,6 +296,7 @@ def check(document, options, folder):
     method = next((method for phrase, method in METHODS.items() if phrase in text.partition("connections")[0]), "?")
     err = (folder / "check.log").read_text(encoding="utf-8", errors="replace")
     warnings = [line for line in err.splitlines() if line.startswith("twinlock: ") and not line.startswith("twinlock: notice")]
+    warnings += ["check: not deterministic"] if "not deterministic" in text else []
     return method, warnings + ([f"check: exit code {code}"] if code not in (0, NOT_LOCKED) else [])
 
 
@@ -347,9 +351,10 @@ def verdict_of(differ, is_reported):
 
 def judge_twin(fmu, signals, columns, adjusted, matched, options, folder):
     """Class and figures of an FMU with adjusted inputs or parameters."""
-    measured = {f"y{i}": [0.0] + disturb(values, spread) for i, (_, values, spread) in enumerate(matched)}
+    measured = {f"y{i}": [0.0] + disturb(output.kind, values, spread) for i, (output, values, spread) in enumerate(matched)}
     driven = {f"u{i}": columns[f"u{i}"] for i, given in enumerate(signals.inputs) if given not in adjusted}
-    write_recording(folder / "twin.csv", signals, {**driven, **measured})
+    rest = {output.kind: columns[output.kind] for output in signals.outputs}
+    write_recording(folder / "twin.csv", signals, {**driven, **rest, **measured})
     document = twin_configuration(fmu, signals, adjusted, matched)
     method, warnings = check(document, options, folder)
     saved = replay("twin", document, options, folder)
@@ -394,7 +399,7 @@ def judge_fmu(fmu, options, folder):
         raise Failure("no FMU that can be read")
     signals = Signals(description)
     if not signals.outputs:
-        raise Failure("no Real output or local variable")
+        raise Failure("no output or local variable")
     signals.steps = max(1, int(min(options.steps, description.most_steps)))
     while True:
         try:
@@ -464,6 +469,7 @@ def judge_or_recall(fmu, options, results):
 def judge_all(fmus, options, jobs, results):
     """The figures of all FMUs; `results`: a folder with results of an interrupted campaign, or None."""
     progress, found = Progress(len(fmus)), []
+    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # numpy for FMUs of PythonFMU
     try:
         with ThreadPoolExecutor(jobs) as pool:
             for result in pool.map(lambda fmu: judge_or_recall(fmu, options, results), fmus):

@@ -1,7 +1,7 @@
 """Leads an FMU straight on with FMPy, without confinement: straight.py FMU CASE. Prints its outputs after each step as JSON.
 
 CASE is a JSON file: step_ns, start_s, stop_s; set: {variable: value before initialisation}; initial: {input: value in
-initialisation}; inputs: {variable: value of each step}; outputs: names of Reals.
+initialisation}; inputs: {variable: value of each step}; outputs: names.
 """
 import json
 import sys
@@ -16,21 +16,27 @@ from fmpy import fmi2
 def read_description(folder):
     """(guid, model identifier, {variable: (type, reference)}), also of descriptions that FMPy refuses."""
     root = ElementTree.parse(Path(folder) / "modelDescription.xml").getroot()
-    variables = {element.get("name"): (element[0].tag, int(element.get("valueReference")))
+    variables = {element.get("name"): ("Integer" if element[0].tag == "Enumeration" else element[0].tag, int(element.get("valueReference")))
                  for element in root.iterfind("ModelVariables/ScalarVariable") if len(element)}
     return root.get("guid"), root.find("CoSimulation").get("modelIdentifier"), variables
 
 
 def write(slave, variable, value):
     kind, reference = variable
-    kind = {"Enumeration": "Integer"}.get(kind, kind)
     convert = {"Real": float, "String": str}.get(kind, int)
     getattr(slave, f"set{kind}")([reference], [convert(value)])
 
 
+def read(slave, variable):
+    kind, reference = variable
+    return float(getattr(slave, f"get{kind}")([reference])[0])
+
+
 def lead(case, folder):
     guid, identifier, variables = read_description(folder)
-    slave = fmi2.FMU2Slave(guid=guid, unzipDirectory=folder, instanceName="straight", modelIdentifier=identifier)
+    libraries = list(Path(folder, "binaries", "linux64").glob("*.so"))
+    path = str(libraries[0]) if len(libraries) == 1 else None  # its name may differ from the identifier
+    slave = fmi2.FMU2Slave(guid=guid, unzipDirectory=folder, instanceName="straight", modelIdentifier=identifier, libraryPath=path)
     slave.instantiate()
     for name, value in case["set"].items():
         write(slave, variables[name], value)
@@ -39,13 +45,13 @@ def lead(case, folder):
     for name, value in case["initial"].items():
         write(slave, variables[name], value)
     slave.exitInitializationMode()
-    outputs = [variables[name][1] for name in case["outputs"]]
+    outputs = [variables[name] for name in case["outputs"]]
     step, rows = case["step_ns"], []
     for tick in range(case["steps"]):
         for name, values in case["inputs"].items():
             write(slave, variables[name], values[tick])
         slave.doStep(case["start_s"] + tick * step / 1e9, step / 1e9)
-        rows.append(slave.getReal(outputs))
+        rows.append([read(slave, variable) for variable in outputs])
     return rows
 
 
