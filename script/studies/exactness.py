@@ -13,6 +13,7 @@ import re
 import sqlite3
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,11 +22,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from foreign import ENDED_BY_LIMIT, component_of, describe, execute, first_error, has_signal
-from study import NOT_LOCKED, Progress
+from study import NOT_LOCKED
 
 STEPS, PREDICTION, EVALUATIONS = 120, 5, 40
 MOST_CANDIDATES, MOST_ADJUSTED, MOST_DRIVEN, MOST_MATCHED, MOST_COMPARED = 8, 2, 20, 2, 16
-LEAST_STEPS = 20
+LEAST_STEPS, MOST_REPLAYED = 20, 40
+STARTUP = 0.3  # s, of twinlock with an FMU
 STRAIGHT = Path(__file__).with_name("straight.py")
 LEVELS = 0.0, 1.0, 0.4, -0.7, -0.7, 1.3, 0.2, -1.0  # of the inputs, one after the other, in swings
 
@@ -58,7 +60,7 @@ class Failure(Exception):
 
 
 class TooSlow(Failure):
-    """A run of an FMU that is not done within --limit."""
+    """A run of an FMU that is not done within --limit, or will not be; args[1]: steps that may be possible."""
 
 
 # ---- inputs ----
@@ -172,6 +174,7 @@ class Run(NamedTuple):
     summary: dict
     warnings: list
     flags: int
+    seconds: float
 
 
 def read_database(path):
@@ -193,18 +196,20 @@ def replay(name, document, options, folder, more=()):
     (folder / f"{name}.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
     label = "-".join([name, *(option.strip("-") for option in more)])
     table, log = folder / f"{label}.table", folder / f"{label}.log"
+    begin = time.monotonic()
     code, out = execute([options.program, "replay", f"{name}.json", "--recording", f"{name}.csv", "--json", "--csv", table.name,
                          "--db", f"{label}.db", *more], options.limit, folder, log)
+    seconds = time.monotonic() - begin
     err = log.read_text(encoding="utf-8", errors="replace")
     if code == ENDED_BY_LIMIT:
-        raise TooSlow("not done within --limit")
+        raise TooSlow("not done within --limit", 0)
     if code not in (0, NOT_LOCKED):
         raise Failure(f"exit code {code}: {first_error(code, err)}")
     warnings, flags = read_database(folder / f"{label}.db")
     warnings += [line.partition("warning: ")[2] for line in err.splitlines() if line.startswith("twinlock: warning: ")]
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    return Run(rows, json.loads(out), warnings, flags)
+    return Run(rows, json.loads(out), warnings, flags, seconds)
 
 
 def numbers_of(cells):
@@ -357,6 +362,8 @@ def judge_twin(fmu, signals, columns, adjusted, matched, options, folder):
     write_recording(folder / "twin.csv", signals, {**driven, **rest, **measured})
     document = twin_configuration(fmu, signals, adjusted, matched)
     method, warnings = check(document, options, folder)
+    if method == "replay" and signals.steps > MOST_REPLAYED:
+        raise TooSlow(method, MOST_REPLAYED)
     saved = replay("twin", document, options, folder)
     plain = replay("twin", document, options, folder, ["--plain"])
     if not saved.rows:
@@ -386,6 +393,9 @@ def judge_free(fmu, signals, columns, own, options, folder):
 
 def judge_run(fmu, signals, options, folder):
     columns, own = record_itself(fmu, signals, options, folder)
+    work = max(0.0, own.seconds - STARTUP) * PREDICTION * EVALUATIONS
+    if work > options.limit / 2 and signals.steps > LEAST_STEPS:
+        raise TooSlow("too slow", int(signals.steps * options.limit / 2 / work))
     adjusted, matched = choose_variables(fmu, signals, columns, own, options, folder)
     if not adjusted or not matched:
         return judge_free(fmu, signals, columns, own, options, folder)
@@ -404,10 +414,10 @@ def judge_fmu(fmu, options, folder):
     while True:
         try:
             return judge_run(fmu, signals, options, folder)
-        except TooSlow:
+        except TooSlow as slow:
             if signals.steps <= LEAST_STEPS:
                 raise
-            signals.steps = max(LEAST_STEPS, signals.steps // 4)
+            signals.steps = max(LEAST_STEPS, slow.args[1] or signals.steps // 4)
 
 
 def ask_fmpy(fmu, options, folder):
@@ -437,7 +447,7 @@ def judge(fmu, options):
         try:
             return {**result, **judge_fmu(fmu, options, folder)}
         except (Failure, ValueError, KeyError) as failure:
-            why = f"{failure}" if isinstance(failure, Failure) else f"{type(failure).__name__}: {failure}"
+            why = failure.args[0] if isinstance(failure, Failure) else f"{type(failure).__name__}: {failure}"
             return {**result, "class": FAILS, "why": why.replace(str(folder), "").replace(str(fmu.path), fmu.name), "fmpy": ask_fmpy(fmu, options, folder)}
 
 
@@ -468,15 +478,12 @@ def judge_or_recall(fmu, options, results):
 
 def judge_all(fmus, options, jobs, results):
     """The figures of all FMUs; `results`: a folder with results of an interrupted campaign, or None."""
-    progress, found = Progress(len(fmus)), []
+    found = []
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # numpy for FMUs of PythonFMU
-    try:
-        with ThreadPoolExecutor(jobs) as pool:
-            for result in pool.map(lambda fmu: judge_or_recall(fmu, options, results), fmus):
-                progress.say(f"{result['fmu']}: {result['class']}")
-                found.append(result)
-    finally:
-        progress.end()
+    with ThreadPoolExecutor(jobs) as pool:
+        for result in pool.map(lambda fmu: judge_or_recall(fmu, options, results), fmus):
+            found.append(result)
+            print(f"fmus: [{len(found)}/{len(fmus)}] {result['fmu']}: {result['class']}", file=sys.stderr, flush=True)
     return {"fmus": found, "classes": dict(Counter(result["class"] for result in found)),
             "methods": dict(Counter(result["method"] for result in found if "method" in result)),
             "searched": sum(result.get("values", 0) > 1 for result in found),
