@@ -27,6 +27,7 @@ from study import NOT_LOCKED
 STEPS, PREDICTION, EVALUATIONS = 120, 5, 40
 MOST_CANDIDATES, MOST_ADJUSTED, MOST_DRIVEN, MOST_MATCHED, MOST_COMPARED = 8, 2, 20, 2, 16
 LEAST_STEPS, MOST_REPLAYED = 20, 40
+FMPY_LIMIT = 20  # s
 STARTUP = 0.3  # s, of twinlock with an FMU
 STRAIGHT = Path(__file__).with_name("straight.py")
 LEVELS = 0.0, 1.0, 0.4, -0.7, -0.7, 1.3, 0.2, -1.0  # of the inputs, one after the other, in swings
@@ -52,6 +53,7 @@ class Options(NamedTuple):
     program: Path
     steps: int
     limit: float  # s, of one command
+    swing: float  # factor of the jumps, and of the bounds of adjusted variables
     probe: Callable  # (FMU, step, steps): the rollback method that is exact
 
 
@@ -65,12 +67,12 @@ class TooSlow(Failure):
 
 # ---- inputs ----
 
-def swing_of(variable):
-    """(middle, swing) of an input: within its bounds, else near its start value."""
+def swing_of(variable, factor):
+    """(middle, swing) of an input: within its bounds, else near its start value, `factor` times."""
     low, high, start = variable.low, variable.high, variable.start or 0.0
     if low is not None and high is not None and low < high and high - low < 1e6:
         return (low + high) / 2, 0.3 * (high - low)
-    return start, 0.5 * max(1.0, abs(start))
+    return start, 0.5 * factor * max(1.0, abs(start))
 
 
 def clamp(variable, value):
@@ -82,12 +84,12 @@ def nominal_of(variable):
     return clamp(variable, variable.start or 0.0)
 
 
-def jumping_value(variable, number, tick, steps, scale):
+def jumping_value(variable, number, tick, steps, scale, factor):
     """The value of input `number`: a new level every eighth of the recording, each input at another time."""
     level = scale * LEVELS[(tick * len(LEVELS) // max(steps, 1) + number) % len(LEVELS)]
     if variable.kind == "boolean":
         return float(level > 0 if scale else variable.start or 0)
-    middle, swing = swing_of(variable)
+    middle, swing = swing_of(variable, factor)
     if not scale:
         middle = nominal_of(variable)
     value = clamp(variable, middle + swing * level)
@@ -141,18 +143,18 @@ def free_configuration(fmu, signals, parameters=()):
     return {**document, "compare": {f"fmu.{output.name}": {"to": f"plant.{output.kind}"} for output in signals.outputs}}
 
 
-def bounds_of(variable):
-    middle, swing = swing_of(variable)
+def bounds_of(variable, factor):
+    middle, swing = swing_of(variable, factor)
     return {"min": clamp(variable, middle - 4 * swing), "max": clamp(variable, middle + 4 * swing)}
 
 
-def twin_configuration(fmu, signals, adjusted, matched):
+def twin_configuration(fmu, signals, adjusted, matched, factor):
     document = base_of(fmu, signals, [given for given in signals.inputs if given not in adjusted])
     document["plant"].update({f"y{i}": {"type": output.kind} for i, (output, *_) in enumerate(matched)})
     names = {output.name for output, *_ in matched}
     match = {f"fmu.{output.name}": {"to": f"plant.y{i}", "tolerance": 1e-3 * spread} for i, (output, _, spread) in enumerate(matched)}
     match.update({f"fmu.{output.name}": {"to": f"plant.{output.kind}", "weight": 0} for output in signals.outputs if output.name not in names})
-    adjust = {f"fmu.{given.name}": {"step": swing_of(given)[1], "nominal": nominal_of(given), **bounds_of(given)} for given in adjusted}
+    adjust = {f"fmu.{given.name}": {"step": swing_of(given, factor)[1], "nominal": nominal_of(given), **bounds_of(given, factor)} for given in adjusted}
     document["synchronise"] = {"algorithm": "nelder-mead", "adjust": adjust, "match": match, "noise_floor": 0,
                                "horizon": {"prediction": PREDICTION}, "budget": {"evaluations": EVALUATIONS}}
     return document
@@ -225,7 +227,7 @@ def record_itself(fmu, signals, options, folder):
     """({column: values} of its inputs, its run); gentler jumps if it fails. Raises Failure."""
     failure = None
     for scale in 1.0, 0.05, 0.0:
-        columns = {f"u{i}": [jumping_value(given, i, tick, signals.steps, scale) for tick in range(signals.steps + 1)]
+        columns = {f"u{i}": [jumping_value(given, i, tick, signals.steps, scale, options.swing) for tick in range(signals.steps + 1)]
                    for i, given in enumerate(signals.inputs)}
         columns.update({output.kind: [0.0] * (signals.steps + 1) for output in signals.outputs})
         write_recording(folder / "own.csv", signals, columns)
@@ -241,7 +243,7 @@ def record_itself(fmu, signals, options, folder):
 def run_without(fmu, signals, columns, candidate, options, folder):
     """Its run with one candidate at rest, or one parameter at another value; None if that fails."""
     if signals.are_parameters:
-        parameters, columns = [(candidate.name, clamp(candidate, nominal_of(candidate) + 0.2 * swing_of(candidate)[1]))], dict(columns)
+        parameters, columns = [(candidate.name, clamp(candidate, nominal_of(candidate) + 0.2 * swing_of(candidate, 1.0)[1]))], dict(columns)
     else:
         parameters, columns = (), {**columns, f"u{signals.number(candidate)}": [nominal_of(candidate)] * (signals.steps + 1)}
     write_recording(folder / "rest.csv", signals, columns)
@@ -360,7 +362,7 @@ def judge_twin(fmu, signals, columns, adjusted, matched, options, folder):
     driven = {f"u{i}": columns[f"u{i}"] for i, given in enumerate(signals.inputs) if given not in adjusted}
     rest = {output.kind: columns[output.kind] for output in signals.outputs}
     write_recording(folder / "twin.csv", signals, {**driven, **rest, **measured})
-    document = twin_configuration(fmu, signals, adjusted, matched)
+    document = twin_configuration(fmu, signals, adjusted, matched, options.swing)
     method, warnings = check(document, options, folder)
     if method == "replay" and signals.steps > MOST_REPLAYED:
         raise TooSlow(method, MOST_REPLAYED)
@@ -427,7 +429,7 @@ def ask_fmpy(fmu, options, folder):
               "output_interval=float(sys.argv[2])); print('runs')")
     description = describe(fmu.path)
     step = description.step if description else 0.01
-    code, out = execute([sys.executable, "-c", script, fmu.path, repr(step)], options.limit, folder, folder / "fmpy.log")
+    code, out = execute([sys.executable, "-c", script, fmu.path, repr(step)], min(options.limit, FMPY_LIMIT), folder, folder / "fmpy.log")
     if code == 0 and out.strip().endswith("runs"):
         return "runs"
     return "not done within --limit" if code == ENDED_BY_LIMIT else last_line(code, folder / "fmpy.log")
@@ -458,7 +460,7 @@ def key_of(fmu, options):
     digest = hashlib.sha256()
     for file in fmu.path, options.program, Path(__file__):
         digest.update(hashlib.sha256(file.read_bytes()).digest())
-    digest.update(repr((fmu.name, options.steps, options.limit)).encode())
+    digest.update(repr((fmu.name, options.steps, options.limit, options.swing)).encode())
     return digest.hexdigest()
 
 

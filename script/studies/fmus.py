@@ -131,7 +131,7 @@ def study_twins(arguments):
     else:
         entries = fmus = [name_fmu(path, path.name) for path in list_folder(arguments)]
         results = arguments.results
-    options = exactness.Options(arguments.program, arguments.steps or exactness.STEPS, arguments.limit, exact_method(arguments))
+    options = exactness.Options(arguments.program, arguments.steps or exactness.STEPS, arguments.limit, arguments.swing, exact_method(arguments))
     figures = exactness.judge_all(fmus, options, arguments.jobs, results)
     figures["not_fetched"] = len(entries) - len(fmus)
     print_figures(figures, arguments.json, exactness.print_table)
@@ -161,6 +161,7 @@ def main():
     parser.add_argument("--public", type=Path)
     parser.add_argument("--list", type=Path, default=public_fmus.LIST)
     parser.add_argument("--results", type=Path)
+    parser.add_argument("--swing", type=float, default=1.0)
     parser.add_argument("--program", type=Path, default=PROGRAM)
     parser.add_argument("--jobs", type=int, choices=(1, 2), default=2)
     parser.add_argument("--only", default="")

@@ -27,8 +27,7 @@ class Entry(NamedTuple):
 
     @property
     def name(self):
-        """Owner, repository and file."""
-        return "/".join(self.url.removesuffix(".git").split("/")[-2:]) + f": {self.path.rpartition('/')[2]}"
+        return "/".join(self.url.removesuffix(".git").split("/")[-2:]) + f"@{self.commit[:7]}: {self.path}"
 
 
 def read_list(file):

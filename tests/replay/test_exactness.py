@@ -102,7 +102,7 @@ def test_public_fmus():
     code, figures, err = study("--public", cache, "--list", listed)
     names = [result["fmu"] for result in figures["fmus"]]
     expect(code == 0 and figures["classes"] == {"exact": 3} and figures["not_fetched"] == 2, f"{code} {figures}\n{err}")
-    expect([name.rpartition("/")[2] for name in names] == ["upstream: old.fmu", "upstream: new one.fmu", "upstream: new one.fmu"], f"{names}")
+    expect([name.partition("upstream")[2] for name in names] == [f"@{first[:7]}: old.fmu", *2 * [f"@{second[:7]}: some models/new one.fmu"]], f"{names}")
     expect(has_line(err, "new one.fmu|SHA-256") and has_line(err, "missing.fmu|exist") and has_line(err, "upstream-none"), err)
     expect({file.stem for file in (cache / "fmus").iterdir()} == set(hashes.values()), "wrong files")
     shutil.rmtree(upstream)
