@@ -27,7 +27,8 @@ from study import NOT_LOCKED
 STEPS, PREDICTION, EVALUATIONS = 120, 5, 40
 MOST_CANDIDATES, MOST_ADJUSTED, MOST_DRIVEN, MOST_MATCHED, MOST_COMPARED = 8, 2, 20, 2, 16
 LEAST_STEPS, MOST_REPLAYED = 20, 40
-FMPY_LIMIT = 20  # s
+CHECK_LIMIT, FMPY_LIMIT = 15, 20  # s
+CHECK_STEPS = 10000  # more than `check` makes
 STARTUP = 0.3  # s, of twinlock with an FMU
 STRAIGHT = Path(__file__).with_name("straight.py")
 LEVELS = 0.0, 1.0, 0.4, -0.7, -0.7, 1.3, 0.2, -1.0  # of the inputs, one after the other, in swings
@@ -296,9 +297,9 @@ def disturb(kind, values, spread):
 
 def check(document, options, folder):
     """(rollback method, warnings) as `check` reports them."""
-    document = {key: value for key, value in document.items() if key != "stop_s"}  # `check` makes more steps
+    document = {**document, "stop_s": document["start_s"] + CHECK_STEPS * document["step_s"]}
     (folder / "check.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
-    code, out = execute([options.program, "check", "check.json"], options.limit, folder, folder / "check.log")
+    code, out = execute([options.program, "check", "check.json"], min(options.limit, CHECK_LIMIT), folder, folder / "check.log")
     text = " ".join(out.split())
     method = next((method for phrase, method in METHODS.items() if phrase in text.partition("connections")[0]), "?")
     err = (folder / "check.log").read_text(encoding="utf-8", errors="replace")
