@@ -6,6 +6,7 @@ twin has committed, without a search. All three must agree to the bit in each st
 """
 import csv
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -336,7 +337,8 @@ def lead_straight(fmu, signals, columns, adjusted, twin, options, folder):
         initial.update({given.name: nominal_of(given) for given in adjusted})
     component = component_of(fmu.path, signals.description, signals.without)
     case = {"step_ns": round(signals.description.step * 1e9), "start_s": signals.description.start, "stop_s": stop_of(signals),
-            "set": component.get("set", {}), "initial": initial, "inputs": {**driven, **applied}, "outputs": [output.name for output in signals.outputs], "steps": len(twin.rows)}
+            "set": component.get("set", {}), "initial": initial, "inputs": {**driven, **applied},
+            "outputs": [output.name for output in signals.outputs], "steps": len(twin.rows)}
     (folder / "straight.json").write_text(json.dumps(case), encoding="utf-8")
     log = folder / "straight.log"
     code, out = execute([sys.executable, STRAIGHT, fmu.path, "straight.json"], options.limit, folder, log)
@@ -481,12 +483,16 @@ def judge_or_recall(fmu, options, results):
 
 def judge_all(fmus, options, jobs, results):
     """The figures of all FMUs; `results`: a folder with results of an interrupted campaign, or None."""
-    found = []
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # numpy for FMUs of PythonFMU
+    done = itertools.count(1)
+
+    def judge_one(fmu):
+        result = judge_or_recall(fmu, options, results)
+        print(f"fmus: [{next(done)}/{len(fmus)}] {fmu.name}: {result['class']}", file=sys.stderr, flush=True)
+        return result
+
     with ThreadPoolExecutor(jobs) as pool:
-        for result in pool.map(lambda fmu: judge_or_recall(fmu, options, results), fmus):
-            found.append(result)
-            print(f"fmus: [{len(found)}/{len(fmus)}] {result['fmu']}: {result['class']}", file=sys.stderr, flush=True)
+        found = list(pool.map(judge_one, fmus))
     return {"fmus": found, "classes": dict(Counter(result["class"] for result in found)),
             "methods": dict(Counter(result["method"] for result in found if "method" in result)),
             "searched": sum(result.get("values", 0) > 1 for result in found),
