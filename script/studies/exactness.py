@@ -518,5 +518,7 @@ def print_table(figures):
               f"{result['differ']['plain']} | {result['differ']['straight']} | {result['class']}{reports}")
     classes = figures["classes"]
     print(f"\n{len(figures['fmus'])} FMUs: " + ", ".join(f"{classes.get(name, 0)} {name}" for name in (EXACT, REPORTED, SILENT, FAILS)))
+    if figures.get("not_fetched"):
+        print(f"{figures['not_fetched']} could not be fetched")
     print("rolled back by " + ", ".join(f"{method}: {count}" for method, count in sorted(figures["methods"].items())))
     print(f"{figures['searched']} were searched; {figures['steps']} steps compared")
