@@ -10,8 +10,10 @@ import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+import exactness
+import public_fmus
 from foreign import describe
-from study import ROOT, Progress, Trouble, print_figures, run_command
+from study import PROGRAM, ROOT, Progress, Trouble, print_figures, run_command
 
 PROBE = ROOT / "build" / "host" / "tests" / "fmu" / "rollback_probe"
 WAYS = "state", "memory", "replay"
@@ -69,6 +71,16 @@ def describe_result(found):
     return "exact" if is_exact(found) else f"differs in step {found['differs'] + 1}"
 
 
+def exact_method(arguments):
+    """A function that returns the first method by which an FMU is rolled back exactly, for studies/exactness.py."""
+    def first_exact(fmu, step, steps):
+        for way in "memory", "state", "replay":
+            if is_exact(probe(arguments.probe, fmu, way, step, max(1, min(steps, 400)), arguments.limit)):
+                return way
+        return "none"
+    return first_exact
+
+
 def has_run(result):
     return any(not found.get("error") and found["steps"] > 0 for found in result["ways"].values())
 
@@ -93,10 +105,42 @@ def print_table(figures):
     print(f"the same beside another instance: {exact['copy']} with a library of their own, {exact['library']} of one library")
 
 
-def study(arguments):
+def list_folder(arguments):
     fmus = sorted(path for path in arguments.fmus.glob("*.fmu") if arguments.only in path.name)
     if not fmus:
         raise Trouble(f"there is no *.fmu in {arguments.fmus}")
+    return fmus
+
+
+def name_fmu(path, name):
+    try:
+        return exactness.Fmu(path, name, exporter_of(path)[0])
+    except (zipfile.BadZipFile, KeyError, ElementTree.ParseError):
+        return exactness.Fmu(path, name, "")
+
+
+def study_twins(arguments):
+    """A campaign with the FMUs of a folder, or of a list that is fetched first."""
+    if arguments.public:
+        entries = [entry for entry in public_fmus.read_list(arguments.list) if arguments.only in f"{entry.url} {entry.path}"]
+        there = public_fmus.fetch(entries, arguments.public)
+        if not there:
+            raise Trouble(f"{arguments.list}: no FMU could be fetched")
+        fmus = [name_fmu(public_fmus.place_of(arguments.public, entry), entry.name) for entry in there]
+        results = arguments.public / "results"
+    else:
+        entries = fmus = [name_fmu(path, path.name) for path in list_folder(arguments)]
+        results = arguments.results
+    options = exactness.Options(arguments.program, arguments.steps or exactness.STEPS, arguments.limit, arguments.swing, exact_method(arguments))
+    figures = exactness.judge_all(fmus, options, arguments.jobs, results)
+    figures["not_fetched"] = len(entries) - len(fmus)
+    print_figures(figures, arguments.json, exactness.print_table)
+    return 0 if exactness.is_sound(figures) else 1
+
+
+def study(arguments):
+    fmus = list_folder(arguments)
+    arguments.steps = arguments.steps or 200
     progress = Progress(len(fmus))
     results = []
     for fmu in fmus:
@@ -112,14 +156,23 @@ def study(arguments):
 
 def main():
     parser = argparse.ArgumentParser(prog="script/fmus")
-    parser.add_argument("--fmus", type=Path, required=True)
+    parser.add_argument("--fmus", type=Path)
+    parser.add_argument("--twins", action="store_true")
+    parser.add_argument("--public", type=Path)
+    parser.add_argument("--list", type=Path, default=public_fmus.LIST)
+    parser.add_argument("--results", type=Path)
+    parser.add_argument("--swing", type=float, default=1.0)
+    parser.add_argument("--program", type=Path, default=PROGRAM)
+    parser.add_argument("--jobs", type=int, choices=(1, 2), default=2)
     parser.add_argument("--only", default="")
-    parser.add_argument("--steps", type=int, default=200)
+    parser.add_argument("--steps", type=int)
     parser.add_argument("--limit", type=float, default=60.0)
     parser.add_argument("--probe", type=Path, default=PROBE)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    return run_command("fmus", lambda: study(arguments), 65)
+    if bool(arguments.fmus) == bool(arguments.public):
+        parser.error("give either a folder of FMUs or --public")
+    return run_command("fmus", lambda: (study_twins if arguments.twins or arguments.public else study)(arguments), 65)
 
 
 if __name__ == "__main__":

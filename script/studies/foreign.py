@@ -33,7 +33,7 @@ REFUSED = re.compile(r"(?:asked for|system call) (\w+) (?:denied )?in (\w+)")  #
 ENDED_BY_LIMIT = 124
 
 Variable = namedtuple("Variable", "name kind start low high")
-Description = namedtuple("Description", "inputs results step most_steps python")
+Description = namedtuple("Description", "inputs results step most_steps python tunable start")
 Program = namedtuple("Program", "path options")
 
 
@@ -77,11 +77,15 @@ def describe(fmu):
     except (zipfile.BadZipFile, KeyError, ElementTree.ParseError, OSError):
         return None
     by_causality = {"input": [], "output": [], "local": []}
+    tunable, experiment = [], root.find("DefaultExperiment")
+    start = 0.0 if experiment is None else number_of(experiment.get("startTime")) or 0.0
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         if len(element):
             by_causality.setdefault(element.get("causality", "local"), []).append(read_variable(element))
+        if len(element) and (element.get("causality"), element.get("variability")) == ("parameter", "tunable"):
+            tunable.append(read_variable(element))
     results = list(filter(has_signal, by_causality["output"])) or list(filter(has_signal, by_causality["local"]))
-    return Description(by_causality["input"], results, *read_steps(root), python)
+    return Description(by_causality["input"], results, *read_steps(root), python, tunable, start)
 
 
 # ---- configuration and recording ----

@@ -14,6 +14,7 @@ FORBIDDEN = [
     (re.compile(r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X|HA" r"CK)\b"), "a leftover: do it, or file it"),
 ]
 SEEDS = "tests/fuzz/seeds/"  # bytes as they were found
+PUBLIC_FMUS = "script/studies/public_fmus.txt"  # repositories from which a user may fetch FMUs
 URL = re.compile(r"https?://([A-Za-z0-9.\[:-]+)")
 # Standards, licences, this machine, and the names reserved for examples.
 ALLOWED_HOSTS = re.compile(
@@ -37,7 +38,7 @@ def check_text(path, lines):
                 tree.finding(path, number, f"{what}: {match[0]}")
         for match in URL.finditer(line):
             host = match[1] if match[1].startswith("[") else match[1].split(":")[0].rstrip(".")
-            if not ALLOWED_HOSTS.fullmatch(host):
+            if not ALLOWED_HOSTS.fullmatch(host) and (path, host) != (PUBLIC_FMUS, "github.com"):
                 tree.finding(path, number, f"an address that is neither a standard's nor an example: {match[0]}")
         if line != line.rstrip():
             tree.finding(path, number, "spaces at the end of the line")
