@@ -25,16 +25,17 @@
  *          mostly saves and restores. So both are measured in repeated rounds of save, step and
  *          restore.
  * Choice:  copies of the memory, unless a round with them takes TL_ROLLBACK_TIMING_MARGIN times as
- *          long as with own states and the difference is not negligible.
- * Exact:   copies are not proved yet, so the caller proves all components again. If a copy is not
- *          exact, the component returns to its own states (tl_component_restore_copy()).
+ *          long as with own states, and at least 10 µs longer.
+ * Exact:   copies are not proved yet, so tl_proof_of_rollback() then proves all components again.
+ *          If a copy is not exact, the component returns to its own states
+ *          (tl_component_restore_copy()).
  * Bits:    no result depends on the choice, because both methods are exact. But the number of
- *          states that fit into the memory bound may.
+ *          states that fit into the memory bound can depend on it.
  * Thread:  the twin's. Allocates no memory of the twin.
  */
 
-/* Rounds of each method; three if the method is very slow. One more round comes first and does not
- * count. */
+/* Maximum number of rounds of each method. After three rounds, no further one starts later than
+ * 20 ms after the first. One more round comes before and does not count: it may allocate memory. */
 enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
 #define TL_ROLLBACK_TIMING_MARGIN 1.5
@@ -45,10 +46,11 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  * Purpose: runs before the first step of a synchronised twin, on all components together. It
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
- *          Then it makes all excursions from the first state, in two orders, and repeats the steps
- *          after each. An excursion executes steps with other inputs: it moves one adjusted
- *          variable up or down by 1 or 4 times its `step`, or sweeps all variables. This causes
- *          events that inputs can cause. Every repeated output must have the same bits.
+ *          Then it makes all excursions from the first state, in forward and then in reverse
+ *          order. In forward order it repeats the steps after each. An excursion executes steps
+ *          with other inputs, to trigger events inside the FMUs: it moves one adjusted variable up
+ *          or down by 1 or 4 times its `step`, or sweeps all variables. Every repeated output must
+ *          have the same bits.
  *          One step is not enough: an internal solver that restarts after a restore shows a
  *          difference only in the second step. One state is not enough: some FMUs can hold only
  *          one. One excursion is not enough: some states lack a mode that only certain inputs
@@ -91,9 +93,9 @@ typedef struct tl_proof {
     bool has_midst;              /* the second state was saved */
     bool was_saved;              /* the first state was saved */
     size_t value_bytes;          /* largest size of one component's inputs or outputs of a step */
-    unsigned char *inputs;       /* of one component, for the cause: inputs of its steps, */
-    unsigned char *elsewhere;    /* inputs that lead it to another state, */
-    unsigned char *gave;         /* and scratch for its outputs */
+    unsigned char *inputs;       /* to find the cause: inputs of one component in its steps */
+    unsigned char *elsewhere;    /* inputs with which it reaches another state */
+    unsigned char *gave;         /* buffer for its outputs */
 } tl_proof;
 
 /* Allocates the buffers. The exchange must be initialised. Returns false if memory is out. */
@@ -102,7 +104,8 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
 /* Executes the proof, after initialisation and before tl_exchange_start(). Afterwards values and
  * FMUs are as they were at the start of step `first`. Counts its executions in `proof` only. `now`:
  * clock in ns to choose the faster method; NULL: no choice. Returns TL_FMU_FAILED if the rollback
- * is not exact; the text names the output. */
+ * is not exact (the text names the output), or if the first step fails (`stepped` is then false).
+ * Returns TL_FMU_FATAL if an FMU ends with fmi2Fatal. */
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error);
 

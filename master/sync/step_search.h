@@ -36,7 +36,7 @@ typedef struct tl_step_search {
     uint32_t seen;  /* bit v: variable v has moved an output */
     bool executed;  /* J of some candidate was finite */
     tl_record_refused refused;
-    uint32_t idle;      /* evaluations since the last progress */
+    uint32_t idle;      /* candidates since J was last reduced by at least 1 % */
     bool stagnated;     /* no progress for too long: the solver is stopped */
     bool acquaints;     /* the solver may search within tolerance until it knows enough for a guess */
     double start_value; /* J at the start of the search */
@@ -47,15 +47,17 @@ typedef struct tl_step_search {
     tl_error *error;
 } tl_step_search;
 
-/* Starts the search at the committed instant t_step and reads û. */
+/* Starts the search at the committed instant t_step and reads û. `budget` and `error` must stay
+ * valid until the search ends. `budget` NULL: a step without evaluations. */
 void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget,
                           tl_error *error);
 
-/* Sets the adjusted inputs to a candidate's values at a depth. */
+/* Sets the adjusted inputs to the values of u for one macro step of the horizon. `depth`: index of
+ * this step, 0 … T_P − 1. */
 void tl_step_search_set_inputs(const tl_synchroniser *synchroniser, const double *u, uint32_t depth);
 
-/* may_guess(): true if there is time to ask the solver for a guess; else sets `stop`. Call
- * has_guess() after the guess: it measures its duration. */
+/* may_guess(): true if there is time to ask the solver for a guess; else sets `stop`.
+ * has_guess(): call it after the guess, to measure how long the guess took. */
 bool tl_step_search_may_guess(tl_step_search *search);
 void tl_step_search_has_guess(tl_step_search *search);
 
@@ -71,7 +73,8 @@ tl_status tl_step_search_go_back(tl_step_search *search);
  * tl_step_search_may_evaluate() returned true. */
 double tl_step_search_evaluate(tl_step_search *search, const double *u);
 
-/* Evaluates a solver's candidate: `evaluate` of tl_search. `search`: a tl_step_search. */
+/* The callback `evaluate` of tl_search (optimiser.h): evaluates a solver's candidate. `search`: a
+ * tl_step_search. Returns false if the solver must stop. */
 bool tl_step_search_ask(void *search, const double *u, double *value, const double **residuals);
 
 /* True if no adjusted variable is identifiable. */

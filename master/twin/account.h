@@ -2,8 +2,8 @@
  *
  * Purpose: recorder, report and summary need names, units and counts of a twin that may be in
  *          another process. That process may write anything into the account. So an account has no
- *          pointers, texts end within their arrays, and the reader calls tl_account_is_sound().
- * Size:    fixed; about 10 KB.
+ *          pointers, and its reader must call tl_account_is_sound() first.
+ * Size:    fixed; about 19 KB.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_TWIN_ACCOUNT_H
@@ -18,7 +18,7 @@
 
 enum {
     TL_ACCOUNT_COMPONENTS = 64, /* FMUs and the plant; further ones are left out */
-    TL_ACCOUNT_TEXT = 128       /* bytes of a name or a unit with its end; longer ones are cut */
+    TL_ACCOUNT_TEXT = 128       /* bytes of a text, including the NUL; longer ones are cut */
 };
 
 /* Executions of one component; the plant is the last one. Fields as in tl_twin_ledger. */
@@ -51,7 +51,7 @@ typedef struct tl_account_signal {
     uint64_t items;
 } tl_account_signal;
 
-/* As in tl_twin_finding. */
+/* As in tl_twin_finding; `component` is "" if there is none. */
 typedef struct tl_account_finding {
     char component[TL_ACCOUNT_TEXT];
     char variable[TL_ACCOUNT_TEXT]; /* "": the FMU failed */
@@ -70,7 +70,7 @@ typedef struct tl_account {
     uint32_t prediction;      /* T_P in use */
     tl_experiment experiment; /* as in tl_twin_facts; finite */
     uint32_t lead;            /* step i is computed at tick i + lead */
-    uint8_t complete;         /* 1: the ledger is complete; 0: its prediction is too high */
+    uint8_t complete;         /* 1: `predicted` of the components is valid; 0: it is too high */
     uint8_t has_free_twin;    /* 1: the free-run check is on */
     uint64_t verified;        /* as in tl_twin_facts */
     uint64_t verified_executions;
@@ -91,8 +91,8 @@ typedef struct tl_account {
  * replaced by "?". */
 void tl_account_take(const tl_twin *twin, tl_account *account);
 
-/* Checks counts, ends and characters of texts (text.h), types and states. Does not check other
- * numbers. */
+/* Checks counts, the NUL and the characters of texts (text.h), enumerations, and that `experiment`
+ * is finite. Does not check other numbers. */
 bool tl_account_is_sound(const tl_account *account);
 
 /* Executions of all components. */

@@ -1,7 +1,6 @@
 /* Private data of a twin.
  *
- * Purpose: shared by twin.c (ticks), twin_build.c (builds a twin from a plan) and twin_checkpoint.c
- *          (saves and loads it).
+ * Purpose: shared by the .c files of a twin: ticks, build, checkpoint, read-back, timing, account.
  * Owner:   the twin; everything is freed by tl_twin_destroy().
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
@@ -25,22 +24,22 @@ struct tl_twin {
     tl_exchange exchange;
     bool rollback_inexact; /* the rollback proof has failed */
     tl_synchroniser synchroniser;
-    tl_event_horizon *event; /* used in place of the synchroniser's search; NULL: no event horizon */
+    tl_event_horizon *event; /* searches after an event, not in each step; NULL: the synchroniser searches */
     tl_objective_term terms[TL_MAX_MATCH];
     const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
-    uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
+    uint32_t *capacity; /* nodes of each component's cache; NULL: no caches */
     uint64_t *worst;    /* most nodes that each cache could need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_metrics readings[TL_MAX_MATCH];       /* see tl_twin_readings() */
     tl_metrics due[TL_MAX_MATCH];            /* the part of `readings` that is not in a record yet */
-    tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: y cannot be interpolated, or there are no readings */
+    tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: y is not Real, event horizon, or no readings */
     size_t reading_signals[TL_MAX_MATCH];    /* index of the plant signal with these readings */
     tl_time look_back;                       /* ns: as in tl_delay_lookup, of matched signals */
     tl_pairing measurements;
     tl_plan_measure measure;
-    tl_delay_meter *meters[TL_MAX_MATCH]; /* if Δo is measured */
+    tl_delay_meter *meters[TL_MAX_MATCH]; /* NULL: the output delay Δo is not measured */
     tl_twin_delay delay;
     tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */
@@ -49,7 +48,7 @@ struct tl_twin {
     int64_t first;            /* first step: the FMUs are initialised at its instant */
     int64_t begin;            /* tick at which they are initialised */
     uint64_t state_bytes;     /* bound for saved states, bytes; 0: no bound */
-    size_t (*heap)(void);     /* as in the plan */
+    size_t (*heap)(void);     /* bytes allocated in this process */
     tl_time (*now)(void *clock);
     tl_tuning built;  /* the tuning that the twin was built with */
     tl_tuning tuning; /* in use */
@@ -67,8 +66,9 @@ struct tl_twin {
     tl_record pending;
 };
 
-/* Initialises the FMUs at t_first with the sample of tick `shown` and proves their rollback. The
- * caches are not started yet. */
+/* Initialises the FMUs at the instant of step `first` with the sample of tick `shown`. If something
+ * is adjusted, also proves their rollback. Does not start the caches (tl_exchange_start()).
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU fails, or if its rollback is not exact. */
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
 /* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this
