@@ -402,7 +402,8 @@ static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, co
     tl_fmu_guard_enter(guard, TL_FMU_GET_VERSION);
     const char *version = functions->get_version();
     tl_fmu_guard_leave(guard);
-    if (platform == NULL || strcmp(platform, fmi2TypesPlatform) != 0) {
+    /* In some FMUs the text does not end after this name. */
+    if (platform == NULL || strncmp(platform, fmi2TypesPlatform, strlen(fmi2TypesPlatform)) != 0) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: the binary is for the types platform \"%.40s\", not \"%s\"; export the FMU again", label,
                        platform == NULL ? "" : platform, fmi2TypesPlatform);

@@ -9,6 +9,7 @@
 
 #include "firmware/process/crash.h"
 #include "firmware/process/host_state.h"
+#include "master/plan/plan.h"
 
 /* ---- Serialising the state of an FMU that is rolled back by memory although its own states are
  * exact.
@@ -382,6 +383,16 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
 /* Most times that an FMU is started again, because it has opened libraries. */
 enum { MOST_RENEWALS = 4 };
 
+/* The first copy does not count as one that differs from the one after fmi2Instantiate. */
+static bool save_first(tl_fmu_guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    guard->memory->heap->opens_outside = true;
+    tl_fmu_memory_freeze_estimate(guard->memory, true);
+    bool is_saved = save_memory(self, &guard->full_copy) == fmi2OK;
+    tl_fmu_memory_freeze_estimate(guard->memory, false);
+    return is_saved;
+}
+
 /* Start of a proof. Replay needs no copy, because it can restore the end of the prologue. */
 static fmi2Status keep_start(fmi2Component component) {
     tl_fmu_guarded *self = component;
@@ -389,9 +400,9 @@ static fmi2Status keep_start(fmi2Component component) {
     if (self->replay != NULL && !guard->was_proved) {
         tl_fmu_replay_wait(self->replay);
     }
-    bool has_copy = guard->memory != NULL && !self->by_replay && !guard->sets_inputs &&
-                    (guard->by_memory ? tl_fmu_memory_remaining(guard->memory) == NULL : true) &&
-                    save_memory(component, &guard->full_copy) == fmi2OK;
+    bool may_copy = guard->memory != NULL && !self->by_replay && !guard->sets_inputs &&
+                    (!guard->by_memory || tl_fmu_memory_remaining(guard->memory) == NULL);
+    bool has_copy = may_copy && save_first(self);
     return has_copy || has_fallback(self) ? fmi2OK : fmi2Error;
 }
 
@@ -714,14 +725,48 @@ static void free_fmu(guarded *self) {
     }
 }
 
+/* The copy does not count as one that differs from later ones. */
+static void keep_instantiated(guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    tl_error ignored;
+    if (guard->memory == &guard->own_memory) {
+        tl_fmu_memory_freeze_estimate(guard->memory, true);
+        (void)tl_fmu_memory_save(guard->memory, &guard->instantiated, &ignored);
+        tl_fmu_memory_freeze_estimate(guard->memory, false);
+    }
+}
+
+static void forget_instantiated(tl_fmu_guard *guard) {
+    tl_fmu_memory_forget(guard->instantiated);
+    guard->instantiated = NULL;
+}
+
+/* Many FMUs keep something over fmi2Reset, but a copy from after fmi2Instantiate is exact. Returns
+ * false if there is none, or if it is not complete. */
+static bool restore_instantiated(const guarded *self) {
+    const tl_fmu_guard *guard = self->guard;
+    bool is_possible = guard->by_memory && guard->instantiated != NULL &&
+                       !tl_fmu_memory_has_new_library(guard->memory, guard->instantiated) &&
+                       tl_fmu_memory_obstacle(guard->memory, guard->instantiated) == NULL;
+    if (is_possible) {
+        tl_fmu_memory_freeze_estimate(guard->memory, true);
+        tl_fmu_memory_restore(guard->memory, guard->instantiated);
+        tl_fmu_memory_freeze_estimate(guard->memory, false);
+    }
+    return is_possible;
+}
+
 /* Frees the FMU's instance and creates a new one. */
 static fmi2Status replace_instance(guarded *self) {
     const struct begun *begun = &self->begun;
+    forget_instantiated(self->guard);
     free_fmu(self);
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = self->own->instantiate(begun->name, begun->type, begun->guid, begun->resources,
                                             &self->guard->fmu_callbacks, begun->visible, begun->logging);
-    return leave_fully(self, self->instance != NULL ? fmi2OK : fmi2Error);
+    fmi2Status status = leave_fully(self, self->instance != NULL ? fmi2OK : fmi2Error);
+    keep_instantiated(self);
+    return status;
 }
 
 /* Resets the FMU so that it can be initialised. If fmi2Reset fails once, a new instance is created
@@ -826,9 +871,16 @@ static fmi2Status setup_at_0(guarded *self, const tl_fmu_setup *setup) {
     return status;
 }
 
+/* Steps of FMUs by older versions of OpenModelica take longer, the later the stop time is: minutes
+ * if a run has no end. They need none. */
+static bool omits_stop(const guarded *self, fmi2Real start, fmi2Real stop) {
+    return self->guard->is_by_openmodelica && stop - start >= TL_EXPERIMENT_FAR;
+}
+
 static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance,
-                                   fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
+                                   fmi2Real start, fmi2Boolean stops, fmi2Real stop) {
     guarded *self = component;
+    fmi2Boolean has_stop = stops != fmi2False && !omits_stop(self, start, stop) ? fmi2True : fmi2False;
     const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
     self->shift = 0.0;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
@@ -860,10 +912,14 @@ static fmi2Status terminate(fmi2Component component) {
     return leave_fully(self, self->own->terminate(self->instance));
 }
 
+static fmi2Status call_reset(guarded *self) {
+    enter(self, TL_FMU_RESET);
+    return leave_fully(self, self->own->reset(self->instance));
+}
+
 static fmi2Status reset(fmi2Component component) {
     guarded *self = component;
-    enter(self, TL_FMU_RESET);
-    fmi2Status status = leave_fully(self, self->own->reset(self->instance));
+    fmi2Status status = restore_instantiated(self) ? fmi2OK : call_reset(self);
     if (self->replay != NULL && status <= fmi2Warning) {
         tl_fmu_replay_begin(self->replay);
     }
@@ -1092,7 +1148,8 @@ static fmi2Status get_boolean_status(fmi2Component component, const fmi2StatusKi
 /* ---- the guard ---- */
 
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
-    *guard = (tl_fmu_guard){.name = tl_fmu_calls_name(name)};
+    *guard = (tl_fmu_guard){.name = tl_fmu_calls_name(name),
+                            .is_by_openmodelica = strncmp(generator, "OpenModelica", strlen("OpenModelica")) == 0};
     tl_host_state_keep();
     tl_fmu_logger_open(&guard->logger, name, generator);
     guard->callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, guard};
@@ -1136,6 +1193,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
     tl_fmu_memory_forget(guard->full_copy);
     guard->full_copy = NULL;
+    forget_instantiated(guard);
     if (guard->memory != NULL) {
         tl_fmu_memory_free_reserve(guard->memory);
     }

@@ -80,17 +80,20 @@ typedef struct tl_fmu_guard {
     uint32_t most; /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
-    void *full_copy;             /* private: copy of the memory from the start of the proof; NULL: no copy */
-    bool was_proved; /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
-    uint32_t name;   /* number of the FMU's name in fmu_call.h, for calls without an instance */
+    void *
+        instantiated; /* private: copy of the memory from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
+    void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */
+    bool was_proved;  /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
+    uint32_t name;    /* number of the FMU's name in fmu_call.h, for calls without an instance */
     unsigned was_reported; /* bits: changes of process state that were already logged, for calls without an instance */
     tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
     bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;
     fmi2FMUstate
         beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
-    bool is_free;     /* the FMU is never rolled back */
-    bool has_crashed; /* private: in one of the FMU's own state functions, which are not called any more */
+    bool is_by_openmodelica; /* private: generator of the FMU */
+    bool is_free;            /* the FMU is never rolled back */
+    bool has_crashed;        /* private: in one of the FMU's own state functions, which are not called any more */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 
@@ -133,6 +136,7 @@ typedef struct tl_fmu_guarded {
  *            - after loading, instantiating, initialising, resetting and freeing, and once per
  *              tick: restores all other process state that an FMU may have changed (host_state.h),
  *              and logs this once;
+ *            - leaves out a far stop time (TL_EXPERIMENT_FAR) for FMUs of OpenModelica;
  *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and
  *              logs this;
  *            - reports an error if the FMU returns fmi2OK without a state;

@@ -610,11 +610,20 @@ static void begin_variable(description_parser *parser, const xml_tag *tag) {
     variable->initial = (tl_initial)(initial + 1);
 }
 
+/* PythonFMU writes "nan" for an attribute without a value. */
+static bool has_start(const xml_tag *tag, tl_type type) {
+    const char *text = attribute(tag, "start");
+    return text != NULL && !(type == TL_REAL && strcasecmp(text, "nan") == 0);
+}
+
 static void read_start(description_parser *parser, const xml_tag *tag, tl_variable *variable) {
     tl_value *start = &variable->start;
     bool flag = false;
     start->type = variable->type;
-    variable->has_start = attribute(tag, "start") != NULL;
+    variable->has_start = has_start(tag, variable->type);
+    if (!variable->has_start && variable->type != TL_STRING) {
+        return;
+    }
     switch (variable->type) {
     case TL_REAL:
         read_finite(parser, tag, "start", &start->real);

@@ -344,7 +344,6 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
         copy_regions(memory, memory->places.count, true, kept->bytes + used, false);
     }
     *state = kept;
-    memory->heap->opens_outside = true;
     memory->heap->report_opened = note_library;
     memory->heap->context = memory;
     note_used(memory);

@@ -214,7 +214,7 @@ static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     found->save_us = median(saves);
     found->restore_us = median(restores);
     found->step_us = median(steps);
-    found->bytes = tl_fmu_memory_size(self->fmu.guard.memory);
+    found->bytes = self->fmu.guard.memory != NULL ? tl_fmu_memory_size(self->fmu.guard.memory) : 0;
 }
 
 /* Twice: a state must outlive being restored. */

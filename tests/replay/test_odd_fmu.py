@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """FMUs that are not quite as FMI 2.0 says, and are used nevertheless; or the message says what to do."""
+import re
 import stat
 import zipfile
 
@@ -54,6 +55,14 @@ def test_variables_declared_twice():
     expect_used(changed(again(b"T", b"2", b"Integer")), None)
     for reference, kind in ((b"3", b"Real"), (b"2", b"Integer")):
         expect_refused("synchronise.adjust.hostile.T|several variables|rename", changed(again(b"T", reference, kind)))
+
+
+def test_a_start_value_that_is_no_number():
+    """A Real that starts at NaN has no start value; other texts are errors."""
+    def started(text):
+        return changed(lambda xml: re.sub(b'(<Real[^>]*)start="[^"]*"', b'\\1start="%s"' % text, xml, count=1))
+    expect_used(started(b"nan"))
+    expect_refused("start|wrong|number", started(b"wrong"))
 
 
 def test_an_encoding_of_windows():

@@ -71,13 +71,13 @@ def test_another_configuration_repeats_no_reset():
 
 # ---- FMUs that fail to reset ----
 
-FAILED, FATAL = 3, 4  # fmi2Error, fmi2Fatal
+OK, FAILED, FATAL = 0, 3, 4  # fmi2OK, fmi2Error, fmi2Fatal
 MARKED = tuple(range(10, 90, 2))
 
 
-def marked_run(fmu):
-    """(configuration with that FMU, database of its run with forty resets)."""
-    path = hostile_fmu.config(fmu, hostile_fmu.LOCKED)
+def marked_run(fmu, way="state"):
+    """(configuration with that FMU, database of its run with forty resets). By own states, fmi2Reset is called."""
+    path = hostile_fmu.config(fmu, merge(hostile_fmu.LOCKED, {"components": {"hostile": {"rollback": way}}}))
     return path, change(replay(path), resets(*MARKED))
 
 
@@ -87,6 +87,15 @@ def test_an_fmu_that_fails_to_reset_is_instantiated_again():
     expect(sum(row[2] & RESET != 0 for row in good) == len(MARKED), "no resets")
     path, recorded = marked_run(hostile_fmu.make("no_reset", RESET=FAILED))
     expect(ask(replay(path, recorded), STEPS) == good, "other values than with fmi2Reset")
+
+
+def test_an_fmu_whose_reset_does_nothing():
+    """Rolled back by memory, it is reset by the copy from after fmi2Instantiate, and fmi2Reset is not called."""
+    runs = [marked_run(hostile_fmu.make(name, **settings), "memory")
+            for name, settings in (("good", {}), ("no_reset", {"RESET": OK}), ("no_reset", {"RESET": FATAL}))]
+    good, *others = [ask(replay(path, recorded), STEPS) for path, recorded in runs]
+    expect(sum(row[2] & RESET != 0 for row in good) == len(MARKED), "no resets")
+    expect(all(other == good for other in others), "other values than after a complete reset")
 
 
 def test_an_fmu_that_starts_at_0_only():

@@ -105,7 +105,7 @@ static void keep_more(void) {
         file = open("keeper.txt", O_RDWR | O_CREAT, 0600);
     }
     if (steps == MAPPED) {
-        mapped = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        mapped = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
         seen = mapped == MAP_FAILED ? 0.0 : mapped[0];
     }
     if (steps == CHILD) {

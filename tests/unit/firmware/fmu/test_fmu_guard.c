@@ -15,6 +15,7 @@
 
 #include "firmware/process/host_state.h"
 #include "master/fmi/component.h"
+#include "master/plan/plan.h"
 #include "tests/support/message.h"
 #include "tests/support/stderr_capture.h"
 #include "tests/support/test_fmu.h"
@@ -184,6 +185,31 @@ static void steps_pass_through(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1.0, component.outputs.reals[0]);
     TEST_ASSERT_EQUAL_UINT64(1, component.executions);
     TEST_ASSERT_EQUAL_size_t(1, tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP));
+}
+
+static fmi2Boolean had_stop;
+
+static fmi2Status note_stop(fmi2Component instance, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real begin,
+                            fmi2Boolean has_stop, fmi2Real stop) {
+    had_stop = has_stop;
+    return fmu.functions.setup_experiment(instance, has_tolerance, tolerance, begin, has_stop, stop);
+}
+
+/* Returns whether the FMU gets it. */
+static bool gets_stop(double stop) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_renew(&component, &error));
+    TEST_ASSERT_EQUAL_INT(
+        fmi2OK, guard.functions.setup_experiment(component.instance, fmi2False, 0.0, 100.0, fmi2True, stop));
+    return had_stop != fmi2False;
+}
+
+static void openmodelica_gets_no_far_stop_time(void) {
+    vendor.setup_experiment = note_stop;
+    start();
+    TEST_ASSERT_TRUE(gets_stop(100.0 + TL_EXPERIMENT_FAR));
+    guard.is_by_openmodelica = true;
+    TEST_ASSERT_FALSE(gets_stop(100.0 + TL_EXPERIMENT_FAR));
+    TEST_ASSERT_TRUE(gets_stop(1e8));
 }
 
 static void a_start_time_that_is_refused_is_shifted(void) {
@@ -364,6 +390,7 @@ static void a_message_without_environment_belongs_to_the_fmu_in_the_call(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(steps_pass_through);
+    RUN_TEST(openmodelica_gets_no_far_stop_time);
     RUN_TEST(a_start_time_that_is_refused_is_shifted);
     RUN_TEST(a_call_is_noted_with_the_instance_while_it_lasts);
     RUN_TEST(a_failing_call_of_a_step_is_named);
