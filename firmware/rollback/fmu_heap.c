@@ -211,6 +211,7 @@ void tl_fmu_heap_release(tl_fmu_heap *heap, void *block) {
         return; /* the head was overwritten: the block is never used again */
     }
     lock_heap(heap);
+    heap->was_written = true; /* also between calls */
     memcpy(address_of_block, &all->free[class], sizeof all->free[class]);
     all->free[class] = (uint32_t)((size_t)(address_of_block - heap->base) / UNIT);
     unlock_heap(heap);

@@ -59,7 +59,8 @@ typedef struct tl_fmu_heap {
     uint32_t threads_begun;   /* those of them that run by now */
     uint32_t thread_count;    /* used entries of `threads`; may exceed their number */
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
-    bool is_taken; /* spin lock: a thread of the FMU may free a block while another thread allocates */
+    bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */
+    bool is_taken;    /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
 
 /* Creates a heap, which exists until the process ends. `reserve`: size of the address range, bytes.

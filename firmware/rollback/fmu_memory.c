@@ -178,7 +178,8 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *error) {
     tl_fmu_region ranges[TL_FMU_REGIONS + 1];
     size_t count = 0;
-    if (memory->pages != NULL || used + memory->places.bytes < TL_FMU_MEMORY_LARGE) {
+    size_t large = tl_fmu_written_serves() ? TL_FMU_MEMORY_LARGE : TL_FMU_MEMORY_LARGE_COMPARED;
+    if (memory->pages != NULL || used + memory->places.bytes < large) {
         return TL_OK;
     }
     memory->paged = memory->places.count;
@@ -297,7 +298,11 @@ static void copy_regions(const tl_fmu_memory *memory, size_t count, bool all, un
 static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
     memory_state *before = *state;
     tl_status status = make_room(memory, state, bytes_outside_pages(memory), error);
-    status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
+    if (status == TL_OK) {
+        bool was_written = memory->heap->was_written;
+        memory->heap->was_written = false;
+        status = tl_fmu_pages_save(memory->pages, used, was_written, &(*state)->version, error);
+    }
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
         copy_regions(memory, memory->places.count, false, (*state)->bytes, false);
@@ -429,11 +434,13 @@ const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
     bool is_complete = kept->pages == NULL;
+    bool was_written = memory->heap->was_written;
     note_used(memory);
+    memory->heap->was_written = false;
     if (is_complete) {
         memcpy(memory->heap->base, kept->bytes, kept->used);
     } else {
-        tl_fmu_pages_restore(memory->pages, &kept->version);
+        tl_fmu_pages_restore(memory->pages, &kept->version, was_written);
     }
     copy_regions(memory, kept->regions, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
     for (size_t i = kept->regions; i < memory->places.count; i++) {

@@ -56,9 +56,10 @@ void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
 enum { TL_FMU_MEMORY_WATCHED = 24 };
 
 /* An FMU with at least so many bytes is large: a copy of everything takes longer than a query for
- * written pages. If the kernel cannot report written pages, all pages are compared. This is slower,
- * but it still saves memory. */
-enum { TL_FMU_MEMORY_LARGE = 256 * 1024 };
+ * written pages (x86-64, 4 changed pages: 2.6 against 1.2 µs at 48 KiB, 0.2 against 1.2 at 16 KiB).
+ * If the kernel cannot report written pages, all pages are compared. There the border is higher,
+ * because memcmp() is much slower than memcpy() on some ARM boxes. */
+enum { TL_FMU_MEMORY_LARGE = 48 * 1024, TL_FMU_MEMORY_LARGE_COMPARED = 256 * 1024 };
 
 typedef struct tl_fmu_memory {
     tl_fmu_heap *heap; /* serves the FMU's allocations; NULL: no heap */
@@ -153,6 +154,7 @@ static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
     }
+    memory->heap->was_written = true;
     (void)tl_fmu_allocation_enter(memory->heap);
 }
 

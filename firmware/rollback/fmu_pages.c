@@ -20,7 +20,7 @@
  *
  * Purpose: data that several versions share is stored once, and its slot becomes free when its last
  *          owner releases it.
- * Memory:  grows by 256 slots at a time, when a slot is needed or reserved (tl_page_slots_stock()).
+ * Memory:  grows by 64 slots at a time, when a slot is needed or reserved (tl_page_slots_stock()).
  *          Reserved slots are not touched. Only tl_page_slots_close() frees memory.
  * Thread:  one at a time.
  */
@@ -46,7 +46,7 @@ typedef struct tl_page_slots {
  * Thread:  one at a time.
  */
 
-enum { TL_PAGE_GROUP = 64 }; /* pages per group */
+enum { TL_PAGE_GROUP = 32 }; /* pages per group; a page that changes costs the copy of a group */
 
 /* Fields are private. */
 typedef struct tl_page_groups {
@@ -58,7 +58,7 @@ typedef struct tl_page_groups {
 /* ---- page slots ---- */
 
 /* Slots per piece, bytes before the slots, and pieces by which the table grows. */
-enum { PIECE = 256, HEAD = 4096, MORE = 64 };
+enum { PIECE = 64, HEAD = 4096, MORE = 256 };
 
 typedef char owners_fit_into_the_head[PIECE * sizeof(uint32_t) <= HEAD ? 1 : -1];
 
@@ -532,6 +532,12 @@ bool tl_fmu_written_serves(void) {
  *           several steps. */
 enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
 
+/* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
+ * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
+ * written in every step stay unprotected: a save protects what it finds only if the save before
+ * found more than twice the pages that differed, in it or in a restore before it, plus FEW_PAGES. */
+enum { FEW_PAGES = 4 };
+
 struct tl_fmu_pages {
     size_t count;
     tl_fmu_region range[TL_FMU_REGIONS + 1];
@@ -544,7 +550,10 @@ struct tl_fmu_pages {
     unsigned times;     /* number of versions that differed */
     size_t most_put;    /* most pages copied by one restore */
     bool passes;        /* the three above are not updated */
+    bool protects;      /* the next save protects what it finds */
+    size_t hot;         /* most pages that differed in a restore since the last save */
     bool is_full;       /* present call: memory is out */
+    size_t found;       /* present call: pages that were reported or compared */
     size_t differing;   /* present call: pages that differ or were copied */
 };
 
@@ -615,23 +624,38 @@ static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *pa
     return tl_page_groups_put(&self->groups, group, number % TL_PAGE_GROUP, page);
 }
 
+/* Returns true if a page has the same slot in the present version and in another one. */
+static bool is_shared(const tl_fmu_pages *self, const tl_fmu_version *version, size_t number) {
+    size_t leaf = number / TL_PAGE_GROUP;
+    return number < self->now.pages && (self->now.leaf[leaf] == version->leaf[leaf] ||
+                                        pages_in(&self->groups, self->now.leaf[leaf])[number % TL_PAGE_GROUP] ==
+                                            pages_in(&self->groups, version->leaf[leaf])[number % TL_PAGE_GROUP]);
+}
+
 static void restore_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
-    const unsigned char *kept =
-        tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP);
-    if (self->are_reported || memcmp(page, kept, TL_FMU_PAGE) != 0) {
-        memcpy(page, kept, TL_FMU_PAGE);
-        self->differing++;
+    memcpy(page, tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP),
+           TL_FMU_PAGE);
+    self->differing++;
+}
+
+/* A page that may have been written. restore_different() restores pages that are not shared. */
+static void restore_written(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
+    if (is_shared(self, version, number) &&
+        memcmp(page, tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP),
+               TL_FMU_PAGE) != 0) {
+        restore_page(self, number, page, version);
     }
 }
 
 static void meet_pages(void *context, size_t first, size_t count) {
     const found_pages *found = context;
     tl_fmu_pages *self = found->pages;
+    self->found += count;
     for (size_t i = first; i < first + count && !self->is_full; i++) {
         unsigned char *page = self->range[found->range].begin + i * TL_FMU_PAGE;
         size_t number = self->before[found->range] + i;
         if (found->version != NULL) {
-            restore_page(self, number, page, found->version);
+            restore_written(self, number, page, found->version);
         } else {
             self->is_full = !keep_page(self, number, page);
         }
@@ -640,12 +664,12 @@ static void meet_pages(void *context, size_t first, size_t count) {
 
 /* Applies all changes in the first `pages` pages. */
 static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version) {
-    self->differing = 0;
+    bool protects = version == NULL && self->protects;
     for (size_t i = 0; i < self->count; i++) {
         found_pages found = {.pages = self, .range = i, .version = version};
         size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
         if (!self->are_reported ||
-            !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, meet_pages, &found)) {
+            !find_written(self->range[i].begin, count * TL_FMU_PAGE, protects, meet_pages, &found)) {
             meet_pages(&found, 0, count);
         }
     }
@@ -665,24 +689,33 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     version->pages = self->now.pages;
 }
 
-tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *version, tl_error *error) {
+tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, tl_fmu_version *version,
+                            tl_error *error) {
     size_t pages = self->before[self->count - 1] + pages_of(used);
     bool is_first = self->now.pages == 0;
     bool is_new = version->leaves == 0;
+    self->found = 0;
+    self->differing = 0;
     self->is_full = !grow(self, pages) || !make_room(version, tl_page_groups_of(pages));
-    if (!self->is_full) {
+    bool is_same = !was_written && pages == self->now.pages;
+    if (!self->is_full && !is_same) {
         find(self, pages, NULL);
     }
     for (size_t i = self->now.pages; i < pages && !self->is_full; i++) {
         self->is_full = !keep_page(self, i, address_of(self, i));
     }
     if (self->is_full) {
-        self->now.pages = 0; /* written pages were already reset, so the next save must compare all pages */
+        self->now.pages = 0; /* some pages may be protected already, so the next save must compare all pages */
         if (is_new) {
             free(version->leaf);
             *version = (tl_fmu_version){.pages = 0};
         }
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a copy of %zu pages", pages);
+    }
+    if (!is_same) {
+        self->hot = self->differing > self->hot ? self->differing : self->hot;
+        self->protects = self->found > FEW_PAGES + 2 * self->hot;
+        self->hot = 0;
     }
     self->now.pages = pages;
     shrink(self, tl_page_groups_of(pages));
@@ -702,14 +735,12 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
 
 static void restore_different(tl_fmu_pages *self, const tl_fmu_version *version) {
     for (size_t i = 0; i < version->pages; i++) {
-        size_t leaf = i / TL_PAGE_GROUP;
-        bool is_common = i < self->now.pages;
-        if (is_common && self->now.leaf[leaf] == version->leaf[leaf]) { /* skip to the last common page of the group */
-            size_t end = (leaf + 1) * TL_PAGE_GROUP;
-            i = (end < self->now.pages ? end : self->now.pages) - 1;
-        } else if (!is_common || tl_page_groups_look(&self->groups, self->now.leaf[leaf], i % TL_PAGE_GROUP) !=
-                                     tl_page_groups_look(&self->groups, version->leaf[leaf], i % TL_PAGE_GROUP)) {
+        if (!is_shared(self, version, i)) {
             restore_page(self, i, address_of(self, i), version);
+        } else if (self->now.leaf[i / TL_PAGE_GROUP] ==
+                   version->leaf[i / TL_PAGE_GROUP]) { /* skip to the last common page of the group */
+            size_t end = (i / TL_PAGE_GROUP + 1) * TL_PAGE_GROUP;
+            i = (end < self->now.pages ? end : self->now.pages) - 1;
         }
     }
 }
@@ -731,13 +762,15 @@ static void follow_version(tl_fmu_pages *self, const tl_fmu_version *version) {
     self->now.pages = version->pages;
 }
 
-void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
+void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, bool was_written) {
     self->is_full = false;
-    find(self, version->pages, version);
-    self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
-    if (self->are_reported) {
-        restore_different(self, version);
+    self->differing = 0;
+    if (was_written) {
+        find(self, version->pages, version);
     }
+    restore_different(self, version);
+    self->hot = self->differing > self->hot ? self->differing : self->hot;
+    self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     follow_version(self, version);
 }
 
@@ -764,7 +797,8 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
 /* Estimate for one more version. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
     size_t most_restored = self->most_put > self->most ? self->most_put : self->most;
-    return self->times >= KNOWN_SAVES ? self->most : most_restored > 0 ? most_restored : ASSUMED_PAGES;
+    size_t assumed = self->now.pages < ASSUMED_PAGES ? self->now.pages : ASSUMED_PAGES;
+    return self->times >= KNOWN_SAVES ? self->most : most_restored > 0 ? most_restored : assumed;
 }
 
 size_t tl_fmu_pages_size(const tl_fmu_pages *self) {

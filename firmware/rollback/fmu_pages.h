@@ -84,7 +84,7 @@ bool tl_fmu_written_serves(void);
  *          different part of it.
  * Order:   versions can be saved, restored and freed in any order; none depends on another.
  * Memory:  tl_fmu_pages_reserve() reserves it for later versions. If a later version differs in
- *          more pages than expected, the memory grows by pieces of 1 MiB. It is freed with the last
+ *          more pages than expected, the memory grows by pieces of 256 KiB. It is freed with the last
  *          version.
  * Thread:  one at a time.
  */
@@ -105,11 +105,15 @@ typedef struct tl_fmu_version {
 tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_region *ranges, size_t count, tl_error *error);
 
 /* Saves the present contents in `version` and replaces its old contents; `used`: bytes of the last
- * range. Errors: TL_TRY_AGAIN if memory is out; then `version` is unchanged. */
-tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *version, tl_error *error);
+ * range. `was_written`: false only if nothing was written to the ranges since the last save or
+ * restore; then no written pages are looked for. Errors: TL_TRY_AGAIN if memory is out; then
+ * `version` is unchanged. */
+tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, tl_fmu_version *version,
+                            tl_error *error);
 
-/* Restores a version. Does not change the last range after the version's used part. */
-void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version);
+/* Restores a version. Does not change the last range after the version's used part. `was_written`:
+ * as above. */
+void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, bool was_written);
 
 /* Frees a version and zeroes it. An empty version is allowed. */
 void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version);

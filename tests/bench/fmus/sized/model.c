@@ -1,4 +1,5 @@
-/* An FMU that knows SIZE bytes, on the heap, of which a step changes the first ones and some in the middle: two pages at most. */
+/* An FMU with SIZE bytes on the heap. A step changes the first ones and some in PAGES - 1 other places: at most PAGES
+ * pages. */
 #include "fmi2Functions.h"
 #include "tests/bench/fmus/frame.h"
 
@@ -34,7 +35,9 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real now, fmi2Real step, fmi2
     fmi2Real *all = component;
     (void)now;
     (void)is_final;
-    all[COUNT / 2] += step * (all[U] + 1.0);
-    all[Y] += all[COUNT / 2];
+    for (size_t page = 1; page < PAGES; page++) {
+        all[COUNT / PAGES * page] += step * (all[U] + 1.0);
+        all[Y] += all[COUNT / PAGES * page];
+    }
     return fmi2OK;
 }
