@@ -9,7 +9,6 @@
 
 #include "firmware/process/crash.h"
 #include "firmware/process/host_state.h"
-#include "master/plan/plan.h"
 
 /* ---- Serialising the state of an FMU that is rolled back by memory although its own states are
  * exact.

@@ -534,8 +534,8 @@ enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
 
 /* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
  * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
- * written in every step stay unprotected: a save protects what it finds only if the save before
- * found more than twice the pages that differed, in it or in a restore before it, plus FEW_PAGES. */
+ * written in every step stay unprotected. A save protects what it finds only if the save before
+ * found more than FEW_PAGES and twice the pages that differed in it or in a restore before it. */
 enum { FEW_PAGES = 4 };
 
 struct tl_fmu_pages {

@@ -84,8 +84,8 @@ bool tl_fmu_written_serves(void);
  *          different part of it.
  * Order:   versions can be saved, restored and freed in any order; none depends on another.
  * Memory:  tl_fmu_pages_reserve() reserves it for later versions. If a later version differs in
- *          more pages than expected, the memory grows by pieces of 256 KiB. It is freed with the last
- *          version.
+ *          more pages than expected, the memory grows by pieces of 256 KiB. It is freed with the
+ *          last version.
  * Thread:  one at a time.
  */
 

@@ -37,6 +37,11 @@ typedef struct tl_fmi2_times {
     int64_t by_copy;   /* by a copy of its memory */
 } tl_fmi2_times;
 
+/* If a run has no end, the FMUs get the stop time start_s + this: 20 years in whole days, s. Some
+ * FMUs cannot start without a stop time, some need whole days, and some count seconds in 32
+ * bits. */
+#define TL_EXPERIMENT_FAR (7300 * 86400.0)
+
 /* Not part of FMI: another rollback method for an FMU whose own states may be wrong.
  * `keep`:          makes a full copy of the FMU at the start of a proof and frees the earlier copy.
  * `restore_start`: restores the copy.

@@ -230,11 +230,6 @@ typedef struct tl_experiment {
     double stop_s;  /* stop time for fmi2SetupExperiment; ≤ start_s: none was configured */
 } tl_experiment;
 
-/* If a run has no end, the FMUs get the stop time start_s + this: 20 years in whole days, s. Some
- * FMUs cannot start without a stop time, some need whole days, and some count seconds in 32
- * bits. */
-#define TL_EXPERIMENT_FAR (7300 * 86400.0)
-
 typedef struct tl_plan {
     tl_time step; /* required; T_S, ns, > 0 */
     tl_experiment experiment;

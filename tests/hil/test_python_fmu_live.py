@@ -135,10 +135,10 @@ def lock_live(fmus):
             time.sleep(SECONDS)
             told, log = end_well(live, signal.SIGINT)
         plant.end(signal.SIGTERM)
-    rows = check_summary(told, database, prediction=len(fmus), components=len(fmus) + 1)
     lock = told["lock"]
     gain = number(database, "SELECT avg(applied) FROM adjustments WHERE run = 1 AND step > ?", told["steps"] / 2)
     print(f"    {told['steps']} steps, {told['skipped']} skipped, in lock {lock['percent']:.1f} %, gain {gain:.3f}")
+    rows = check_summary(told, database, prediction=len(fmus), components=len(fmus) + 1)
     expect(abs(gain - GAIN) < 0.05, f"gain {gain}, that of the plant is {GAIN}\n{log}")
     expect(lock["state"] == "locked" and lock["steps"]["lost"] <= 100, f"lock {lock}\n{log}")
     expect_no_line(log, "cannot be copied")

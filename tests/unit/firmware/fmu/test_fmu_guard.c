@@ -15,7 +15,6 @@
 
 #include "firmware/process/host_state.h"
 #include "master/fmi/component.h"
-#include "master/plan/plan.h"
 #include "tests/support/message.h"
 #include "tests/support/stderr_capture.h"
 #include "tests/support/test_fmu.h"
