@@ -382,10 +382,20 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
 /* Most times that an FMU is started again, because it has opened libraries. */
 enum { MOST_RENEWALS = 4 };
 
+static void forget_instantiated(tl_fmu_guard *guard) {
+    tl_fmu_memory_forget(guard->instantiated);
+    guard->instantiated = NULL;
+}
+
 /* The first copy does not count as one that differs from the one after fmi2Instantiate. */
 static bool save_first(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
+    bool is_first = !guard->memory->heap->opens_outside;
     guard->memory->heap->opens_outside = true;
+    if (is_first && guard->instantiated != NULL && tl_fmu_memory_has_new_library(guard->memory, guard->instantiated)) {
+        forget_instantiated(guard);
+        tl_fmu_memory_restart_storage(guard->memory);
+    }
     tl_fmu_memory_freeze_estimate(guard->memory, true);
     bool is_saved = save_memory(self, &guard->full_copy) == fmi2OK;
     tl_fmu_memory_freeze_estimate(guard->memory, false);
@@ -495,6 +505,9 @@ static void end_proof(fmi2Component component) {
                            "its inputs and parameters are set again after each restore");
     }
     drop_copy(guard);
+    if (!guard->by_memory) {
+        forget_instantiated(guard);
+    }
     guard->was_proved = true;
     guard->functions.replay.steps = 0;
     if (!self->by_replay && !guard->sets_inputs) {
@@ -733,11 +746,6 @@ static void keep_instantiated(guarded *self) {
         (void)tl_fmu_memory_save(guard->memory, &guard->instantiated, &ignored);
         tl_fmu_memory_freeze_estimate(guard->memory, false);
     }
-}
-
-static void forget_instantiated(tl_fmu_guard *guard) {
-    tl_fmu_memory_forget(guard->instantiated);
-    guard->instantiated = NULL;
 }
 
 /* Many FMUs keep something over fmi2Reset, but a copy from after fmi2Instantiate is exact. Returns

@@ -820,10 +820,12 @@ uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
 
 /* The constructors of the library allocate outside of the heap, as in no copy before. */
 static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
+    (void)tl_fmu_allocation_enter(NULL);
+    heap->note_opening(heap->context, false);
     (void)tl_fmu_allocation_enter(heap->opens_outside ? NULL : heap);
     void *library = own_dlopen(path, mode);
     (void)tl_fmu_allocation_enter(NULL);
-    heap->report_opened(heap->context);
+    heap->note_opening(heap->context, true);
     (void)tl_fmu_allocation_enter(heap);
     return library;
 }
@@ -835,7 +837,7 @@ void *dlopen(const char *path, int mode) {
     if (own_dlopen == NULL) {
         find_dlopen();
     }
-    return heap == NULL || heap->report_opened == NULL || path == NULL || strchr(path, '/') == NULL
+    return heap == NULL || heap->note_opening == NULL || path == NULL || strchr(path, '/') == NULL
                ? own_dlopen(path, mode)
                : open_and_report(heap, path, mode);
 }

@@ -39,6 +39,9 @@ typedef struct tl_fmu_heap_thread {
     int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
 } tl_fmu_heap_thread;
 
+/* Called before and after a call of the FMU opens a library by a path. */
+typedef void tl_fmu_heap_note_opening(void *context, bool is_opened);
+
 /* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {
     unsigned char *base;     /* NULL: no heap */
@@ -52,12 +55,11 @@ typedef struct tl_fmu_heap {
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
     bool
         opens_outside; /* set by the user: constructors of libraries that a call opens by a path are served by the C library */
-    void (*report_opened)(
-        void *context);       /* set by the user, may be NULL: called after a call has opened a library by a path */
-    void *context;            /* of report_opened */
-    uint32_t threads_started; /* allowed threads that calls have started */
-    uint32_t threads_begun;   /* those of them that run by now */
-    uint32_t thread_count;    /* used entries of `threads`; may exceed their number */
+    tl_fmu_heap_note_opening *note_opening; /* set by the user, may be NULL */
+    void *context;                          /* of note_opening */
+    uint32_t threads_started;               /* allowed threads that calls have started */
+    uint32_t threads_begun;                 /* those of them that run by now */
+    uint32_t thread_count;                  /* used entries of `threads`; may exceed their number */
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */
     bool is_taken;    /* spin lock: a thread of the FMU may free a block while another thread allocates */

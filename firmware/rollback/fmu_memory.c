@@ -39,10 +39,22 @@ typedef struct tl_fmu_memory_state {
     unsigned char bytes[];
 } memory_state;
 
+static tl_fmu_heap_note_opening note_opening;
+
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
     memory->heap = tl_fmu_allocation_open(RESERVED, error);
-    return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
+    if (memory->heap == NULL) {
+        return TL_TRY_AGAIN;
+    }
+    memory->heap->note_opening = note_opening;
+    memory->heap->context = memory;
+    return TL_OK;
+}
+
+void tl_fmu_memory_restart_storage(tl_fmu_memory *memory) {
+    memory->pages = NULL;
+    memory->paged = 0;
 }
 
 tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error) {
@@ -235,10 +247,17 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
-/* Called in a call of the FMU. */
-static void note_library(void *context) {
+/* The library of an FMU that is not in Python does not belong to those that are. */
+static void note_opening(void *context, bool is_opened) {
     tl_fmu_memory *memory = context;
     size_t known = memory->places.count;
+    if (!is_opened) {
+        memory->loaded = tl_fmu_regions_loaded();
+        return;
+    }
+    if (memory->folder != NULL) {
+        tl_fmu_regions_exclude(memory->loaded);
+    }
     if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
         return;
     }
@@ -349,8 +368,6 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
         copy_regions(memory, memory->places.count, true, kept->bytes + used, false);
     }
     *state = kept;
-    memory->heap->report_opened = note_library;
-    memory->heap->context = memory;
     note_used(memory);
     kept->used = used;
     kept->regions = memory->places.count;
@@ -412,17 +429,18 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 
 /* A library that was opened by a name without a path is only noticed here, and only if the FMU may
  * use libraries outside of its folder. */
-static bool has_unknown_library(const tl_fmu_memory *memory, const memory_state *state) {
-    bool is_unknown = memory->folder == NULL && tl_fmu_regions_opened() != memory->opened;
+static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *state) {
+    tl_error ignored;
+    bool is_unknown = memory->folder == NULL && find_regions(memory, &ignored) != TL_OK;
     for (size_t i = state->regions; i < memory->places.count; i++) {
         is_unknown = is_unknown || memory->opened_as[i] == NULL;
     }
     return is_unknown;
 }
 
-bool tl_fmu_memory_has_new_library(const tl_fmu_memory *memory, const void *state) {
+bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
-    return kept->regions != memory->places.count || has_unknown_library(memory, kept);
+    return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
 }
 
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {

@@ -74,6 +74,7 @@ typedef struct tl_fmu_memory {
     bool are_found;        /* `places` is valid */
     unsigned char *opened_as
         [TL_FMU_REGIONS];      /* contents of regions of libraries when they were opened in a call; NULL: not known */
+    size_t loaded;             /* libraries before the one that a call opens now */
     size_t paged;              /* regions that existed when `pages` was created */
     uint32_t settled_threads;  /* threads_started of the heap when its threads were found asleep */
     uint32_t live_threads;     /* number of them that had not ended */
@@ -121,13 +122,17 @@ const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
  * to its contents after opening, if they are known, except for the memory that its constructors
  * have allocated. */
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state);
-bool tl_fmu_memory_has_new_library(const tl_fmu_memory *memory, const void *state);
+bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
 
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
 
 /* Frees a state; NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
+
+/* Call it if there is no state, and libraries were opened since the first one was saved: then their
+ * regions are stored by pages too. */
+void tl_fmu_memory_restart_storage(tl_fmu_memory *memory);
 
 /* Restarts the size estimate. Call it after the FMU has freed the states that it saved itself,
  * because they were in its memory too. */

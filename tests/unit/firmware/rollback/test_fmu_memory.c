@@ -151,13 +151,15 @@ static void test_a_state_that_is_used_again_grows(void) {
     save(&state);
     TEST_ASSERT_EQUAL_PTR(before, state);
     size_t size = tl_fmu_memory_size(fmu.guard.memory);
-    (void)tl_fmu_allocation_enter(fmu.guard.memory->heap);
+    tl_fmu_memory_enter(fmu.guard.memory);
     unsigned char *more = malloc(100000);
     memset(more, 3, 100000);
-    (void)tl_fmu_allocation_enter(NULL);
+    tl_fmu_memory_leave(fmu.guard.memory);
     size_t grown = tl_fmu_memory_size(fmu.guard.memory);
     save(&state);
+    tl_fmu_memory_enter(fmu.guard.memory);
     memset(more, 4, 100000);
+    tl_fmu_memory_leave(fmu.guard.memory);
     tl_fmu_memory_restore(fmu.guard.memory, state);
     TEST_ASSERT_EQUAL_UINT8(3, more[99999]);
     free(more);
