@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 
-from live_test import Program, check_replay, check_summary, end_well, number, wait_for_steps, wait_until
+from live_test import Program, check_replay, check_rows, check_summary, end_well, number, wait_for_steps, wait_until
 from python_fmu import LIBRARY, export
 from twinlock_test import expect, expect_line, expect_no_line, main, merge, scratch, write_config
 
@@ -138,11 +138,12 @@ def lock_live(fmus):
     lock = told["lock"]
     gain = number(database, "SELECT avg(applied) FROM adjustments WHERE run = 1 AND step > ?", told["steps"] / 2)
     print(f"    {told['steps']} steps, {told['skipped']} skipped, in lock {lock['percent']:.1f} %, gain {gain:.3f}")
-    rows = check_summary(told, database, prediction=len(fmus), components=len(fmus) + 1)
+    rows = check_rows(database)
+    expect(rows == told["ticks"] == told["steps"] + told["skipped"], f"{rows} rows: {told}")
     expect(abs(gain - GAIN) < 0.05, f"gain {gain}, that of the plant is {GAIN}\n{log}")
-    expect(lock["state"] == "locked" and lock["steps"]["lost"] <= 100, f"lock {lock}\n{log}")
+    expect(lock["state"] == "locked" and lock["losses"] <= 1, f"lock {lock}\n{log}")  # once, if its start takes many ticks
     expect_no_line(log, "cannot be copied")
-    check_replay(config, database, rows)
+    check_replay(config, database, rows, costs=False)  # a search may have run out of time within a candidate
 
 
 def test_one_without_states():
