@@ -9,7 +9,7 @@
  *          (fmu_pages.h). Below that a copy of everything is faster.
  * Exact:   a restored state is equal in every bit if the FMU keeps nothing elsewhere. Data that the
  *          kernel or another library holds for the FMU is not included: threads, open files,
- *          sockets, memory that it maps itself. So rollback is always tested before it is used.
+ *          sockets, shared mappings. So rollback is always tested before it is used.
  * States:  are valid only in this process and only for this load of the FMU. They can be restored
  *          in any order and any number of times.
  * Python:  all FMUs in Python share one memory, because they share one interpreter. So they are
@@ -31,7 +31,7 @@
  *
  * Purpose: threads, child processes, open files and sockets are held by the kernel, and a restore
  *          does not change them. An FMU with such side effects is not rolled back by memory, and
- *          the side effect is reported. Memory that an FMU maps itself is detected by fmu_heap.h.
+ *          the side effect is reported. Shared mappings are detected by fmu_heap.h.
  * Detects: what exists after a call and did not exist before. A file that is opened, written and
  *          closed within one call is not detected.
  * Limits:  side effects of other threads of the process during the call are attributed to the FMU.

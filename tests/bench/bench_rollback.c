@@ -140,8 +140,8 @@ int main(int argc, char **argv) {
     static const int sizes[SIZES] = {1, 16, 1024, 2048, 51200};
     need(argc == 2 || argc == 3, "usage: bench_rollback FOLDER [KIB]");
     bool is_locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
-    printf("Rollback, \302\265s (memory %s)\n%24s %10s %10s %10s %10s\n", is_locked ? "locked" : "not locked: refused", "",
-           "pair", "execution", "most", "faults");
+    printf("Rollback, \302\265s (memory %s)\n%24s %10s %10s %10s %10s\n", is_locked ? "locked" : "not locked: refused",
+           "", "pair", "execution", "most", "faults");
     for (size_t i = 0; i < SIZES; i++) {
         bool is_wanted = argc == 2 || strtol(argv[2], NULL, 10) == sizes[i];
         for (size_t way = 0; way < WAYS && is_wanted; way++) {

@@ -62,7 +62,7 @@ static void step(void *model, double h) {
     lag *m = model;
     m->y += h * (m->u - m->y) / m->T;
     if (++m->steps == MAPS) {
-        (void)mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        (void)mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     }
     if (m->steps >= OUTSIDE && OUTSIDE != 0) {
         m->y += 0.01 * get_outside();

@@ -197,8 +197,8 @@ static fmi2Status note_stop(fmi2Component instance, fmi2Boolean has_tolerance, f
 /* Returns whether the FMU gets it. */
 static bool gets_stop(double stop) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_renew(&component, &error));
-    TEST_ASSERT_EQUAL_INT(
-        fmi2OK, guard.functions.setup_experiment(component.instance, fmi2False, 0.0, 100.0, fmi2True, stop));
+    TEST_ASSERT_EQUAL_INT(fmi2OK,
+                          guard.functions.setup_experiment(component.instance, fmi2False, 0.0, 100.0, fmi2True, stop));
     return had_stop != fmi2False;
 }
 
