@@ -34,8 +34,8 @@ typedef struct tl_gpio_debounce {
  * Purpose: an edge gives the time of a change. A level, read once per poll, shows whether an edge
  *          was missed. If a level differs from the last edge, its edge may still be in the queue.
  *          So this level is accepted only if it is read a second time.
- * Missed:  an edge to the level that the line has already counts as one missed edge. So does an
- *          accepted level that differs from the last edge.
+ * Missed:  one edge is counted as missed if an edge leads to the level that the line already has,
+ *          or if an accepted level differs from the last edge.
  * Stamps:  never decrease. Edges older than the last edge or accepted level are dropped.
  */
 
@@ -69,8 +69,8 @@ bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time
  * edge is only noted (`doubtful`), and accepted at the second call in a row. */
 bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* Adds a level and accepts it at once, for use after too many edges. Edges that are older are
- * dropped from now on. */
+/* Adds a level and accepts it at once. Call it if edges may have been dropped or not read. Older
+ * edges are dropped from now on. */
 bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
 /* Completes debouncing up to `now`. First add all edges before `now`. */

@@ -1,10 +1,11 @@
-/* List of the kernel's functions that a plant driver needs in addition to those of each io process.
+/* Plant access: system calls, sockets and folders that a plant driver needs beyond those that every
+ * io process may use.
  *
  * Purpose: each driver defines its list beside its code. firmware/process/filter.c builds the
- *          system call filter of the driver's process from it; all other calls are denied. filter.c
- *          itself has the rules for TCP and for resolving host names, because these check
- *          arguments.
- * Owner:   constants.
+ *          system call filter of the driver's process from it; all other calls are denied. Landlock
+ *          allows the folders. The rules for TCP and for resolving host names are in filter.c,
+ *          because they also check the flags of send calls.
+ * Life:    static constants of the driver.
  */
 #ifndef TL_BOARD_IO_PLANT_ACCESS_H
 #define TL_BOARD_IO_PLANT_ACCESS_H

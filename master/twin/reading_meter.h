@@ -1,5 +1,5 @@
-/* Reading meter: error of a twin at each reading of the plant, at the instant of that reading
- *                between the twin's steps.
+/* Reading meter: compares y with each raw reading of the plant, at the time of the reading. This
+ *                time may lie between two steps of the twin.
  *
  * Purpose: the MSE of the match compares y with a measured value that may be filtered or
  *          interpolated. This module compares y with the raw readings, so no filter can improve the
@@ -27,7 +27,8 @@
 
 typedef struct tl_reading_meter tl_reading_meter;
 
-/* `room`: most waiting readings, > 0. NULL if memory is out. */
+/* `step`: macro step T_S, ns, > 0. `room`: most waiting readings, > 0. Returns NULL if memory is
+ * out. */
 tl_reading_meter *tl_reading_meter_create(tl_arena *arena, tl_time step, size_t room);
 
 /* Adds the newest reading at a tick. A reading that is not later than the previous one is ignored.
