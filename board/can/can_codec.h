@@ -67,7 +67,7 @@ bool tl_can_is_length(unsigned bytes);
  * than TL_CAN_BYTES if the field fits into no frame. */
 size_t tl_can_field_bytes(const tl_can_field *field);
 
-/* The largest of these numbers for a channel's field and its multiplexors. */
+/* The largest tl_can_field_bytes() of a channel's field and its multiplexors. */
 size_t tl_can_channel_bytes(const tl_can_channel *channel);
 
 /* Reads or writes a field as an unsigned number: the lowest `length` bits of a uint64_t. `data` has
@@ -85,8 +85,8 @@ bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
 
 /* Writes a value to its field, and the first value of each multiplexor; `data` has at least
- * tl_can_channel_bytes(). Rounds to the nearest integer. Finite values out of range saturate. An
- * integer field gets 0 for NaN. */
+ * tl_can_channel_bytes(). An integer field gets the nearest integer: values out of range saturate,
+ * also infinities, and NaN becomes 0. A float32 field saturates finite values only. */
 void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
 
 /* ---- Map from CAN ids to channels. Private to the CAN driver.
@@ -96,12 +96,12 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
  *          channels.
  */
 
-/* One id; its channels are consecutive slots of the map. */
+/* One id; its channels are consecutive elements of the map's array `slots`. */
 typedef struct tl_can_id {
     uint32_t id;
     bool extended;
-    size_t first;   /* index of its first slot */
-    size_t slots;   /* number of its slots */
+    size_t first;   /* index of its first element in tl_can_map.slots */
+    size_t slots;   /* number of its elements there */
     bool too_short; /* the driver's note: the last frame was too short */
 } tl_can_id;
 
@@ -124,7 +124,7 @@ typedef struct tl_can_map {
  * (tl_can_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
-/* Returns the entry of an id, owned by the map; NULL if no channel has it. A standard and an
+/* Returns the tl_can_id of an id, owned by the map; NULL if no channel has it. A standard and an
  * extended id with the same number are different. */
 tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
 

@@ -45,9 +45,10 @@ bool tl_backoff_is_due(const tl_backoff *backoff, tl_time now);
 /* ---- Link state of a device: up, down, or unknown.
  *
  * Purpose: reports each change once, by the sink's link(). A problem of a part of the device does
- *          not change the state. Each driver defines "up", and decides which problems are new.
- * Texts:   "DEVICE: TEXT", truncated to TL_LINK_TEXT − 1 bytes. DEVICE: "CAN interface can0".
- *          TEXT: what happened and what to do.
+ *          not change the state. Each driver defines "up", and decides when it reports a
+ *          problem again.
+ * Texts:   "DEVICE: TEXT", truncated to TL_LINK_TEXT − 1 bytes. Example of DEVICE: "CAN interface
+ *          can0". TEXT: what happened and what to do.
  * Owner:   the caller owns the struct; no allocation. Thread: that of the driver's poll. Errors:
  *          none.
  */
@@ -67,9 +68,9 @@ bool tl_link_is_up(const tl_link *link);
 /* Sets the link up or down without a report. Returns true if this changed the state. */
 bool tl_link_change(tl_link *link, bool up);
 
-/* Reports a text and does not change the link. `good` false: a part of the device has a problem;
- * while the link is up, this goes to part_failed(), if the sink has it. All else goes to link().
- * `device`: its name; NULL if the text names it. */
+/* Reports a text and does not change the link. `good`: false for a problem, true for its end. A
+ * problem goes to part_failed(), if the link is up and the sink has this function. Otherwise the
+ * text goes to link(), with the present state. `device`: its name; NULL if the text names it. */
 void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, bool good, const char *device, const char *text);
 
 /* Sets the link up or down. If this changes the state, reports it to link() and returns true. */

@@ -4,8 +4,8 @@
  *          becomes readable by a call, and stays readable until the call is answered. If no thread
  *          waits at the call, the next wait returns at once. Several calls count as one.
  * Owner:   the driver owns the struct and releases it.
- * Method:  an eventfd, because a driver without any sending function can write to it
- *          (tests/check/can_symbols.txt).
+ * Method:  an eventfd. A test forbids write() and send() in the CAN driver and in board/io, and
+ *          allows eventfd_write() (tests/check/can_symbols.txt).
  * Thread:  tl_wake_call() from any thread; all else from the thread that polls.
  */
 #ifndef TL_BOARD_IO_WAKE_H

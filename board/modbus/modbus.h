@@ -6,25 +6,27 @@
  * Link:    the driver connects again to a server that was absent or has failed, with back-off (from
  *          0.1 s, doubling, to at most 2 s). The link is up while any unit answers. If one unit of
  *          several is silent or answers with an exception, only its own channels get TL_NO_LINK.
- *          The driver polls silent units last, with the same back-off. Waiting for them takes at
- *          most a fifth of the time.
+ *          The driver polls silent units last, with the same back-off. It spends at most a fifth
+ *          of the polling time on waiting for them.
  * Checks:  the driver uses an answer only if transaction, protocol, length, unit, function and
  *          number of bytes are right. Otherwise it posts TL_NO_LINK and reports the problem once.
  *          It also closes the TCP connection, because late bytes could be taken for the next
  *          answer.
  * Bound:   TCP: a poll waits at most timeout_s to connect and timeout_s for each response. The
  *          first missing or wrong response ends the poll. If the server sends more bytes than
- *          requested, the driver connects again before each request. If `host` is a name, add the
- *          time to resolve it, at each try to connect; interrupt() cannot end it.
+ *          requested, the driver connects again before each request. If `host` is a name, each
+ *          connection also takes the time to resolve it. interrupt() cannot end that wait.
  *          Line: a poll waits at most timeout_s for each response. The second missing or wrong
- *          response ends the poll. Add the transmission time, and the wait for silence before a
- *          request: 50 ms after a failure, about timeout_s more if bytes keep arriving. interrupt()
- *          cannot end a response that has started. It ends within its transmission time plus 0.2 s.
+ *          response ends the poll. Each request also takes its transmission time and a wait until
+ *          the line is silent: for 3.5 characters (1.75 ms above 19200 bit/s), after a failure for
+ *          50 ms. If bytes keep arriving, this wait fails after about timeout_s. interrupt() cannot
+ *          end the reception of a response that has started. The reception ends within the
+ *          response's transmission time plus 0.2 s.
  * Line:    the driver is the only master and opens the device exclusively. It uses 8 data bits and
  *          the parameters in tl_modbus_line. RTU responses have no number. So a late response could
  *          be taken for the answer to a later request of the same kind to the same unit. Therefore
  *          timeout_s must exceed the response time of the slowest unit. After a timeout, if another
- *          request was answered, the driver does not ask the silent unit for timeout_s.
+ *          request was answered, the driver sends no request to the silent unit during timeout_s.
  * Stamp:   time at which the response had arrived completely.
  * Source:  MODBUS Application Protocol 1.1b3, section 6.1 to 6.4; MODBUS over Serial Line 1.02,
  *          section 2.5.1.
@@ -52,9 +54,10 @@ typedef struct tl_modbus_settings {
 extern const tl_plant_io_driver tl_modbus_driver;
 extern const tl_plant_access tl_modbus_tcp_access, tl_modbus_rtu_access;
 
-/* Creates a driver. Copies the settings; does not connect yet. Errors: TL_BAD_DATA for a setting
- * out of range, a type that its table cannot hold, or a value that ends beyond address 65535;
- * TL_TRY_AGAIN if memory or a descriptor is missing. */
+/* Creates a driver. Copies the settings; does not connect yet. The caller closes it by
+ * tl_modbus_driver.close(). Errors: TL_BAD_DATA for a setting out of range, a type that its table
+ * cannot hold, or a value that ends beyond address 65535; TL_TRY_AGAIN if memory or a descriptor is
+ * missing. */
 tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error);
 
 #endif

@@ -20,13 +20,13 @@
 #include "master/sync/ledger.h"
 #include "master/sync/objective.h"
 
-/* Expected durations of the parts of a step beside executions, ns. If there is a clock, all time of
- * a search counts as one of these parts or as an execution. */
+/* Expected durations of the parts of a step beside executions, ns, if there is a clock. Before the
+ * first evaluation, time that is neither `guessing` nor `asking` is in no part. */
 typedef struct tl_synchroniser_times {
     tl_estimate guessing;   /* the solver's guess, before the first evaluation of a step */
-    tl_estimate asking;     /* with saved sequences: from a solver's request to the candidate's start */
+    tl_estimate asking;     /* if saving.sequences is on (plan.h): from a solver's request to the candidate's start */
     tl_estimate within;     /* an evaluation, without its executions */
-    tl_estimate thinking;   /* the solver, from an evaluation to its next request; plus `asking` if unused */
+    tl_estimate thinking;   /* the solver, from an evaluation to its next request; if sequences is off, with `asking` */
     tl_estimate committing; /* from the last evaluation to the end of the step, without executions */
     tl_time beside;         /* ns: duration of the current part so far */
     bool refused;           /* there was no time for a part of this step */
@@ -48,7 +48,7 @@ typedef struct tl_synchroniser_memory {
     double *guess;
     double *start;            /* start point of the solver */
     double *best;             /* best candidate so far */
-    double *trial;            /* candidate that is evaluated for a solver's point */
+    double *trial;            /* the solver's point as it is evaluated: see evaluated_point() in step_search.c */
     double *residuals;        /* of the candidate evaluated last */
     double *start_residuals;  /* at `start` */
     double *best_residuals;   /* at `best` */
@@ -77,18 +77,18 @@ typedef struct tl_synchroniser {
     tl_optimiser *optimiser;
     const tl_optimiser_class *fallback; /* NULL: none */
     tl_optimiser *second;               /* the solver of `fallback` */
-    uint32_t stagnation;                /* as in the plan, like the next two */
+    uint32_t stagnation;                /* this and the next two: see plan.h */
     double margin;
     double noise_floor;
     tl_synchroniser_memory memory;
     double last_delta[TL_MAX_ADJUST]; /* u − û of the step committed last */
     bool has_last;                    /* a step was committed */
     int courses;                      /* number of steps in a row whose `course` is known: 0, 1, or 2 for more */
-    bool held_inputs;                 /* mode ahead: the step before used the newest sample in place of a later one */
+    bool held_inputs;                 /* mode ahead: each step uses the newest sample in place of a later one */
     bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
     bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool had_final_search;            /* the solver has had its one search with all outputs within tolerance */
+    bool had_final_search;            /* the one search within tolerance, to give the solver data, is done */
     tl_synchroniser_times times;
 } tl_synchroniser;
 

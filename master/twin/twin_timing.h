@@ -3,7 +3,7 @@
  * Purpose: `check` shows what a search costs on this machine. A deadline must allow for the longest
  *          of many executions.
  * Unit:    ns, by the given clock; each value includes one clock reading.
- * Thread:  the twin's. Afterwards the twin can only be queried.
+ * Thread:  the twin's. After the measurement, execute no steps of the twin; only query it.
  */
 #ifndef TL_MASTER_TWIN_TWIN_TIMING_H
 #define TL_MASTER_TWIN_TWIN_TIMING_H
@@ -29,9 +29,10 @@ typedef struct tl_twin_timing {
     tl_twin_spread restore;
 } tl_twin_timing;
 
-/* Measures a component of a started twin that can save states, with its present inputs. Executes
- * TL_TWIN_TIMINGS rounds, but starts none after `longest` ns, except the first. Each round ends one
- * step later. At the end the component is restored to the state of the start. */
+/* Measures a component of a started twin that can save states, with its present inputs. Executes at
+ * most TL_TWIN_TIMINGS rounds, at least one. After `longest` ns it starts no further round. Each
+ * round starts one macro step after the round before. At the end the component is restored to the
+ * state of the start. */
 void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void *clock), void *clock, tl_time longest,
                             tl_twin_timing *timing);
 

@@ -263,7 +263,7 @@ def test_it_is_synchronised_and_rolled_back():
         saved, plain = replay_csv(config), replay_csv(config, "--plain")
         expect(saved == plain, f"{adjusted}: with and without saving executions differ")
         expect(saved == replay_csv(together), f"{adjusted}: by states and by memory, the results differ")
-        expect(replay_json(together)["executions"]["process"] == all_executions(config), "executions are saved")
+        expect(SANITIZER or replay_json(together)["executions"]["process"] == all_executions(config), "executions are saved")
         told, all_told = replay_json(config), replay_json(config, "--plain")
         executions = told["executions"]["process"], all_told["executions"]["process"]
         mse = told["match"]["process.y"]["mse"]
@@ -309,9 +309,15 @@ def test_memory_of_states_does_not_grow():
     expect(long - short < STEPS, f"memory has grown by {long - short} kB")
 
 
+def need_memory():
+    if SANITIZER:
+        raise Skip("no memory copies of FMUs with a sanitizer's allocator")
+
+
 def test_without_states_it_is_rolled_back_by_memory():
     process = {"fmu": str(export("plant"))}
     refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 16|components.process|canGetAndSetFMUstate")
+    need_memory()
     code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
     expect(code == 0, f"exit code {code}\n{out}{err}")
     expect_line(out, "rolled back|memory")
@@ -330,6 +336,7 @@ def test_a_state_that_is_not_registered_is_found():
 
 def expect_method(document, *methods, notices=()):
     """`check` names the rollback method of each FMU, and reports the notices."""
+    need_memory()
     code, out, err = run(["check", write_config(document)])
     expect(code == 0, f"exit code {code}\n{out}{err}")
     found = [line.split(" by ")[1].removeprefix("its ").split(":")[0] for line in out.splitlines() if "rolled back by " in line]
@@ -412,6 +419,7 @@ def test_components_in_python_go_back_together():
 
 def test_what_two_instances_share_goes_back_too():
     """A counter of the class belongs to both. Nothing is saved in their twin, so even that is exact."""
+    need_memory()
     fmu = lag("type(self).n = getattr(type(self), 'n', 0) + 1; self.x += 1e-3 * (type(self).n % 7)")
     rows, plain = (replay_csv(write_config(chain(fmu, fmu)), *options) for options in ([], ["--plain"]))
     expect(rows == plain, "with and without saving, the results differ")
@@ -442,6 +450,7 @@ def test_what_cannot_be_copied():
 
 def test_methods_of_several():
     """By memory all or none."""
+    need_memory()
     document = chain(lag(), lag(name="Other"))
     mixed = merge(document, {"components": {"c0": {"rollback": "memory"}, "c1": {"rollback": "replay"}}})
     refused(mixed, 65, 'components.c0|"memory"|in all')
@@ -450,6 +459,7 @@ def test_methods_of_several():
 
 
 def test_a_trial_that_the_script_refuses():
+    need_memory()
     document = chain(lag("if self.gain > 1.1: return False"))
     found = replay_json(write_config(document))
     expect(found["refused_trials"] > 0, found)

@@ -167,6 +167,31 @@ static void test_a_state_that_is_used_again_grows(void) {
     tl_fmu_memory_forget(state);
 }
 
+/* A block that is freed between two calls is allocated again after a restore, also if no call came
+ * between. */
+static void test_a_block_that_is_freed_between_calls(void) {
+    void *state = NULL;
+    tl_fmu_memory_enter(fmu.guard.memory);
+    unsigned char *block = malloc(200000); /* large: by pages */
+    TEST_ASSERT_NOT_NULL(block);
+    memset(block, 3, 200000);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    for (int time = 0; time < 3; time++) {
+        save(&state);
+        tl_fmu_heap_release(fmu.guard.memory->heap, block); /* as free() does */
+        tl_fmu_memory_restore(fmu.guard.memory, state);
+        TEST_ASSERT_EACH_EQUAL_UINT8(3, block, 200000);
+        tl_fmu_memory_enter(fmu.guard.memory);
+        unsigned char *other = malloc(200000);
+        free(other);
+        tl_fmu_memory_leave(fmu.guard.memory);
+        TEST_ASSERT_TRUE(other != block);
+        tl_fmu_memory_restore(fmu.guard.memory, state);
+    }
+    free(block);
+    tl_fmu_memory_forget(state);
+}
+
 /* Floating-point exceptions of the FMU and of the program are separate. */
 static void test_exceptions_are_its_own(void) {
     tl_fmu_memory *memory = fmu.guard.memory;
@@ -339,6 +364,7 @@ int main(void) {
     RUN_TEST(test_any_order);
     RUN_TEST(test_by_the_function_table);
     RUN_TEST(test_a_state_that_is_used_again_grows);
+    RUN_TEST(test_a_block_that_is_freed_between_calls);
     RUN_TEST(test_exceptions_are_its_own);
     RUN_TEST(test_a_thread);
     RUN_TEST(test_a_thread_that_ends_within_the_call);
