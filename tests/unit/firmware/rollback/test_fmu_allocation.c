@@ -214,8 +214,11 @@ static void test_a_thread_that_is_allowed(void) {
     TEST_ASSERT_EQUAL_INT(1, write(pipes[1], "x", 1));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
     TEST_ASSERT_TRUE(tl_fmu_heap_threads_ran(heaps[0]));
+    while (tl_fmu_heap_threads_alive(heaps[0]) > 0) { /* the kernel needs some time to end it */
+        sleep_shortly();
+        (void)tl_fmu_heap_threads_ran(heaps[0]);
+    }
     TEST_ASSERT_FALSE(tl_fmu_heap_threads_ran(heaps[0]));
-    TEST_ASSERT_EQUAL_UINT32(0, tl_fmu_heap_threads_alive(heaps[0]));
     TEST_ASSERT_TRUE(is_in(heaps[0], block));
     TEST_ASSERT_FALSE(heaps[0]->has_threads);
     TEST_ASSERT_EQUAL_INT(0, close(pipes[0]) + close(pipes[1]));
