@@ -697,7 +697,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, t
     self->found = 0;
     self->differing = 0;
     self->is_full = !grow(self, pages) || !make_room(version, tl_page_groups_of(pages));
-    bool is_same = !was_written && pages == self->now.pages;
+    bool is_same = !was_written && !self->protects && pages == self->now.pages;
     if (!self->is_full && !is_same) {
         find(self, pages, NULL);
     }
@@ -764,11 +764,14 @@ static void follow_version(tl_fmu_pages *self, const tl_fmu_version *version) {
 
 void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, bool was_written) {
     self->is_full = false;
+    self->found = 0;
     self->differing = 0;
     if (was_written) {
         find(self, version->pages, version);
     }
     restore_different(self, version);
+    self->protects =
+        self->protects || self->found > FEW_PAGES + 2 * (self->differing > self->hot ? self->differing : self->hot);
     self->hot = self->differing > self->hot ? self->differing : self->hot;
     self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     follow_version(self, version);
