@@ -749,7 +749,7 @@ static void keep_instantiated(guarded *self) {
 }
 
 /* Many FMUs keep something over fmi2Reset, but a copy from after fmi2Instantiate is exact. Returns
- * false if there is none, or if it is not complete. */
+ * false if there is no copy, or if it is not complete. */
 static bool restore_instantiated(const guarded *self) {
     const tl_fmu_guard *guard = self->guard;
     bool is_possible = guard->by_memory && guard->instantiated != NULL &&
@@ -879,7 +879,7 @@ static fmi2Status setup_at_0(guarded *self, const tl_fmu_setup *setup) {
 }
 
 /* Steps of FMUs by older versions of OpenModelica take longer, the later the stop time is: minutes
- * if a run has no end. They need none. */
+ * if a run has no end. They need no stop time. */
 static bool omits_stop(const guarded *self, fmi2Real start, fmi2Real stop) {
     return self->guard->is_by_openmodelica && stop - start >= TL_EXPERIMENT_FAR;
 }

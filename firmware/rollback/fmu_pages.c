@@ -770,9 +770,8 @@ void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, boo
         find(self, version->pages, version);
     }
     restore_different(self, version);
-    self->protects =
-        self->protects || self->found > FEW_PAGES + 2 * (self->differing > self->hot ? self->differing : self->hot);
     self->hot = self->differing > self->hot ? self->differing : self->hot;
+    self->protects = self->protects || self->found > FEW_PAGES + 2 * self->hot;
     self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     follow_version(self, version);
 }

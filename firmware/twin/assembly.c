@@ -166,7 +166,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
     }
 }
 
-static const tl_fmu *fmu_of(const tl_assembly *assembly, size_t component) {
+const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component) {
     const tl_fmu *fmu = assembly->fmus;
     while (assembly->components[component].model != &fmu->model) {
         fmu++;
@@ -179,7 +179,7 @@ static void share_memory(tl_assembly *assembly) {
     size_t sharing = 0;
     size_t components = 0;
     for (size_t i = 0; i < assembly->config.component_count; i++) {
-        const tl_fmu *fmu = fmu_of(assembly, i);
+        const tl_fmu *fmu = tl_assembly_fmu(assembly, i);
         components += tl_fmu_is_in_python(fmu) ? 1 : 0;
         sharing += tl_fmu_is_in_python(fmu) && tl_fmu_can_share_memory(fmu) ? 1 : 0;
     }
@@ -187,7 +187,7 @@ static void share_memory(tl_assembly *assembly) {
     for (size_t i = 0; i < assembly->config.component_count && sharing > 0 && components > 1; i++) {
         const tl_config_component *configured = &assembly->config.components[i];
         if (!assembly->shares_memory && configured->rollback == TL_ROLLBACK_MEMORY &&
-            tl_fmu_is_in_python(fmu_of(assembly, i))) {
+            tl_fmu_is_in_python(tl_assembly_fmu(assembly, i))) {
             tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
                           "\"rollback\" is \"memory\", but not in all components in Python, which have one memory: set "
                           "it in all of them, or in none");

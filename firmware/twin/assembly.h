@@ -61,6 +61,9 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
  * about failed calls). Otherwise `component` stays unchanged. */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
+/* Returns the FMU of a component. Call it after the FMUs were loaded. */
+const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component);
+
 /* Returns the newest message of a component's FMU with fmi2Warning or worse, truncated; "": none.
  * Call it after the build. The text is valid until the FMU's next call. */
 const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component);

@@ -220,15 +220,6 @@ enum { FIRST_STEPS = 10 };
 /* Limit for timing one component. */
 static const tl_time LONGEST = TL_SECOND / 10;
 
-static const tl_fmu *find_fmu(const tl_assembly *assembly, size_t component) {
-    for (size_t i = 0; i < assembly->fmu_count; i++) {
-        if (assembly->components != NULL && assembly->components[component].model == &assembly->fmus[i].model) {
-            return &assembly->fmus[i];
-        }
-    }
-    return NULL;
-}
-
 void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods *ways) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     ways->rollback_inexact = facts.rollback_inexact ? 1 : 0;
@@ -236,11 +227,9 @@ void tl_component_methods_note(const tl_assembly *assembly, tl_component_methods
         name_component(ways->component, facts.inexact_component);
     }
     for (size_t i = 0; i < assembly->config.component_count && (facts.returns || facts.rollback_inexact); i++) {
-        const tl_fmu *fmu = find_fmu(assembly, i);
-        if (fmu != NULL) {
-            ways->of[i] = (tl_component_method){.rollback = (uint32_t)tl_fmu_rollback(fmu),
-                                                .is_given_again = tl_fmu_inputs_are_repeated(fmu) ? 1 : 0};
-        }
+        const tl_fmu *fmu = tl_assembly_fmu(assembly, i);
+        ways->of[i] = (tl_component_method){.rollback = (uint32_t)tl_fmu_rollback(fmu),
+                                            .is_given_again = tl_fmu_inputs_are_repeated(fmu) ? 1 : 0};
     }
 }
 

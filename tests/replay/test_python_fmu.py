@@ -253,7 +253,7 @@ def true_plant():
 
 def test_it_is_synchronised_and_rolled_back():
     """Adjusts a tunable parameter, then an input. Restored or executed again, the bits are the same. Executions are saved with
-    the FMUs' own states; copied together, none is."""
+    the FMUs' own states; copied together, no execution is saved."""
     by_states = {"components": {name: {"rollback": "state"} for name in ("controller", "process")}}
     free = replay_json(write_config(loop({"recording": {"file": str(true_plant())}})))["match"]["process.y"]["mse"]
     for adjusted, settings in {"process.gain": {"step": 0.2, "min": 0.2, "max": 3}, "process.u": {"step": 0.2}}.items():
@@ -449,7 +449,7 @@ def test_what_cannot_be_copied():
 
 
 def test_methods_of_several():
-    """By memory all or none."""
+    """By memory all of them, or no component."""
     need_memory()
     document = chain(lag(), lag(name="Other"))
     mixed = merge(document, {"components": {"c0": {"rollback": "memory"}, "c1": {"rollback": "replay"}}})
