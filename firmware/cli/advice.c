@@ -83,13 +83,20 @@ tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sa
     return warm_up(assembly, ticks, sample, NULL, error);
 }
 
+/* Steps of at most `most` that leave a part of those before the stop time to the late verification. */
+static int64_t limit_steps(const tl_assembly *assembly, int64_t most, double part) {
+    int64_t limit = (int64_t)(part * (double)tl_assembly_steps_to_stop(assembly));
+    return limit < 1 ? 1 : limit < most ? limit : most;
+}
+
 /* No signal has a reading, so nothing is matched and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample;
-    int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
+    int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + limit_steps(assembly, WARMING_STEPS, 0.2);
+    uint32_t most = (uint32_t)limit_steps(assembly, DRY_STEPS, 0.4);
     tl_status status = warm_up(assembly, before, &sample, prognosis, &prognosis->error);
     tl_time began = tl_clock_now(NULL);
-    while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - began < LONGEST) {
+    while (status == TL_OK && prognosis->steps < most && tl_clock_now(NULL) - began < LONGEST) {
         status = take_step(assembly, &sample, prognosis, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;

@@ -174,6 +174,12 @@ const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component) {
     return fmu;
 }
 
+int64_t tl_assembly_steps_to_stop(const tl_assembly *assembly) {
+    static const double rounding = 1e-6; /* in steps */
+    const tl_experiment experiment = tl_twin_get_facts(assembly->twin).experiment;
+    return (int64_t)((experiment.stop_s - experiment.start_s) / tl_seconds(assembly->config.step) + rounding);
+}
+
 /* Several components in Python are rolled back together by memory, or each in another way. */
 static void share_memory(tl_assembly *assembly) {
     size_t sharing = 0;

@@ -64,6 +64,10 @@ void tl_assembly_find_component(const tl_assembly *assembly, const char *sentenc
 /* Returns the FMU of a component. Call it after the FMUs were loaded. */
 const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component);
 
+/* Returns the number of macro steps from the start to the stop time of the FMUs. Call it after the
+ * build. */
+int64_t tl_assembly_steps_to_stop(const tl_assembly *assembly);
+
 /* Returns the newest message of a component's FMU with fmi2Warning or worse, truncated; "": none.
  * Call it after the build. The text is valid until the FMU's next call. */
 const char *tl_assembly_last_message(const tl_assembly *assembly, const char *component);

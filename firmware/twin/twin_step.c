@@ -177,20 +177,23 @@ static void write_sentence(const tl_account_finding *finding, tl_twin_verify_rep
         [TL_REPAIRED_BY_STATES] = "it is rolled back by its own states from now on",
     };
     const char *then = outcomes[finding->mended];
-    if (finding->variable[0] == '\0') {
+    if (finding->cause == (int32_t)TL_CAUSE_REFUSES) {
         (void)snprintf(outcome->text, sizeof outcome->text,
                        "%.24s: its rollback is not exact: it fails in step %lld, which had succeeded before; %s",
                        finding->component, (long long)finding->step, then);
         return;
     }
-    char apart[100];
-    write_size(finding, apart, sizeof apart);
+    char apart[100] = "not the same";
+    if (finding->variable[0] != '\0') {
+        write_size(finding, apart, sizeof apart);
+    }
     const char *why = tl_twin_cause_text((tl_restore_cause)finding->cause);
     bool is_known = why[0] != '\0';
     (void)snprintf(outcome->text, sizeof outcome->text,
                    "%.24s: its rollback is not exact: %.24s was %s, %u step%s after the rollback%s%s%s; %s",
-                   finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s",
-                   is_known ? " (" : "", why, is_known ? ")" : "", then);
+                   finding->component, finding->variable[0] != '\0' ? finding->variable : "an internal variable", apart,
+                   finding->after, finding->after == 1 ? "" : "s", is_known ? " (" : "", why, is_known ? ")" : "",
+                   then);
 }
 
 tl_status tl_twin_verify_until(tl_twin *twin, tl_time until, tl_twin_verify_report *outcome, tl_error *error) {

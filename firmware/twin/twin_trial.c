@@ -83,17 +83,19 @@ void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late
         return;
     }
     tl_time begun = tl_clock_now(NULL);
+    int64_t end = (int64_t)tl_twin_get_facts(assembly->twin).lead + tl_assembly_steps_to_stop(assembly);
     begin_walk(&walk, assembly);
     walk.sample.tick = tick;
     look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, because there are no readings */
     if (look->status == TL_OK && !ready) {
         look->status = tl_fail(&look->error, TL_FMU_FAILED, "no step was made");
     }
-    bool goes_on = look->status == TL_OK;
-    while (goes_on && walk.steps < TL_FAR_STEPS && tl_clock_now(NULL) - begun < TL_FAR_LONGEST) {
+    bool continues = look->status == TL_OK;
+    while (continues && walk.steps < TL_FAR_STEPS && walk.sample.tick < end &&
+           tl_clock_now(NULL) - begun < TL_FAR_LONGEST) {
         look->status = step_once(&walk, false, &ready, &look->error);
         walk.steps += look->status == TL_OK ? 1 : 0;
-        goes_on = look->status == TL_OK && verify_once(assembly, look);
+        continues = look->status == TL_OK && verify_once(assembly, look);
     }
     look->steps = walk.steps;
     look->times = tl_twin_get_facts(assembly->twin).verified;

@@ -255,6 +255,78 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
     return TL_OK;
 }
 
+/* ---- hash of all variables ---- */
+
+/* Variables of one type, which are read in one call. */
+enum { HASHED_AT_ONCE = 64 };
+
+typedef struct hashed_values {
+    fmi2ValueReference references[HASHED_AT_ONCE];
+    size_t count;
+    union {
+        fmi2Real reals[HASHED_AT_ONCE];
+        fmi2Integer integers[HASHED_AT_ONCE]; /* fmi2Boolean is the same C type */
+    } values;
+} hashed_values;
+
+static bool is_hashed(const tl_variable *variable, tl_type type) {
+    tl_type own = variable->type == TL_ENUMERATION ? TL_INTEGER : variable->type;
+    return own == type && (variable->causality == TL_OUTPUT || variable->causality == TL_LOCAL) &&
+           (variable->variability == TL_DISCRETE || variable->variability == TL_CONTINUOUS);
+}
+
+static fmi2Status read_values(const tl_component *component, tl_type type, hashed_values *read) {
+    const tl_fmi2 *fmi = component->fmi;
+    switch (type) {
+    case TL_REAL:
+        return fmi->get_real(component->instance, read->references, read->count, read->values.reals);
+    case TL_INTEGER:
+        return fmi->get_integer(component->instance, read->references, read->count, read->values.integers);
+    default:
+        return fmi->get_boolean(component->instance, read->references, read->count, read->values.integers);
+    }
+}
+
+/* FNV-1a on the values that `read` lists, which is empty afterwards. */
+static fmi2Status hash_values(const tl_component *component, tl_type type, hashed_values *read, uint64_t *hash) {
+    const unsigned char *bytes = (const unsigned char *)&read->values;
+    size_t size = read->count * (type == TL_REAL ? sizeof(fmi2Real) : sizeof(fmi2Integer));
+    fmi2Status status = read->count != 0 ? read_values(component, type, read) : fmi2OK;
+    for (size_t i = 0; i < size && status <= fmi2Warning; i++) {
+        *hash = (*hash ^ bytes[i]) * 1099511628211U;
+    }
+    read->count = 0;
+    return status;
+}
+
+static fmi2Status hash_type(const tl_component *component, tl_type type, uint64_t *hash) {
+    const tl_model *model = component->model;
+    hashed_values read = {.count = 0};
+    fmi2Status status = fmi2OK;
+    for (size_t i = 0; i < model->variable_count && i < TL_HASHED_VARIABLES && status <= fmi2Warning; i++) {
+        if (is_hashed(&model->variables[i], type)) {
+            read.references[read.count++] = model->variables[i].reference;
+        }
+        if (read.count == HASHED_AT_ONCE) {
+            status = hash_values(component, type, &read, hash);
+        }
+    }
+    return status <= fmi2Warning ? hash_values(component, type, &read, hash) : status;
+}
+
+uint64_t tl_component_hash(tl_component *component) {
+    static const tl_type types[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN};
+    uint64_t hash = 14695981039346656037U;
+    tl_error ignored;
+    fmi2Status status = fmi2OK;
+    for (size_t i = 0; i < sizeof types / sizeof types[0] && !component->hides_variables; i++) {
+        status = hash_type(component, types[i], &hash);
+        component->hides_variables = status > fmi2Warning;
+        (void)check_status(component, status, "fmi2Get", &ignored);
+    }
+    return component->hides_variables ? 0 : hash;
+}
+
 /* Whether an FMU that returned fmi2Discard wants to end (FMI 2.0.4, 4.2.4). */
 static bool has_terminated(const tl_component *component, fmi2Status status) {
     fmi2Boolean terminated = fmi2False;

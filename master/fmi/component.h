@@ -75,6 +75,7 @@ typedef struct tl_component {
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
     bool reads_late;      /* the FMU gives no values in initialisation mode: outputs are read after it */
     bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
+    bool hides_variables; /* the FMU has rejected to give an internal variable */
     bool says_final;   /* each step is reported as final, also if the caller passes false: for tests of the rollback */
     bool prefers_copy; /* tl_component_prefer_copy() is in effect */
     bool reals_only;   /* all ports are Real; set by the exchange when it has placed the ports */
@@ -127,6 +128,12 @@ tl_status tl_component_step(tl_component *component, double now, double step, bo
  * it were not stepped. Real outputs stay as the FMU gives them: see tl_component_mark_outputs(). */
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error);
+
+/* Hash of the FMU's outputs and internal variables (not String; the first TL_HASHED_VARIABLES), to
+ * test a rollback. A difference may be in an internal variable long before an output shows it.
+ * Returns 0 after an FMU has rejected to give one of them; it is not asked again. */
+enum { TL_HASHED_VARIABLES = 4096 };
+uint64_t tl_component_hash(tl_component *component);
 
 /* Sets each Real output that is not finite to NaN, always with the same bits. */
 void tl_component_mark_outputs(const tl_component *component);

@@ -196,6 +196,27 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
     return TL_OK;
 }
 
+/* After `steps` steps from a state: notes the hashes, or compares them with the noted ones. Only own
+ * states can lack an internal variable. `hashes`: one per component. */
+static tl_status note_or_compare_hashes(const tl_exchange *exchange, uint64_t *hashes, bool *is_hashed, int steps,
+                                        size_t *culprit, tl_error *error) {
+    bool is_noted = *is_hashed;
+    *is_hashed = true;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_component *component = &exchange->components[i];
+        uint64_t hash = component->fmi->always_final ? 0 : tl_component_hash(component);
+        if (is_noted && hash != hashes[i] && hash != 0 && hashes[i] != 0) {
+            *culprit = i;
+            return tl_fail(error, TL_FMU_FAILED,
+                           "%s: an internal variable is not the same after a rollback and %d repeated steps: the FMU "
+                           "is not restored exactly; set another \"rollback\" in the component",
+                           component->name, steps);
+        }
+        hashes[i] = is_noted ? hashes[i] : hash;
+    }
+    return TL_OK;
+}
+
 /* ---- excursions ---- */
 
 /* In first steps of the search: as far as it may soon go. */
@@ -261,9 +282,11 @@ static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size
  * start, because the components may continue differently from now on. */
 static void forget_notes(tl_proof *proof, bool all) {
     proof->noted = all ? 0 : proof->noted;
+    proof->is_hashed = proof->is_hashed && !all;
     for (size_t i = 0; i < TL_PROOF_EXCURSIONS; i++) {
         proof->excursions[i].noted = 0;
         proof->excursions[i].is_noted = false;
+        proof->excursions[i].is_hashed = false;
     }
 }
 
@@ -320,6 +343,13 @@ static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
     return TL_OK;
 }
 
+/* After the last step from the start, `steps` steps after a state. */
+static tl_status hash_steps(proof_attempt *self, int steps, tl_error *error) {
+    tl_proof *proof = self->proof;
+    return note_or_compare_hashes(self->synchroniser->exchange, proof->hashes, &proof->is_hashed, steps, &self->culprit,
+                                  error);
+}
+
 /* Steps with the present inputs, their outputs noted. A failure of the first one is an error, of a
  * later one the end, unless it is fatal. */
 static tl_status take_steps(proof_attempt *self, tl_error *error) {
@@ -334,6 +364,9 @@ static tl_status take_steps(proof_attempt *self, tl_error *error) {
     }
     self->proof->stepped = self->steps > 0 || self->culprit != NO_COMPONENT;
     bool continues = self->steps > 0 && status != TL_FMU_FATAL && self->culprit == NO_COMPONENT;
+    if (saved == TL_OK && status == TL_OK) {
+        return hash_steps(self, self->steps, error);
+    }
     return saved != TL_OK ? saved : continues ? TL_OK : status;
 }
 
@@ -357,7 +390,7 @@ static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
                                      i - from, &self->culprit, error);
         }
     }
-    return status;
+    return status == TL_OK && self->proof->is_hashed ? hash_steps(self, self->steps - from, error) : status;
 }
 
 /* Restores the start. A component that cannot be restored is the culprit. */
@@ -401,14 +434,29 @@ static tl_status take_excursion_step(proof_attempt *self, int step, tl_error *er
     return status;
 }
 
-/* An excursion from the start. An FMU may reject it, as any candidate. */
-static tl_status make_excursion(proof_attempt *self, size_t excursion, tl_error *error) {
+/* An internal solver that a restore restarts shows this only while it moves. */
+static tl_status restore_middle(proof_attempt *self, tl_error *error) {
+    tl_status status = save_middle(self, error);
+    return status == TL_OK ? note_culprit(self, tl_snapshot_restore(&self->proof->midst, error)) : status;
+}
+
+/* An excursion from the start, `is_interrupted`: with a save and a restore in its middle. An FMU may
+ * reject it, as any candidate. */
+static tl_status make_excursion(proof_attempt *self, size_t excursion, bool is_interrupted, tl_error *error) {
+    tl_proof *proof = self->proof;
+    tl_proof_excursion *one = &proof->excursions[excursion];
     tl_status status = TL_OK;
     self->excursion = excursion;
     for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
-        status = take_excursion_step(self, i, error);
+        status = i == TL_PROOF_MIDST && is_interrupted ? restore_middle(self, error) : TL_OK;
+        status = status == TL_OK ? take_excursion_step(self, i, error) : status;
     }
-    self->proof->excursions[excursion].is_noted = true;
+    if (status == TL_OK) {
+        status = note_or_compare_hashes(self->synchroniser->exchange,
+                                        &proof->hashes[(excursion + 1) * self->synchroniser->exchange->component_count],
+                                        &one->is_hashed, TL_PROOF_STEPS, &self->culprit, error);
+    }
+    one->is_noted = true;
     return status == TL_FMU_FATAL || self->culprit != NO_COMPONENT ? status : TL_OK;
 }
 
@@ -417,7 +465,8 @@ static tl_status prove_excursions(proof_attempt *self, tl_error *error) {
     size_t count = self->proof->excursion_count;
     tl_status status = TL_OK;
     for (size_t i = 0; i < 2 * count && status == TL_OK; i++) {
-        status = make_excursion(self, i < count ? i : 2 * count - 1 - i, error);
+        status = i < count ? make_excursion(self, i, false, error)
+                           : make_excursion(self, 2 * count - 1 - i, self->proof->has_midst, error);
         status = status == TL_OK ? restore_start(self, error) : status;
         if (i < count && status == TL_OK) {
             status = repeat_steps(self, 0, error);
@@ -431,7 +480,7 @@ static tl_status prove_once(proof_attempt *self, tl_error *error) {
     tl_status status = save_start(self, error);
     status = status == TL_OK ? take_steps(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
-    status = status == TL_OK ? make_excursion(self, 0, error) : status;
+    status = status == TL_OK ? make_excursion(self, 0, false, error) : status;
     status = status == TL_OK ? prove_middle(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
     status = status == TL_OK ? prove_excursions(self, error) : status;
@@ -529,7 +578,9 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
     proof->inputs = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
     proof->elsewhere = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
     proof->gave = tl_arena_take(arena, TL_PROOF_STEPS + 1, proof->value_bytes);
-    return proof->outputs != NULL && proof->inputs != NULL && proof->elsewhere != NULL && proof->gave != NULL &&
+    proof->hashes = tl_arena_take(arena, exchange->component_count * (TL_PROOF_EXCURSIONS + 1), sizeof *proof->hashes);
+    return proof->outputs != NULL && proof->hashes != NULL && proof->inputs != NULL && proof->elsewhere != NULL &&
+           proof->gave != NULL &&
            tl_snapshot_init(&proof->midst, arena, exchange->components, exchange->component_count, exchange->values,
                             exchange->values_size);
 }
@@ -613,7 +664,7 @@ static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *
             return tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
                            exchange->components[one].name);
         }
-        status = i < self->proof->excursion_count ? make_excursion(self, i, error) : TL_OK;
+        status = i < self->proof->excursion_count ? make_excursion(self, i, false, error) : TL_OK;
     }
     status = status == TL_OK ? tl_exchange_save(exchange, error) : status;
     return status == TL_OK && had_middle ? save_middle(self, error) : status;

@@ -47,10 +47,12 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
  *          Then it makes all excursions from the first state, in forward and then in reverse
- *          order. In forward order it repeats the steps after each. An excursion executes steps
- *          with other inputs, to trigger events inside the FMUs: it moves one adjusted variable up
- *          or down by 1 or 4 times its `step`, or sweeps all variables. Every repeated output must
- *          have the same bits.
+ *          order. In forward order it repeats the steps after each. In reverse order it saves and
+ *          restores the state in the middle of each. An excursion executes steps with other inputs,
+ *          to trigger events inside the FMUs: it moves one adjusted variable up or down by 1 or 4
+ *          times its `step`, or sweeps all variables. Every repeated output must have the same bits.
+ *          So must the internal variables of an FMU that is rolled back by its own states, after
+ *          the last step: a limited output may hide a difference for long.
  *          One step is not enough: an internal solver that restarts after a restore shows a
  *          difference only in the second step. One state is not enough: some FMUs can hold only
  *          one. One excursion is not enough: some states lack a mode that only certain inputs
@@ -76,6 +78,7 @@ typedef struct tl_proof_excursion {
     double value;    /* new value of the variable */
     int noted;       /* number of steps whose outputs are stored; an FMU may have rejected the next one */
     bool is_noted;   /* the excursion was made once: later ones are compared with its outputs */
+    bool is_hashed;  /* the hashes after its last step are stored */
 } tl_proof_excursion;
 
 typedef struct tl_proof {
@@ -85,10 +88,13 @@ typedef struct tl_proof {
     size_t culprit;      /* the component that caused a failure; SIZE_MAX: not known */
     double *outputs;     /* private from here on: outputs of each port in each step from the start, */
                          /* then in each step of each excursion */
+    uint64_t *hashes;    /* tl_component_hash() of each component after the steps from the start, */
+                         /* then after each excursion */
     tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
     size_t excursion_count;
     double start[TL_MAX_ADJUST]; /* adjusted variables at the start */
     int noted;                   /* number of steps from the start whose outputs are stored */
+    bool is_hashed;              /* the hashes after these steps are stored */
     tl_snapshot midst;           /* the second state */
     bool has_midst;              /* the second state was saved */
     bool was_saved;              /* the first state was saved */

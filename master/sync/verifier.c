@@ -281,6 +281,12 @@ static tl_status restore_present(tl_verifier *verifier, bool is_kept, tl_error *
                                       error);
 }
 
+/* Only own states can lack an internal variable. */
+static uint64_t hash_component(const tl_verifier *verifier) {
+    tl_component *component = present_component(verifier);
+    return component->fmi->always_final ? 0 : tl_component_hash(component);
+}
+
 /* Creates the states of one component and measures the duration of a rollback. */
 static tl_status measure_rollback(tl_verifier *verifier, tl_error *error) {
     fmi2FMUstate *earlier = &verifier->verified[verifier->component].earlier;
@@ -288,6 +294,7 @@ static tl_status measure_rollback(tl_verifier *verifier, tl_error *error) {
     tl_status status = tl_component_save(present_component(verifier), earlier, error);
     status = status == TL_OK ? keep_present(verifier, &is_kept, error) : status;
     status = status == TL_OK ? tl_component_restore(present_component(verifier), *earlier, error) : status;
+    (void)hash_component(verifier);
     return status == TL_OK ? restore_present(verifier, is_kept, error) : status;
 }
 
@@ -368,23 +375,42 @@ static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_findi
     return true;
 }
 
-/* Executes steps from the earlier state, with the inputs and outputs from entry `from` on. `notes`:
- * notes the outputs; else a difference is a finding. */
-static tl_status execute_from(tl_verifier *verifier, size_t from, bool notes, tl_verifier_finding *finding, bool *found,
-                              tl_error *error) {
+/* Saves the state again and restores it at once: a solver that a restore restarts differs then. The
+ * earlier instant is not needed any more. */
+static tl_status interrupt(const tl_verifier *verifier, tl_error *error) {
+    tl_component *component = present_component(verifier);
+    fmi2FMUstate *earlier = &verifier->verified[verifier->component].earlier;
+    tl_status status = tl_component_save(component, earlier, error);
+    return status == TL_OK ? tl_component_restore(component, *earlier, error) : status;
+}
+
+typedef enum run_kind { NOTES, COMPARES, COMPARES_INTERRUPTED } run_kind;
+
+/* Executes steps from the earlier state, with the inputs and outputs from entry `from` on. Notes the
+ * outputs; or a difference is a finding. */
+static tl_status execute_from(tl_verifier *verifier, size_t from, run_kind kind, tl_verifier_finding *finding,
+                              bool *found, tl_error *error) {
     tl_component *component = present_component(verifier);
     tl_exchange *exchange = verifier->exchange;
+    *finding = (tl_verifier_finding){.component = verifier->component, .step = verifier->first};
     tl_status status = tl_component_restore(component, verifier->verified[verifier->component].earlier, error);
     for (unsigned i = 0; i < TL_VERIFIED_STEPS && status == TL_OK && !*found; i++) {
         int64_t step = verifier->first + i;
-        *finding = (tl_verifier_finding){.component = verifier->component, .step = step, .after = i + 1};
+        status = i == 1 && kind == COMPARES_INTERRUPTED ? interrupt(verifier, error) : TL_OK;
+        finding->step = step;
+        finding->after = i + 1;
         tl_ports_write(&component->inputs, inputs_of(verifier, from + i));
-        status = tl_component_step(component, tl_seconds(tl_time_of_step(0, exchange->step, step)), exchange->step_s,
-                                   false, error);
-        if (status == TL_OK && notes) {
+        status = status == TL_OK ? tl_component_step(component, tl_seconds(tl_time_of_step(0, exchange->step, step)),
+                                                     exchange->step_s, false, error)
+                                 : status;
+        if (status == TL_OK && kind == NOTES) {
             tl_ports_read(&component->outputs, verifier_outputs(verifier, from + i));
         }
-        *found = status == TL_OK && !notes && differs(verifier, from + i, finding);
+        *found = status == TL_OK && kind != NOTES && differs(verifier, from + i, finding);
+    }
+    if (status == TL_FMU_FAILED && kind != NOTES) {
+        finding->cause = TL_CAUSE_REFUSES;
+        *found = true;
     }
     return status;
 }
@@ -399,25 +425,30 @@ static void complete_candidate(const tl_verifier *verifier) {
     }
 }
 
-/* A candidate twice. An FMU may reject it, then it says nothing. */
-static tl_status execute_candidate(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
+/* The committed steps, between two runs of a candidate. If the FMU rejects the candidate, it says
+ * nothing. */
+static tl_status execute_all(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
     complete_candidate(verifier);
-    tl_status status = execute_from(verifier, TRIED, true, finding, found, error);
-    if (status == TL_OK) {
-        status = execute_from(verifier, TRIED, false, finding, found, error);
-        *found = *found || status == TL_FMU_FAILED;
+    tl_status candidate = execute_from(verifier, TRIED, NOTES, finding, found, error);
+    if (candidate == TL_FMU_FATAL) {
+        return candidate;
+    }
+    uint64_t hash = candidate == TL_OK ? hash_component(verifier) : 0;
+    tl_status status = execute_from(verifier, 0, COMPARES, finding, found, error);
+    if (candidate == TL_OK && status == TL_OK && !*found) {
+        status = execute_from(verifier, TRIED, COMPARES_INTERRUPTED, finding, found, error);
+    }
+    if (candidate == TL_OK && status == TL_OK && !*found) {
+        uint64_t again = hash_component(verifier);
+        *found = hash != 0 && again != 0 && again != hash;
     }
     return status;
 }
 
-/* A committed step that fails is a finding. */
 static tl_status execute_again(tl_verifier *verifier, bool with_candidate, tl_verifier_finding *finding, bool *found,
                                tl_error *error) {
-    tl_status status = with_candidate ? execute_candidate(verifier, finding, found, error) : TL_OK;
-    if (status != TL_FMU_FATAL && !*found) {
-        status = execute_from(verifier, 0, false, finding, found, error);
-        *found = *found || status == TL_FMU_FAILED;
-    }
+    tl_status status = with_candidate ? execute_all(verifier, finding, found, error)
+                                      : execute_from(verifier, 0, COMPARES, finding, found, error);
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
@@ -463,9 +494,7 @@ static tl_status repeat_steps(tl_verifier *verifier, const tl_budget *budget, tl
     tl_ports_read(&component->outputs, verifier_outputs(verifier, PRESENT));
     status = execute_again(verifier, with_candidate, finding, found, error);
     status = status == TL_OK ? restore_present(verifier, is_kept, error) : status;
-    if (status == TL_OK && *found && finding->port == NULL) {
-        finding->cause = TL_CAUSE_REFUSES;
-    } else if (status == TL_OK && *found && is_kept && budget->now == NULL) {
+    if (status == TL_OK && *found && finding->cause != TL_CAUSE_REFUSES && is_kept && budget->now == NULL) {
         status = find_cause(verifier, &finding->cause, error);
     }
     tl_ports_write(&component->inputs, inputs_of(verifier, PRESENT));

@@ -53,8 +53,10 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          components are verified in turn. In a turn, the state of one component is saved at the
  *          committed instant. Its inputs and outputs of the next TL_VERIFIED_STEPS committed steps
  *          are stored. Then three runs start from the saved state: the steps of a candidate, the
- *          same again, and the committed steps. Finally the component is restored to its present
- *          state.
+ *          committed steps, and the candidate again. The last run saves and restores the state once
+ *          more after its first step. Finally the component is restored to its present state.
+ *          An FMU that is rolled back by its own states must also have the same internal variables
+ *          after both runs of the candidate (tl_component_hash()).
  *          The candidate shows whether states lack data that only a candidate changes. It comes
  *          from the searches of these steps. If there was none, the committed inputs are changed by
  *          a twentieth. The candidate is left out if there is time for the committed steps only.
@@ -78,7 +80,7 @@ enum {
 /* A finding: an output that differs. */
 typedef struct tl_verifier_finding {
     size_t component;
-    const tl_port *port;    /* NULL: the FMU failed in a step that had succeeded before */
+    const tl_port *port;    /* NULL: an internal variable differs, or the FMU failed (TL_CAUSE_REFUSES) */
     int64_t step;           /* the step that was executed again */
     unsigned after;         /* 1 … TL_VERIFIED_STEPS: number of steps since the saved state */
     double committed;       /* value in the committed step */

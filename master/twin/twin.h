@@ -163,7 +163,7 @@ typedef enum tl_twin_mended {
 /* A finding of tl_twin_verify(): the rollback of an FMU is not exact. */
 typedef struct tl_twin_finding {
     const char *component;
-    const char *variable;   /* the output that differs; NULL: the FMU failed */
+    const char *variable;   /* the output that differs; NULL: an internal one, or the FMU failed (TL_CAUSE_REFUSES) */
     const char *unit;       /* of the output; "": none is declared */
     int64_t step;           /* the step that was executed again */
     unsigned after;         /* number of steps since the restored state */
@@ -181,7 +181,7 @@ typedef struct tl_twin_finding {
  * difference is less than a hundredth of a tolerance.
  * Cause:  without a clock, the cause is determined too if there is a full copy of the FMU. This
  *         takes additional calls.
- * Calls:  of one FMU at most four fmi2SetFMUstate, two fmi2GetFMUstate, and TL_VERIFIED_EXECUTIONS
+ * Calls:  of one FMU at most five fmi2SetFMUstate, three fmi2GetFMUstate, and TL_VERIFIED_EXECUTIONS
  *         steps, which do not count as executions. Results do not change.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU could not be restored; then the twin has
  *         ended. */

@@ -8,11 +8,12 @@ the duration of the runs of FMUs without states; for a campaign: 600.
 import csv
 import math
 import os
+import re
 import signal
 import sys
 import time
 
-from live_test import Program, check_replay, check_rows, check_summary, end_well, number, wait_for_steps, wait_until
+from live_test import FIRST_GUESS, OPTIMISED, Program, check_replay, check_rows, check_summary, end_well, number, wait_for_steps, wait_until
 from python_fmu import LIBRARY, export
 from twinlock_test import expect, expect_line, expect_no_line, main, merge, scratch, write_config
 
@@ -113,8 +114,19 @@ def series(fmus, changes):
     }, changes))
 
 
+# The gain on average, where a search reached the tolerance after the first second.
+FOUND = f"""SELECT avg(adjustments.applied) FROM steps JOIN adjustments USING (run, step)
+            WHERE run = 1 AND step >= 100 AND steps.outcome IN ({FIRST_GUESS}, {OPTIMISED})"""
+
+
+def is_locked(log):
+    """Only changes are logged, and the first state is locked."""
+    return (re.findall(r"lock: (\w+)", log) or ["locked"])[-1] == "locked"
+
+
 def lock_live(fmus):
-    """FMUs without states, rolled back by memory: the twin is in lock from some seconds on."""
+    """FMUs without states, rolled back by memory: the twin finds the gain of the plant, and is in lock
+    again soon after each pause of the machine."""
     fifo = scratch() / "fifo"
     last = list(fmus)[-1]
     plant_config = series(fmus, {
@@ -133,15 +145,17 @@ def lock_live(fmus):
         with Program("run", config, "--json") as live:
             wait_for_steps(live, database, 100)
             time.sleep(SECONDS)
+            wait_until(lambda: is_locked(live.log()), "the lock", live.log)
             told, log = end_well(live, signal.SIGINT)
         plant.end(signal.SIGTERM)
     lock = told["lock"]
-    gain = number(database, "SELECT avg(applied) FROM adjustments WHERE run = 1 AND step > ?", told["steps"] / 2)
+    gain = number(database, FOUND)
     print(f"    {told['steps']} steps, {told['skipped']} skipped, in lock {lock['percent']:.1f} %, gain {gain:.3f}")
     rows = check_rows(database)
     expect(rows == told["ticks"] == told["steps"] + told["skipped"], f"{rows} rows: {told}")
     expect(abs(gain - GAIN) < 0.05, f"gain {gain}, that of the plant is {GAIN}\n{log}")
-    expect(lock["state"] == "locked" and lock["losses"] <= 1, f"lock {lock}\n{log}")  # once, if its start takes many ticks
+    pauses = len(re.findall(r"ticks? missed", log))
+    expect(lock["losses"] <= pauses, f"{pauses} pauses, lock {lock}\n{log}")
     expect_no_line(log, "cannot be copied")
     check_replay(config, database, rows, costs=False)  # a search may have run out of time within a candidate
 

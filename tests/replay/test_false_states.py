@@ -75,6 +75,21 @@ def test_a_mode_that_only_trials_enter():
         expect(chosen == steps_of(keeper_fmu.config(fmu), "--plain"), f"{limit}: other values without savings")
 
 
+def test_a_limit_hides_the_difference():
+    """While the output is at its limit, only an internal variable shows that the restored states are wrong."""
+    for pages in 0, keeper_fmu.PAGES:
+        fmu = keeper_fmu.make_masked(0.5, pages)
+        code, out, err = run(["replay", keeper_fmu.config(fmu, "state")])
+        expect(code == FMU_FAILED, f"{code}\n{out}{err}")
+        expect_line(err, "error|keeper0|internal variable|rollback")
+        if SANITIZER:
+            continue
+        code, out, err = run(["check", keeper_fmu.config(fmu)])
+        expect(code == 0, f"{code}\n{out}{err}")
+        expect_line(err, "notice|own states|memory")
+        expect_same(fmu, "memory", f"{pages} pages")
+
+
 def test_no_method():
     """The library keeps its state over a reset and for all instances, so no method is exact. The program ends before a step."""
     for verb in "check", "replay":

@@ -42,6 +42,16 @@ def make_mode(limit, pages=0):
 
 
 @functools.cache
+def make_masked(limit, pages=0):
+    """The path of one whose output, limited to `limit`, hides that its states are wrong: see masked.c."""
+    folder = scratch()
+    text = hostile_fmu.DESCRIPTION.read_text(encoding="utf-8")
+    internal = '<ScalarVariable name="x" valueReference="5" causality="local" variability="continuous"><Real/></ScalarVariable>'
+    (folder / "modelDescription.xml").write_text(text.replace("</ModelVariables>", internal + "</ModelVariables>"), encoding="utf-8")
+    return _make_model("masked", folder / "modelDescription.xml", LIMIT=limit, TOUCHES=pages)
+
+
+@functools.cache
 def make_later(name, step):
     """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources.
     Its states are far faster than copies of its memory."""
@@ -115,19 +125,19 @@ def _rename(folder, source, header):
 
 
 # The sources of fmus/common, and the headers that rename the functions that these FMUs replace.
-OWN_FUNCTIONS = {"cold": {"state": "other_set_state.h"}, "slow": {"state": "other_set_state.h"}, "final": {"life": "other_do_step.h"},
+OWN_FUNCTIONS = {"cold": {"state": "other_set_state.h"}, "masked": {"state": "other_set_state.h"}, "slow": {"state": "other_set_state.h"}, "final": {"life": "other_do_step.h"},
                  "limits": {"life": "other_do_step.h", "values": "other_get_real.h"}}
 
 
-def _make_model(name, **macros):
+def _make_model(name, description=hostile_fmu.DESCRIPTION, **macros):
     """The FMU of tests/fmu/keeper/NAME.c and the functions of fmus/common."""
     folder = scratch()
-    hostile_fmu.describe(folder / "description.h")
+    hostile_fmu.describe(folder / "description.h", description)
     headers = OWN_FUNCTIONS.get(name, {})
     ours = [_rename(folder, source, headers[source.stem]) if source.stem in headers else source for source in hostile_fmu.OWN_STATE]
     sources = [KEEPER / f"{name}.c", *ours]
     hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
-    hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
+    hostile_fmu.package(folder / f"{name}.fmu", description, folder / "lag.so")
     return folder / f"{name}.fmu"
 
 
@@ -139,7 +149,7 @@ def recording():
     return path
 
 
-def config(fmu, way=None, components=1):
+def config(fmu, way=None, components=1, evaluations=60):
     """A configuration with `components` of that FMU; the input of each is adjusted until its output matches the plant's."""
     names = [f"keeper{i}" for i in range(components)]
     rollback = {} if way is None else {"rollback": way}
@@ -148,7 +158,7 @@ def config(fmu, way=None, components=1):
         "components": {name: {"fmu": str(fmu), **rollback} for name in names},
         "plant": {"y": {"csv": {"column": "y"}}},
         "recording": {"file": str(recording())},
-        "synchronise": {"horizon": {"prediction": 3}, "algorithm": "nelder-mead",
+        "synchronise": {"horizon": {"prediction": 3}, "algorithm": "nelder-mead", "budget": {"evaluations": evaluations},
                         "adjust": {f"{name}.u": {"step": 0.1, "nominal": 1, "min": -20, "max": 20} for name in names},
                         "match": {f"{name}.y": {"to": "plant.y", "tolerance": 0.01} for name in names}},
     })

@@ -543,6 +543,37 @@ static void a_warning_is_success(void) {
     fmu.functions.do_step = real_step;
 }
 
+/* `sum` is no port. */
+static void a_hash_shows_outputs_that_are_not_connected(void) {
+    component.outputs = (tl_ports){0};
+    start();
+    in_reals[0] = 3.0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    uint64_t first = tl_component_hash(&component);
+    TEST_ASSERT_NOT_EQUAL_UINT64(0, first);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
+    in_reals[0] = 4.0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    TEST_ASSERT_NOT_EQUAL_UINT64(first, tl_component_hash(&component));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
+    in_reals[0] = 3.0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    TEST_ASSERT_EQUAL_UINT64(first, tl_component_hash(&component));
+}
+
+static void a_variable_that_is_refused_ends_the_hashes(void) {
+    component.outputs = (tl_ports){0};
+    start();
+    fmu.control.fault = (tl_test_fault){
+        .kind = TL_TEST_DISCARD, .call = TL_TEST_GET_REAL, .first = 1, .last = 1, .above = (double)INFINITY};
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    TEST_ASSERT_EQUAL_UINT64(0, tl_component_hash(&component));
+    TEST_ASSERT_EQUAL_UINT64(0, tl_component_hash(&component));
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_GET_REAL]);
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(1));
+}
+
 static void no_ports_no_calls(void) {
     component.inputs = (tl_ports){0};
     component.outputs = (tl_ports){0};
@@ -580,6 +611,8 @@ int main(void) {
     RUN_TEST(a_step_that_ends_the_fmu_is_named);
     RUN_TEST(a_pending_step_is_a_failure);
     RUN_TEST(a_warning_is_success);
+    RUN_TEST(a_hash_shows_outputs_that_are_not_connected);
+    RUN_TEST(a_variable_that_is_refused_ends_the_hashes);
     RUN_TEST(no_ports_no_calls);
     return UNITY_END();
 }
