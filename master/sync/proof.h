@@ -47,10 +47,10 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
  *          Then it makes all excursions from the first state, in forward and then in reverse
- *          order. In forward order it repeats the steps after each. An excursion executes steps
- *          with other inputs, to trigger events inside the FMUs: it moves one adjusted variable up
- *          or down by 1 or 4 times its `step`, or sweeps all variables. Every repeated output must
- *          have the same bits.
+ *          order. In forward order, it repeats the steps from the first state after each excursion.
+ *          An excursion executes steps with other inputs, to trigger events inside the FMUs: it
+ *          moves one adjusted variable up or down by 1 or 4 times its `step`, or sweeps all
+ *          variables. Every repeated output must have the same bits.
  *          One step is not enough: an internal solver that restarts after a restore shows a
  *          difference only in the second step. One state is not enough: some FMUs can hold only
  *          one. One excursion is not enough: some states lack a mode that only certain inputs
