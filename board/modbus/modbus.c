@@ -138,8 +138,8 @@ static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* True if the connection can carry only the next answer. Otherwise the next poll reports the
- * reason. */
+/* Connects if necessary. True if the link is open and holds no bytes of earlier answers. After a
+ * failure the next poll reports the reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
     check_connection(io, now->sink);
