@@ -773,7 +773,7 @@ static tl_status handle_failure(tl_event_horizon *self, tl_status status, tl_rec
 }
 
 /* Whether this cycle has time for one more macro step and for saving the candidate. A repetition
- * takes as many executions. */
+ * executes as many steps as the original cycle. */
 static bool has_time(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
     tl_exchange *exchange = self->synchroniser->exchange;
     if (budget->repeated) {
@@ -803,8 +803,8 @@ static tl_status step_candidate(tl_event_horizon *self, tl_record *record, tl_er
     return status == TL_OK ? handle_failure(self, tl_stroke_walk(&self->stroke, error), record) : status;
 }
 
-/* Continues the search as far as time allows. The first candidate is the live twin as it is now,
- * and cannot start later. */
+/* Continues the search as far as time allows. The first candidate starts even if there is no time,
+ * because it is the live twin as it is now. */
 static tl_status continue_search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                                  tl_error *error) {
     tl_status status = TL_OK;
@@ -831,7 +831,7 @@ static tl_status run_search(tl_event_horizon *self, const tl_budget *budget, uin
         return status;
     }
     if (!self->stroke.live_saved) {
-        self->restore_cost = tl_duration_fade(self->restore_cost); /* otherwise one stall would end all searches */
+        self->restore_cost = tl_duration_fade(self->restore_cost); /* else one slow restore would end all searches */
         self->leave_cost = tl_duration_fade(self->leave_cost);
         return TL_OK;
     }
