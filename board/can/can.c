@@ -79,7 +79,7 @@ static void report_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* ---- the interface ---- */
 
-/* True if the interface is up and on the bus; otherwise reports the reason. */
+/* Reads the state of the interface, sets the link up or down, and reports a change. */
 static void check_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char text[TEXT];
     tl_can_state state;

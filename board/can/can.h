@@ -8,10 +8,10 @@
  * Link:    up while the interface is up, with or without frames. The reader checks the age of
  *          values. Down if the interface is absent, down, removed or bus-off. Then the driver
  *          retries with back-off (from 0.1 s, doubling, to at most 2 s).
- * Reports: once, when it begins and when it ends: error warning, error passive, frames too short
- *          for their signals. At most once per second, with a count: frames that the kernel
- *          dropped, overflows of the controller, bus errors. While the link is up, a problem goes
- *          to part_failed() and its end to link(); while it is down, both go to link().
+ * Reports: the start and the end of: error warning, error passive, frames too short for their
+ *          signals. At most once per second, with a count: frames that the kernel dropped,
+ *          overflows of the controller, bus errors. While the link is up, a problem goes to
+ *          part_failed() and its end to link(); while it is down, both go to link().
  * Bound:   a poll waits at most 50 ms for a frame and receives at most 512 frames.
  * Stamp:   time of reception by the kernel, on CLOCK_MONOTONIC, independent of changes of the wall
  *          clock (can_link.h).

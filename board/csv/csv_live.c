@@ -223,8 +223,8 @@ static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
 
 /* ---- a FIFO ---- */
 
-/* Checks the time of a row: returns false if it goes back once; two such rows in a row count as a
- * restart. */
+/* Checks that the time of a row increases. Returns false for the first row whose time does not. If
+ * the next row's time does not increase either, the writer has restarted. */
 static bool in_time(tl_plant_io *io, tl_time at) {
     bool back = io->anchor.set && io->row.time <= io->time;
     if (back && !io->went_back) {

@@ -34,8 +34,8 @@ typedef struct tl_gpio_debounce {
  * Purpose: an edge gives the time of a change. A level, read once per poll, shows whether an edge
  *          was missed. If a level differs from the last edge, its edge may still be in the queue.
  *          So this level is accepted only if it is read a second time.
- * Missed:  one edge is counted as missed if an edge leads to the level that the line already has,
- *          or if an accepted level differs from the last edge.
+ * Missed:  one edge is counted as missed if an edge leads to the present level, or if an accepted
+ *          level differs from the last edge.
  * Stamps:  never decrease. Edges older than the last edge or accepted level are dropped.
  */
 

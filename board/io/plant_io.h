@@ -27,8 +27,9 @@ typedef struct tl_plant_io_sink {
     /* Reports that the link went up or down; `text` names the device and the cause. If only a part
      * of the device recovers, link() is called once more, with the same `up` as before. */
     void (*link)(void *context, bool up, const char *text);
-    /* Reports once that a part fails while the link is up (one unit answers with an exception, a
-     * row is malformed), so that a user acts. If this is NULL, link() is called with `up` true. */
+    /* Reports once that a part fails while the link is up, so that a user acts. Examples: one unit
+     * answers with an exception; a row is malformed. If part_failed is NULL, link() is called with
+     * `up` true. */
     void (*part_failed)(void *context, const char *text);
     void *context;
 } tl_plant_io_sink;

@@ -6,9 +6,9 @@
  * because late bytes could be taken for the answer to the next request; a line is used again as
  * soon as it is quiet. Extra bytes beside a response also close the connection, but then the next
  * request just uses another one.
- * If any request of a poll was answered, the device works: only the silent request is paused, and
- * for a moment its unit on a line. If none was, the link is down and the next try waits. An
- * exception is an answer.
+ * If any request of a poll was answered, the device works: only the silent request is paused; on a
+ * serial line, also its unit for a short time. If no request was answered, the link is down and the
+ * next try waits. An exception is an answer.
  */
 #include "board/modbus/modbus.h"
 
@@ -36,7 +36,7 @@ struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
     tl_link state;
-    bool surplus_reported; /* that more bytes come than were asked for */
+    bool surplus_reported; /* it was reported that more bytes came than were requested */
     tl_backoff backoff;    /* of tries to connect */
     tl_time silent_due;    /* no silent request is repeated before this time */
     size_t start;          /* first request of the next poll */
@@ -138,8 +138,8 @@ static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* True if the connection can carry only the next answer. Otherwise the next poll reports the
- * reason. */
+/* Connects if necessary. True if the link is open and holds no bytes of earlier answers. After a
+ * failure the next poll reports the reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
     check_connection(io, now->sink);

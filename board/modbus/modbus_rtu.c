@@ -5,8 +5,8 @@
  * the first byte, and libmodbus receives the rest, which takes a short time.
  *
  * A response has no number. So late, incomplete or garbled bytes must be over before the next
- * request: a request starts when the line has been quiet for 3.5 characters, after a failure for 50
- * ms (a USB adapter delivers its bytes every 16 ms).
+ * request: a request starts when the line has been quiet for 3.5 characters. After a failure it
+ * must be quiet for 50 ms, because a USB adapter delivers its bytes every 16 ms.
  * Source: MODBUS over Serial Line 1.02, section 2.5.1.
  */
 #include "board/modbus/modbus_link.h"

@@ -62,8 +62,8 @@ void *tl_array_grown(void *array, size_t count, size_t size);
 /* ---- Shortages: whether an operation failed only because descriptors, memory or disk space ran
  * out.
  *
- * Purpose: the cause of such a failure is not the file that is opened or written, and it may
- *          disappear. It is reported as TL_TRY_AGAIN, not TL_BAD_DATA, so that the caller retries.
+ * Purpose: the opened or written file is not the cause of such a failure, and the shortage may end.
+ *          The failure is reported as TL_TRY_AGAIN, not TL_BAD_DATA, so that the caller retries.
  * Thread:  any.
  */
 
@@ -136,7 +136,7 @@ void tl_new_file_discard(tl_new_file *new_file);
 struct sockaddr;
 int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint16_t *port);
 
-/* ---- A missing file of which a name in other letter case exists.
+/* ---- A missing file whose name exists in other letter case.
  *
  * Purpose: helps users of systems that do not distinguish Config.json from config.json.
  * Thread:  any but the real-time cycle, because it reads a folder.

@@ -39,7 +39,7 @@ typedef struct tl_option {
     const char *needs;    /* name of an option of the same verb that must be given too, or NULL */
     bool rare;            /* listed below the common options */
     bool alone;           /* at most one of the options with `alone` may be given */
-    bool changes;         /* has an effect only with a change: not allowed with `only` */
+    bool changes;         /* has an effect only with a change: not allowed with an option with `only` */
     bool only;            /* sends no change: not allowed with an option with `changes` */
 } tl_option;
 

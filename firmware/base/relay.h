@@ -6,8 +6,8 @@
  * Lines:   passes on complete lines. A line longer than TL_RELAY_LINE bytes is passed on in parts,
  *          each as a line; no UTF-8 character is split.
  * Bounds:  one call reads at most TL_RELAY_DRAIN bytes, so that a process that never stops printing
- *          cannot block it. There is no limit per second: unread output stays in the pipe, and the
- *          printing process waits.
+ *          cannot block the caller. There is no limit per second: unread output stays in the pipe,
+ *          and the printing process waits.
  * Owner:   the caller owns the struct; the relay owns the descriptor and closes it.
  * Thread:  any thread may call tl_relay_drain(); a mutex serialises the calls. `pass` runs in the
  *          calling thread, with the mutex locked. Open and close it while no other thread uses it.

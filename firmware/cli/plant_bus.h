@@ -52,8 +52,8 @@ typedef struct tl_plant_bus tl_plant_bus;
 size_t tl_plant_bus_plan(const tl_can_channel *channels, size_t count, tl_plant_bus_frame *frames);
 
 /* Opens the bus; copies the settings. Errors: TL_BAD_USAGE if the interface has hardware and that
- * is not permitted; TL_TRY_AGAIN if there is no such interface, if a frame needs CAN FD and the
- * interface does not support it, or if a resource is missing. */
+ * is not permitted; TL_TRY_AGAIN if there is no such interface, if it does not support CAN FD and a
+ * frame needs it, or if a resource is missing. */
 tl_status tl_plant_bus_open(const tl_plant_bus_settings *settings, tl_plant_bus **bus, tl_error *error);
 
 /* Sends the frames of one row. `values`: one per channel. `present` marks the channels with a new

@@ -43,7 +43,7 @@ static void read_participants(tl_config_object *object, tl_config_need need, tl_
     }
 }
 
-/* Returns the participant that an item names, or NOBODY after it was reported. */
+/* Returns the participant that an item names, or NO_PARTICIPANT after it was reported. */
 static size_t find_participant(const tl_config_object *object, const cJSON *item, const char *path,
                                const tl_config_delays *delays) {
     char expected[EXPECTED];

@@ -86,8 +86,9 @@ typedef struct tl_fmu_model {
 /* Each FMU defines it once, in its model.c. */
 extern const tl_fmu_model tl_fmu_model_of_this_fmu;
 
-/* Defines it, in a file that includes description.h. `type`: the model's struct, with one member of
- * the same name for each variable. The other fields follow, by name. */
+/* Defines tl_fmu_model_of_this_fmu, in a file that includes description.h. `type`: the model's
+ * struct, with one member of the same name for each variable. `...`: the other fields of
+ * tl_fmu_model, by name. */
 #define TL_FMU_MODEL(type, ...)                                                                                        \
     static const type defaults = {TL_FMU_START_VALUES};                                                                \
     static const tl_fmu_variable variables[] = {TL_FMU_VARIABLES(type)};                                               \

@@ -7,9 +7,10 @@
  * FMU never waits for rows that have not arrived.
  *
  * A state contains the outputs and the number of the next row. Stored rows do not change, so a step
- * can be repeated. It gives the same values even if new rows have arrived since, because a row
- * counts only in steps that end later than all steps before its arrival. Rows of a FIFO are dropped
- * if the master declares that it restores no earlier state (noSetFMUStatePriorToCurrentPoint).
+ * can be repeated. The repeated step gives the same values even if new rows have arrived since. The
+ * reason: a row counts only in steps that end later than all steps before its arrival. Rows of a
+ * FIFO are dropped if the master declares that it restores no earlier state
+ * (noSetFMUStatePriorToCurrentPoint).
  */
 #include <float.h>
 #include <math.h>

@@ -13,8 +13,8 @@
 /* ---- Expected duration of an operation that runs often.
  *
  * Purpose: predictions for a deadline. The estimate is the longest recent duration: the last one,
- *          or an earlier longer one that decays by 1/16 each time. So one slow execution in sixteen
- *          does not make every sixteenth prediction wrong.
+ *          or an earlier longer one that decays by 1/16 each time. So the prediction stays high for
+ *          some time after a slow execution.
  * Range:   0 … 1000 s, also if the clock jumps: sums of many durations cannot overflow.
  */
 
@@ -56,10 +56,10 @@ static inline tl_time tl_duration_sum(tl_time first, tl_time each, uint64_t time
 enum { TL_ESTIMATE_PATIENCE = 8 };
 
 typedef struct tl_estimate {
-    tl_time most; /* ns, what it is expected to take */
+    tl_time most; /* ns: expected duration */
     int patience; /* failed retries in a row */
     bool tried;   /* it ran in this step; the caller clears it at the start of a step */
-    bool rested;  /* it was suppressed before it last ran */
+    bool rested;  /* it has been suppressed since it last ran */
 } tl_estimate;
 
 /* Notes that the operation ran in this step and took `took`, ns. */

@@ -10,10 +10,9 @@
  *          only to execute from another node (table 4.1, right column). TL_KEEP_OUTPUTS saves
  *          states only every `spacing` steps; from there the FMU catches up (left column).
  * Final:   some steps tell the FMU that no earlier state will be restored, so that the FMU can drop
- *          its buffers. A step is final in this sense if all candidates pass the newest saved state
- *          before it; that state itself may still be restored. No step is final while each horizon
- *          starts with results of the one before, or while the owner keeps an earlier state
- *          (`is_kept_from`).
+ *          its buffers. Such a step starts at the root or above it, from a node with a saved state.
+ *          That state itself may still be restored. No step is final while the FMU executes only
+ *          steps below the root, or while the owner keeps an earlier state (`is_kept_from`).
  * Full:    if the pool is full, a result is used and counted, but not stored.
  * Room:    if fewer state handles than nodes are allowed (`states`), some nodes have no state. The
  *          FMU then catches up from a node above, as with TL_KEEP_OUTPUTS. One handle is reserved
@@ -44,7 +43,7 @@ typedef struct tl_cached_component {
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
     uint32_t root;        /* the committed instant t_i */
     uint32_t position;    /* node of the candidate; TL_NO_NODE: the pool was full, so its node was not stored */
-    uint32_t at;          /* node of the FMU; TL_NO_NODE: none, or that of the candidate, which was not stored */
+    uint32_t at;          /* node of the FMU; TL_NO_NODE: a step failed or was not stored, or the node was dropped */
     unsigned char *key;   /* scratch: inputs of the current step */
     unsigned char *value; /* scratch: its outputs */
     bool is_kept_from;    /* the owner keeps a state that is older than the root, and will restore it */
@@ -59,9 +58,10 @@ typedef struct tl_cached_component {
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
 
-/* Measures the size of one state in bytes, for an initialised FMU. The FMU reports it; else it is
- * the larger of the serialised size and the growth of the heap per state. 0: unknown. `heap`:
- * returns the bytes allocated in this process; NULL: unknown. */
+/* Measures the size of one state in bytes, for an initialised FMU: the result of
+ * tl_component_state_size(). If that is 0, it is the larger of the serialised size and the growth
+ * of the heap per state. 0: unknown. `heap`: returns the bytes allocated in this process; NULL:
+ * unknown. */
 tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap)(void), size_t *size, tl_error *error);
 
 /* Sets the largest number of state handles. Call it before the start. */
@@ -77,8 +77,9 @@ tl_status tl_cached_component_reset(tl_cached_component *cached, tl_error *error
 /* Moves the candidate to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
-/* Moves the FMU to the root, which is before macro step `step`. If can_stand() is false, the root
- * has no saved state, so the FMU has to catch up from a node above. */
+/* stand() moves the FMU to the root, which is before macro step `step`. can_stand() is true if this
+ * needs no execution. Otherwise the root has no saved state, and the FMU catches up from a node
+ * above. */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
 tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error);
 

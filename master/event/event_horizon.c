@@ -57,7 +57,7 @@ typedef struct tl_stroke {
     bool has_candidate;     /* there is a candidate */
     bool loaded;            /* the FMUs are in its state */
     bool needs_no_mark;     /* it need not be kept: it continues the live twin, or is the winner */
-    bool used_estimate;     /* it has used a sample that was only stood in for */
+    bool used_estimate;     /* it has used the newest sample in place of a later one */
     double u;               /* of the candidate */
     int64_t at;             /* tick it has reached */
     double sum;             /* J so far */
@@ -283,8 +283,8 @@ static double tl_stroke_value(const tl_stroke *stroke) {
     return stroke->sum;
 }
 
-/* Orders two instants; equal ones by the rest of the window: a signal that returns soon is there
- * longer if it comes earlier. */
+/* Time of the simulated event relative to the plant's. If both are in the same step, the durations
+ * within the window decide: a simulated event that lasts longer counts as early. */
 static tl_event_side tl_stroke_side(const tl_stroke *stroke) {
     if (stroke->without_event == 0) {
         return TL_EVENT_BEFORE;
@@ -346,7 +346,8 @@ static tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) 
     return status;
 }
 
-/* Marks the candidate as late as possible before a sample that is stood in for. */
+/* Saves the candidate at the newest sample, or at the end of the window if that is earlier. Later
+ * samples do not exist yet. */
 static tl_status mark_candidate(tl_stroke *stroke, tl_error *error) {
     bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
     if (!due || stroke->at > stroke->last || stroke->needs_no_mark || stroke->used_estimate) {
@@ -410,7 +411,7 @@ typedef enum event_phase {
     WINDOW,    /* until the window is complete */
     SEARCHING, /* evaluating candidates */
     FOLLOWING, /* continuing the winner to the present */
-    CONFIRMING /* done, while samples of the window are still stood in for */
+    CONFIRMING /* done, but the newest sample has replaced later ones of the window */
 } event_phase;
 
 /* Edge of a signal of the plant. */
@@ -526,8 +527,9 @@ static bool is_good(const tl_event_horizon *self, event_edge edge, int64_t tick)
     return sample_of(self, edge, tick)->quality[edge.signal] == TL_GOOD;
 }
 
-/* Whether the edge comes at this tick. Bad values are held, so that the edge comes with the first
- * good one; `sure`: exactly then. */
+/* Whether the edge comes at this tick. A bad value is replaced by the last good one, so the edge
+ * comes with the first good value. *sure: the value before was good, so the plant's edge was at
+ * this tick. */
 static bool has_edge(const tl_event_horizon *self, event_edge edge, int64_t tick, bool *sure) {
     *sure = tick > 0 && is_good(self, edge, tick - 1);
     return tick > 0 && is_on(self, edge, tick) && !is_on(self, edge, tick - 1);
@@ -589,8 +591,8 @@ static void meet_event(tl_event_horizon *self, int64_t tick, bool sure, tl_recor
     }
 }
 
-/* Whether the end signal has returned where the newest sample had stood in. Then the search waits
- * for the window's end. */
+/* If the end signal has returned within the window, the search drops its candidates and waits for
+ * the window's end. The search has used the newest sample in place of this one. */
 static void confirm_event(tl_event_horizon *self, int64_t tick) {
     bool open = self->phase == SEARCHING || self->phase == FOLLOWING || self->phase == CONFIRMING;
     if (!open || tick > self->stroke.last) {
@@ -771,7 +773,7 @@ static tl_status handle_failure(tl_event_horizon *self, tl_status status, tl_rec
 }
 
 /* Whether this cycle has time for one more macro step and for saving the candidate. A repetition
- * takes as many executions. */
+ * executes as many steps as the original cycle. */
 static bool has_time(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
     tl_exchange *exchange = self->synchroniser->exchange;
     if (budget->repeated) {
@@ -801,8 +803,8 @@ static tl_status step_candidate(tl_event_horizon *self, tl_record *record, tl_er
     return status == TL_OK ? handle_failure(self, tl_stroke_walk(&self->stroke, error), record) : status;
 }
 
-/* Continues the search as far as time allows. The first candidate is the live twin as it is now,
- * and cannot start later. */
+/* Continues the search as far as time allows. The first candidate starts even if there is no time,
+ * because it is the live twin as it is now. */
 static tl_status continue_search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                                  tl_error *error) {
     tl_status status = TL_OK;
@@ -829,7 +831,7 @@ static tl_status run_search(tl_event_horizon *self, const tl_budget *budget, uin
         return status;
     }
     if (!self->stroke.live_saved) {
-        self->restore_cost = tl_duration_fade(self->restore_cost); /* otherwise one stall would end all searches */
+        self->restore_cost = tl_duration_fade(self->restore_cost); /* else one slow restore would end all searches */
         self->leave_cost = tl_duration_fade(self->leave_cost);
         return TL_OK;
     }

@@ -36,7 +36,8 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          start signal to the plant's event. The twin runs with the u found last, and its state is
  *          saved at the start of the stroke. After the event, each candidate starts from that state
  *          and runs over the whole stroke. J is summed over the window T_F: half of it before the
- *          event, half after it. So too early costs as much as too late. The best candidate
+ *          event, half after it. So an event that is too early costs as much as one that is too
+ *          late. The best candidate
  *          is continued to the present instant and becomes the twin. Steps committed meanwhile are
  *          not changed.
  * Phases:  waiting for the start; in the stroke; waiting for the end of the window (lag only);
@@ -49,8 +50,8 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          live twin. A search is abandoned if the next stroke starts, or if the samples of its
  *          stroke are overwritten. Then the best u so far is used, without its state, if it is
  *          better than nominal.
- * First:   the u in use is the first candidate. Its result is known already, except for the part of
- *          the window that lies ahead.
+ * First:   the u in use is the first candidate. The live twin has already simulated it, except for
+ *          the part of the window that is still in the future.
  * Doubt:   a stroke is not searched if it exceeds the configured limit, or if one of its edges
  *          falls into a gap of the measurements.
  * Limits:  one Real variable without a connection; modes lag and hold; a Boolean output matches the
@@ -83,7 +84,7 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
  * was one. */
 bool tl_event_horizon_reset(tl_event_horizon *self);
 
-/* Abandons a stroke or search, as if the archive had just been loaded. */
+/* Abandons a stroke or search, as loading an archive does. */
 void tl_event_horizon_abandon(tl_event_horizon *self);
 
 /* Applies a tuning after tl_synchroniser_retune(). Before the first step (`begun` is false) u is

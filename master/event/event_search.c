@@ -9,10 +9,10 @@
  * double. */
 enum { WIDENINGS = 60 };
 
-/* Bisection ends at this part of the interval's ends, or of the step. */
+/* Bisection ends at an interval of this size, relative to the interval's ends or to the step. */
 static const double NARROWEST = 1e-6;
 
-/* And towards a failed trial at this part of the step. */
+/* Bisection towards a failed trial ends at this part of the step. */
 static const double NARROWEST_WALL = 1.0 / 64.0;
 
 static const double BOUNDLESS = HUGE_VAL;

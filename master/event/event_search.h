@@ -8,10 +8,10 @@
  *          is not stored.
  * Plateau: if the simulated event falls outside the window, J is constant and a solver cannot use
  *          it. But the side is known. So the search first moves away from the guess, to both sides
- *          in turn. It doubles the distance until a trial falls inside or on the other side. Then
- *          it bisects until one falls inside. It never goes beyond a trial that failed. From there
- *          the solver continues. If the solver ends outside the tolerance, bisection continues
- *          between the nearest early and late trials.
+ *          in turn. It doubles the distance until a trial falls inside the window or on the other
+ *          side. Then it bisects until a trial falls inside. It never goes beyond a trial that
+ *          failed. The solver continues from the trial inside. If the solver ends outside the
+ *          tolerance, bisection continues between the nearest early and late trials.
  * Source:  thesis 5.6.3 (eq. 5.4, 5.5); the method for the plateau is not from the thesis.
  * Thread:  the twin's. Memory: the arena, at start-up; NLopt allocates in each call (optimiser.h).
  */

@@ -1,8 +1,8 @@
 /* Estimates the brake torque that acts on a motor, by a twin of the motor that is locked to its
  * speed.
  *
- * The plant is a second instance of the same FMU, with a brake that is known, so the true torque is
- * printed beside the estimate.
+ * The plant is a second instance of the same FMU with a known brake. So the true torque is printed
+ * beside the estimate.
  * Usage: lock MOTOR.SO, the library binaries/PLATFORM/motor.so of the unpacked motor.fmu.
  */
 #include <dlfcn.h>

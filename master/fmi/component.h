@@ -119,9 +119,9 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
 /* Sets the inputs, steps from start_s + `now` by `step` (both s), reads the outputs. If the FMU has
  * terminated itself, the error text says this, with the time.
- * `final`: no earlier state will be restored any more. An FMU that is rolled back without its
- * knowledge (tl_fmi2.is_unaware) always gets final steps, as in a run without rollback. The outputs
- * of some FMUs depend on this. */
+ * `final`: no earlier state will be restored any more. An FMU that is rolled back by a copy or by
+ * replay (tl_fmi2.always_final) always gets final steps, as in a run without rollback. The outputs
+ * of some FMUs depend on `final`. */
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
 /* The same for `count` components in one call. If one fails, *failed is its index, and those after
@@ -145,16 +145,17 @@ void tl_component_mark_outputs(const tl_component *component);
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
-/* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case that its states
- * are wrong. It replaces an earlier copy. Returns false if no copy could be made. */
+/* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case its states are
+ * wrong. The new copy replaces an earlier one. Returns false if no copy could be made. */
 bool tl_component_save_copy(tl_component *component);
 
 /* Bytes that such a copy would take now; 0: unknown, or no copy can be made. */
 size_t tl_component_copy_size(const tl_component *component);
 
-/* Restores the kept copy. States saved since are invalid: forget them before. `why` not NULL: what
- * is wrong with the FMU's states (may be ""); from now on states are saved and restored as such
- * copies. Returns false if this is not possible; then the FMU has logged the reason. */
+/* Restores the kept copy. States saved after the copy are invalid: free them with
+ * tl_component_forget() before this call. `why` not NULL: what is wrong with the FMU's states (may
+ * be ""); from now on states are saved and restored as such copies. Returns false if this is not
+ * possible; then the FMU has logged the reason. */
 bool tl_component_restore_copy(tl_component *component, const char *why);
 
 /* For an FMU with a kept copy: true if a copy of its memory could replace its own states. The

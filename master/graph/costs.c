@@ -72,8 +72,8 @@ static tl_time read_clock(tl_costs *costs) {
     return took;
 }
 
-/* Shares a duration equally if nothing is known. If it is longer than expected, the component that
- * caused it is not known. */
+/* Shares a duration by the expected costs; equally if they are not known. If the duration is much
+ * longer than expected, the next macro step is measured component by component. */
 static void share_cost(tl_costs *costs, tl_time took) {
     tl_time expected = 0;
     for (size_t i = 0; i < costs->ran_count; i++) {

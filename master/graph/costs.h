@@ -26,7 +26,8 @@ typedef struct tl_cost {
 } tl_cost;
 
 /* Expected cost of `times` executions in a row, ns. The first 16 count with the longest recent
- * duration, all others with the mean. That is enough, because the caller asks again after each. */
+ * duration, all others with the mean. That is enough, because the caller asks again after each
+ * macro step. */
 tl_time tl_cost_of(const tl_cost *cost, tl_time times);
 
 typedef struct tl_costs {

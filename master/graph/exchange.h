@@ -201,8 +201,9 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
 const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange, int64_t step, uint32_t ahead);
 
 /* Between steps: copies a component's state at the committed instant, as
- * tl_cached_component_copy_root(). A module that keeps such a state after the next committed step
- * calls tl_exchange_keep_from() with true, and with false when it does not need the state any more.
+ * tl_cached_component_copy_root(). A module that keeps such a state beyond the next committed step
+ * calls tl_exchange_keep_from() with true. When the module does not need the state any more, it
+ * calls the function with false.
  */
 tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                  bool *taken, tl_error *error);

@@ -260,8 +260,8 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
     connection->conversion = conversion;
 }
 
-/* The bound of the signal at which its input has this bound. Rounding must not bring the input
- * beyond it. */
+/* The value of the signal at which its input reaches this bound. Rounding must not move the input
+ * beyond the bound. */
 static double bound_of_signal(const tl_connection *connection, double bound, bool upper) {
     const tl_conversion *conversion = &connection->conversion;
     double found = tl_conversion_is_identity(conversion) ? bound : (bound - conversion->offset) / conversion->factor;

@@ -9,7 +9,8 @@ static uint64_t need_of(const tl_state_room *room) {
     return (uint64_t)room->size * room->most;
 }
 
-/* Number of components that need more than `share`, and what the others leave of the bound. */
+/* Returns what the components that need at most `share` leave of the bound. *larger: number of the
+ * other components. */
 static uint64_t left_by_others(const tl_state_room *rooms, size_t count, uint64_t share, uint64_t bytes,
                                size_t *larger) {
     *larger = 0;
@@ -24,7 +25,8 @@ static uint64_t left_by_others(const tl_state_room *rooms, size_t count, uint64_
     return bytes;
 }
 
-/* The share of each of these: it grows with what the others leave, until all need more. */
+/* The share of each component that needs more than its share. It grows by what the other components
+ * leave. */
 static uint64_t find_share(const tl_state_room *rooms, size_t count, uint64_t bytes) {
     uint64_t share = count != 0 ? bytes / count : 0;
     size_t larger = count;

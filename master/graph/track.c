@@ -25,7 +25,7 @@ struct tl_track {
     bool *awake;           /* differs from the track in this step */
     bool *next;            /* in the next one */
     bool *adjusted;        /* has inputs that every candidate sets */
-    bool *always;          /* active in every step of this candidate: adjusted, or lost in the one before */
+    bool *always;          /* active in every step of this candidate: `adjusted`, or `lost` in the candidate before */
     bool *lost;            /* beyond its cache: its positions cannot be restored */
     tl_fan *fans;          /* of each component */
     tl_track_copy *copies; /* by the component they come from */

@@ -1,10 +1,10 @@
 /* Track of the last candidate, so that the next one only executes what differs.
  *
  * Purpose: in a long chain of components, two candidates often differ in only one component per
- *          step of the horizon. A look-up of all others in their caches would make each
- *          execution slower, the more the longer the chain is. The track holds, for each step, all
- *          values and the cache position of each component. A component is executed or looked up
- *          only if its inputs or its position differ from the track.
+ *          step of the horizon. Looking up all others in their caches would cost time in proportion
+ *          to the length of the chain. The track holds, for each step, all values and the cache
+ *          position of each component. A component is executed or looked up only if its inputs or
+ *          its position differ from the track.
  * Method:  a component whose outputs change activates the components that read them, for the next
  *          step. A component that returns to its position on the track becomes inactive.
  *          Differences are written into the track, so that it becomes the track of the present

@@ -213,7 +213,8 @@ void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free) 
     meter->free = free ? meter->free + 1 : 0;
     meter->simulated.end = j; /* j is the next one */
     add_value(meter, &meter->simulated, y, free && meter->free > meter->lags && isfinite(y));
-    /* Two at once, to catch up after ŷ was late; what would leave the rings is left out. */
+    /* Counts up to two instants per step, to catch up if ŷ was late. Skips instants whose data has
+     * left the rings. */
     int64_t oldest = meter->simulated.end - (int64_t)meter->mask + meter->lags;
     meter->next = meter->next > oldest ? meter->next : oldest;
     oldest = meter->seen.end - (int64_t)meter->mask + meter->lags;

@@ -8,10 +8,11 @@
  *          between y and ŷ have no effect.
  * Window:  the last TL_DELAY_MEMORY steps in which y moved. Steps in which y is constant contain no
  *          information. They are left out, and older information does not decay during them.
- * Confidence: 0 … 1. It is low if the coefficient is low, if the standard deviation of the lag
- *             (from the residual noise and the sharpness of the peak) is not small against a step,
- *             if another peak is about as high (periodic signals), or if there are few steps. If
- *             the maximum is at −N or N, it is 0.
+ * Confidence: 0 … 1. It is low if one of these is true: the coefficient is low; the standard
+ *             deviation of the lag is not small against a step; another peak is about as high
+ *             (periodic signals); there are few steps. The standard deviation follows from the
+ *             residual noise and the sharpness of the peak. If the maximum is at −N or N, the
+ *             confidence is 0.
  * Result:  known after 2·N + 1 steps with a steady value and a confidence ≥ 0.7. A known delay
  *          changes only if the measured one moves by more than 3/4 of a step and is again confident
  *          and steady. If the confidence falls below 0.4, the state is lost, but the delay stays in

@@ -31,9 +31,9 @@
  *          even if the cycles differ widely.
  * Mode:    the density of a sum of uniforms is symmetric and falls from its middle on. The largest
  *          cycle L, convolved with the density g of the others, gives (G(t) − G(t − L))/L with
- *          G = ∫g. If L is larger than the sum of the others, this density has a plateau of 1/L
- *          from that sum to L, and the rightmost mode is L. Otherwise it grows while
- *          g(t) > g(t − L), up to the middle, which is half the sum of all cycles.
+ *          G = ∫g. S is the sum of the others. If L > S, this density has a plateau of 1/L from S
+ *          to L, so the rightmost mode is L. Otherwise the density grows while g(t) > g(t − L), up
+ *          to its middle (L + S)/2, which is the mode.
  * Units:   ns; densities in 1/s. Thread: plain data.
  */
 
@@ -75,8 +75,8 @@ typedef struct tl_delay_lookup {
     tl_time look_back; /* ns, ≥ 0: the values in this sample are this much older than its instant */
 } tl_delay_lookup;
 
-/* Returns the look-up for `shift`. `wait`: the look-up comes at least this much later, because a
- * sample may wait so long for the next reading. `step`: T_S. All in ns. |shift| + wait must be less
+/* Returns the look-up for `shift`. `wait`: the sample is at least this much later than the wanted
+ * instant, so that the next reading can arrive. `step`: T_S. All in ns. |shift| + wait must be less
  * than 2^31 steps. */
 tl_delay_lookup tl_delay_look_up(tl_time shift, tl_time wait, tl_time step);
 

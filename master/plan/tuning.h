@@ -2,9 +2,9 @@
  *
  * Purpose: tolerances, weights, bounds and budgets are numbers; changing them needs no new twin and
  *          keeps all that the twin has learned.
- * Fixed:   the number of matches and adjusted variables, which matches have a weight, which
- *          variables have a configured nominal, and the largest number of evaluations, because it
- *          sizes the caches (tl_tuning_fits()).
+ * Fixed:   the number of matches and adjusted variables; which matches have a weight; which
+ *          variables have a configured nominal. The largest number of evaluations is fixed too,
+ *          because the size of the caches depends on it. tl_tuning_fits() checks this.
  * Trust:   may come from another process's memory, so tl_tuning_check() checks every value. No
  *          pointers, no padding.
  * Thread:  plain data.

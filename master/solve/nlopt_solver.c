@@ -1,8 +1,8 @@
 /* Nelder-Mead, BOBYQA, L-BFGS and Sbplx by NLopt.
  *
  * NLopt searches in v = (u − start)/unit, with a unit of about the first step. The start is exactly
- * 0, so that it is recognised and not evaluated again, and one tolerance and one first step fit
- * variables of any size.
+ * 0, so that it is recognised and not evaluated again. In these units, one tolerance and one first
+ * step fit variables of any size.
  *
  * NLopt's own stopping tests are not sufficient: it checks its time limit only between evaluations,
  * and NaN counts as success. So the caller stops the search from inside the objective. Some solvers
@@ -23,8 +23,9 @@ static const double SMALLEST_STEP = 1e-6;
 static const double DIFFERENCE = 1e-3;
 
 /* The unit is the first step, or less if the bounds are closer than this many steps. BOBYQA needs
- * two of them and moves a start away from a bound that is closer than one. Nelder-Mead misses an
- * optimum between bounds three times as often if its first step reaches from one to the other. */
+ * bounds that are two units apart, and moves a start away from a bound that is closer than one
+ * unit. Nelder-Mead misses an optimum between bounds three times as often if its first step reaches
+ * from one to the other. */
 static const double UNITS_IN_BOUNDS = 4.0;
 
 /* Corrections that L-BFGS stores. By default NLopt allocates and clears 40 MB for each search. */

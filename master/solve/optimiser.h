@@ -35,7 +35,7 @@ typedef struct tl_optimiser_space {
     size_t damping_count;  /* residuals of damping */
     const bool
         *damped; /* for each damping residual: true if it is part of J in this search; it is computed in any case */
-    bool held;   /* static horizon over several samples: later steps use the same result */
+    bool held;   /* static horizon over several samples: if u stays, later steps reuse results */
 } tl_optimiser_space;
 
 /* One search. */

@@ -40,13 +40,14 @@ static const double SHORTEST_MOVE = 1e-6;
 static const double LEAST_DAMPING = 1e-12;
 static const double FIRST_DAMPING = 1e-3;
 
-/* Squares up to which a guess returns to nominal: this, or this part of the noise in them. */
+/* Sum of squared residuals up to which a guess returns to nominal: GOOD_ENOUGH, or OF_NOISE times
+ * the noise in the squares if that is more. */
 static const double GOOD_ENOUGH = 0.03;
 static const double OF_NOISE = 0.45;
 static const double MOST_ENOUGH = 0.5; /* the tolerance must hold, whatever the noise is */
 
-/* Or by the change that this part of the mean correction of so many steps would cause, but no
- * residual by more than that. */
+/* A lasting correction can raise this limit: by OF_LEAN times the change that the mean correction
+ * over MEMORY steps causes in a residual, at most MOST_OF_LEAN per residual. */
 static const double OF_LEAN = 0.8;
 static const double MOST_OF_LEAN = 0.5;
 static const double MEMORY = 256.0;
@@ -55,7 +56,8 @@ static const double MEMORY = 256.0;
 static const double HELD_GOAL = 0.3;
 
 /* The last move confirmed the slope if its gain was within this part of the prediction. Then a
- * further move is not evaluated if it promises less than the other part of J, and no tolerance. */
+ * further move is not evaluated if it promises to reduce J by less than WORTHWHILE and not to reach
+ * the tolerance. */
 static const double CONFIRMED = 0.2;
 static const double WORTHWHILE = 0.01;
 
@@ -695,7 +697,8 @@ static double squares(const tl_optimiser *self) {
     return sum;
 }
 
-/* A u that is to be held is kept while it is good enough. */
+/* Guesses u from the forecast. With a held u (tl_optimiser_space.held), u stays while J is within
+ * tolerance. */
 static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     memcpy(self->leaned, self->lean, self->unknowns * sizeof *self->lean);
     if (!self->has_slope) {

@@ -16,8 +16,8 @@ static const double MOST_NOISE = 0.25;
 /* Standard errors. A few are enough: if both twins are about as near, either may be used. */
 static const double SURE = 1.5;
 
-/* Of a resting twin, in units of a locked one's error: allowed and largest counted error of a
- * trial; and the sum at which it stops to rest. */
+/* Errors of a resting twin, in units of a locked twin's error: allowed in a trial; largest that
+ * counts in a trial; and the sum of the excesses at which u stops resting. */
 static const double ALLOWED = 1.5;
 static const double COUNTED = 4.0;
 static const double TOO_MUCH = 4.0;
@@ -115,16 +115,16 @@ static double rise(const tl_free_run_check_average *recent, const tl_free_run_ch
     return (now.value - known->mean) / fmax(now.error, NEGLIGIBLE);
 }
 
-/* Drops the long average if conditions have changed. Model errors hide a part of the noise, so less
- * noise is no change. More noise is: the plant is calm again, or a sensor has become worse. Better
- * predictions show either, too. */
+/* True if conditions have changed. Model errors hide a part of the noise, so a decrease of the
+ * noise is no sign of a change. An increase is one: the plant is calm again, or a sensor has become
+ * worse. Better predictions are a sign, too. */
 static bool has_changed(const tl_free_run_check *free_run_check) {
     return free_run_check->recent.count >= TL_FREE_RUN_CHECK_RECENT &&
            (rise(&free_run_check->recent.noise, &free_run_check->known.noise) > CHANGED ||
             rise(&free_run_check->recent.surprise, &free_run_check->known.surprise) < -CHANGED);
 }
 
-/* Of this prediction and of the one before it. */
+/* Learns the noise from this prediction and the one before it. */
 static void learn_noise(tl_free_run_check *free_run_check, const tl_free_run_check_trial *trial,
                         const tl_free_run_check_errors *errors) {
     double now[TL_MAX_MATCH];
@@ -262,7 +262,7 @@ static void check_resting(tl_free_run_check *free_run_check, const tl_free_run_c
     if (free_run_check->count < TL_FREE_RUN_CHECK_LEAST) {
         return;
     }
-    estimate difference = find_mean(free_run_check, free_run_check->count, -1.0); /* neither has used any noise */
+    estimate difference = find_mean(free_run_check, free_run_check->count, -1.0); /* neither twin follows the noise */
     verdict->adopt = is_more(difference) && find_mean(free_run_check, free_run_check->count / 4, -1.0).value > 0.0;
     verdict->renew = is_less(difference);
     if (verdict->adopt || verdict->renew) {
@@ -465,7 +465,8 @@ static tl_status execute_saved(tl_free_twin *twin, tl_snapshot *one, const tl_re
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* Starts what is to start; the FMUs are in the twin's state. */
+/* Starts a prediction (`predicts`) and restarts the free-running twin (`renews`) from the twin's
+ * state, which the FMUs have. */
 static tl_status start_due(tl_free_twin *twin, bool predicts, bool renews, tl_error *error) {
     tl_status status = predicts ? tl_snapshot_take(&twin->predicted, error) : TL_OK;
     twin->predicts = predicts || (twin->predicts && !twin->free_run_check.rests);

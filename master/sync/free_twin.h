@@ -23,15 +23,15 @@
  *          corrections increase its distance from the plant: the harm. The harm is not visible in
  *          y − ŷ, because the locked twin has used these same measurements. The term 2·g·s² below
  *          accounts for that.
- * Method:  n is the noise of a measurement ŷ, L the output of the locked twin, F that of the
- *          free-running twin, which is independent of n, and x the true value of the plant. The
+ * Method:  n is the noise of a measurement ŷ, and x the true value of the plant. L is the output of
+ *          the locked twin. F is the output of the free-running twin; it is independent of n. The
  *          harm is
- *            E(L − x)² − E(F − x)² = E(L − ŷ)² − E(F − ŷ)² + 2·E(L − x)·n,
- *          and its last term is 2·g·s²: the noise s² = E n² times the share g of it that the lock
- *          follows. Both are estimated from predictions P. A prediction starts at a committed
- *          instant, runs with nominal u, and ends when the measurements used at its start no longer
- *          matter. At its end, L − P is the share g of ŷ − P. The noise at the start has opposite
- *          signs in the errors of two consecutive predictions:
+ *            E(L − x)² − E(F − x)² = E(L − ŷ)² − E(F − ŷ)² + 2·E(L − x)·n.
+ *          The last term is 2·g·s². s² = E n² is the noise; g is the share of the noise that the
+ *          locked twin follows. Both are estimated from predictions P. A prediction starts at a
+ *          committed instant, runs with nominal u, and ends when the measurements used at its start
+ *          no longer matter. At its end, L − P is the share g of ŷ − P. The noise at the start has
+ *          opposite signs in the errors of two consecutive predictions:
  *            s² = E(L − ŷ)·(P − ŷ) − E(P − ŷ)·(P' − ŷ'),    P': the prediction before.
  *          A lasting model error is in both predictions; it is subtracted from both. A model error
  *          that oscillates with the period of the predictions would look like noise. So noise is
@@ -40,10 +40,10 @@
  *          These are averages over minutes. If the recent average shows by three standard errors
  *          that conditions have changed, it replaces the older one.
  * Trial:   `guard` steps in a row. It counts if at least half of them had a good measurement.
- * Verdict: from the last TL_FREE_RUN_CHECK_TRIALS trials and the known noise. u starts to rest at
- *          nominal if the harm is above zero by 1.5 standard errors. u stops to rest if the resting
- *          twin's error is larger than that of a locked twin would be: by 1.5 standard errors over
- *          these trials, or by much in a few trials.
+ * Verdict: from the last TL_FREE_RUN_CHECK_TRIALS trials and the known noise. u starts resting at
+ *          nominal if the harm is above zero by 1.5 standard errors. u stops resting if the resting
+ *          twin's error is larger than a locked twin's would be: by 1.5 standard errors over these
+ *          trials, or by much in a few trials.
  * Bounded: an error counts as 3 tolerances at most, so that no outlier decides.
  * Source:  not the dissertation: the covariance penalty of statistics, and the correlation of
  *          innovations that adaptive filters use.
@@ -91,7 +91,7 @@ typedef struct tl_free_run_check_noise {
 /* Result of a step. */
 typedef struct tl_free_run_check_verdict {
     bool predict; /* the next prediction starts at the instant committed last */
-    bool turned;  /* u has started or stopped to rest at nominal */
+    bool turned;  /* u has started or stopped resting at nominal */
     bool adopt;   /* the state of the free-running twin has long been better: the twin continues from it */
     bool renew;   /* the free-running twin restarts from the twin's state */
 } tl_free_run_check_verdict;

@@ -7,7 +7,7 @@
 /* Most doubles for remembered candidates: 8 MB. */
 static const size_t MOST_VALUES = (size_t)1 << 20;
 
-/* They never differ. */
+/* There is no difference. */
 static const int64_t FOREVER = INT64_MAX / 2;
 
 static size_t most_entries(const tl_horizon *horizon, uint32_t evaluations) {
@@ -68,8 +68,8 @@ static const double *entry_value(const tl_ledger *ledger, size_t slot, int64_t s
     return &sequence[(size_t)(step - ledger->entries[slot].first) * horizon->variables + variable];
 }
 
-/* Compares an entry with the steps committed since its last comparison: that result does not change
- * any more. */
+/* Compares an entry with the steps committed since its last comparison: the result for these steps
+ * is final. */
 static void compare_with_committed(const tl_ledger *ledger, size_t slot) {
     tl_ledger_entry *entry = &ledger->entries[slot];
     int64_t end = entry->first + ledger->horizon->prediction;
@@ -105,15 +105,15 @@ static int64_t lesser(int64_t a, int64_t b) {
     return a < b ? a : b;
 }
 
-/* The sample delivered at t_(step + after). For a committed step that at its commit; in mode ahead
- * the newest one was that of its own tick. */
+/* The sample delivered at t_(step + after). For a committed step: the sample that its commit used.
+ * In mode ahead the newest sample was then that of the step's own tick. */
 static int64_t present_sample(const tl_ledger *ledger, int64_t step, int64_t after) {
     int64_t newest = step < ledger->step && ledger->ahead ? step : ledger->plant->newest;
     return tl_plant_shown(ledger->plant, step + after, newest);
 }
 
-/* The first absolute step with another value of a plant signal than at that time: the newest sample
- * had stood in for one that was not there yet. */
+/* The first absolute step at which a plant signal has another value than when the entry was
+ * simulated. At that time the newest sample replaced one that had not arrived. */
 static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
     int64_t first = entry->newest - ledger->plant->shift;
@@ -130,8 +130,9 @@ static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *en
     return FOREVER;
 }
 
-/* The first absolute step at which the plant delivered a sample of another number. Samples of that
- * time are delivered again; but in mode ahead fewer were known at the commit. */
+/* The first absolute step at which the plant delivers the sample of another tick than for the
+ * entry. Samples that had arrived then are delivered again, except in mode ahead, where fewer
+ * samples were known at the commit. */
 static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
     int64_t stood_for = entry->newest - ledger->plant->shift;
@@ -290,8 +291,8 @@ void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
     }
 }
 
-/* Whether the committed steps differ from a candidate in every variable, and all its samples were
- * known: what it leaves does not depend on later candidates. */
+/* True if the committed steps differ from a candidate in every variable, and all its samples had
+ * arrived. Then later candidates do not change which of its results can be reused. */
 static bool is_settled(const tl_ledger *ledger, const tl_ledger_entry *entry) {
     bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction + ledger->plant->shift;
     for (size_t v = 0; v < ledger->horizon->variables && settled; v++) {

@@ -3,10 +3,10 @@
  *
  * Purpose: counts executions by eq. 4.5 to 4.13. The ledger knows paths, the u of every candidate
  *          and the ticks of the plant's samples, but neither caches nor outputs. It predicts that
- *          component k executes horizon step j if j < Γ_k, unless an earlier candidate had the same
- *          u and samples in everything that can have reached k by then. The counted number is the
- *          same if different inputs always give different outputs; see docs/decisions/README.md,
- *          fewest executions.
+ *          component k executes horizon step j if j < Γ_k. Exception: an earlier candidate had the
+ *          same values in every u and sample that can have reached k by then. The counted number is
+ *          the same if different inputs always give different outputs; see
+ *          docs/decisions/README.md, fewest executions.
  * Limits:  the cache counts repeated executions (TL_KEEP_OUTPUTS, or a full cache); the ledger does
  *          not predict them. The candidates are in a ring of fixed size. If it is too small,
  *          `incomplete` is true, and the prediction is too high.

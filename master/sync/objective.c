@@ -71,7 +71,8 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
 
 /* ---- another tuning ---- */
 
-/* Factor of a residual that may be absent; an absent one is unknown, which is a slope of zero. */
+/* Factor from the old to the new residual; 1 if the old one was absent. Its slope is zero then, so
+ * the factor has no effect. */
 static double growth(double before, double now) {
     return before > 0.0 ? now / before : 1.0;
 }

@@ -6,10 +6,10 @@
  *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
  *          ŷ that is not good has weight 0.
  * Unseen:  an unknown is unseen if there is no measurement at the sample where it first has an
- *          effect, for example between two messages of the plant. A dynamic horizon then shows only
- *          the sum of several unknowns, and they may oscillate against each other. An unseen
- *          unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step before)/step,
- *          unless its rate penalty is larger.
+ *          effect. An example is a sample between two messages of the plant. A dynamic horizon then
+ *          shows only the sum of several unknowns, and they may oscillate against each other. An
+ *          unseen unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step
+ *          before)/step, unless its rate penalty is larger.
  * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
  *          tl_objective_leave_out() gives it weight 0 in this step, as for a ŷ that is not good.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each

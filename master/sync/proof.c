@@ -72,8 +72,7 @@ static void insert_time(tl_time *times, int count, tl_time time) {
     times[i] = time;
 }
 
-/* Median of some rounds without the first, which may allocate. 0: a step failed, which the proof
- * reports or need not report. */
+/* Median of some rounds without the first, which may allocate. Returns 0 if a step failed. */
 static tl_time median_time(speed_test *self) {
     tl_time times[TL_ROLLBACK_TIMING_ROUNDS];
     tl_time took;
@@ -126,11 +125,12 @@ static tl_status choose_faster(speed_test *self, bool *taken) {
     return status;
 }
 
-/* During a proof (tl_exchange_keep_copies()), with all components at the start of step `first`,
- * proved by their states, and with no other states than those of tl_exchange_save(): decides for
- * each component that has a choice. `now`: ns. *taken: at least one uses a copy. All are where they
- * were, and saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored, and
- * *culprit is its index. */
+/* Chooses the faster rollback method for each component that has a choice. Call it during a proof,
+ * after tl_exchange_keep_copies(): all components are at the start of step `first`, their states
+ * are proved, and only tl_exchange_save() has saved states. `now`: ns. *taken: at least one
+ * component has switched to copies. Afterwards all components are at the start again, and saved.
+ * Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored; exchange->failed is its
+ * index. */
 static tl_status tl_rollback_choose_faster(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
                                            void *clock, bool *taken, tl_error *error) {
     bool any = false;
@@ -219,7 +219,7 @@ static tl_status note_or_compare_hashes(const tl_exchange *exchange, uint64_t *h
 
 /* ---- excursions ---- */
 
-/* In first steps of the search: as far as it may soon go. */
+/* Distances of excursions, in first steps of the search: as far as the search may soon go. */
 #define FAR 4.0
 
 /* Where an excursion of one variable goes, in these steps. */
@@ -278,8 +278,9 @@ static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size
     tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
 }
 
-/* Forgets the outputs of excursions, which were noted after a rollback. `all`: and those of the
- * start, because the components may continue differently from now on. */
+/* Drops the noted outputs of the excursions, because they were noted after a rollback. `all`: also
+ * drops those of the steps from the start, because the components may continue differently from now
+ * on. */
 static void forget_notes(tl_proof *proof, bool all) {
     proof->noted = all ? 0 : proof->noted;
     proof->is_hashed = proof->is_hashed && !all;
@@ -314,7 +315,7 @@ typedef struct proof_attempt {
     tl_restore_cause cause; /* the cause, as far as the kind of failure shows it */
 } proof_attempt;
 
-/* The culprit of a failure that is not a step's. */
+/* Finds the component that caused a failed save or restore. */
 static tl_status note_culprit(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
         const tl_exchange *exchange = self->synchroniser->exchange;
@@ -330,8 +331,8 @@ static tl_status save_middle(proof_attempt *self, tl_error *error) {
     return note_culprit(self, tl_snapshot_take(&self->proof->midst, error));
 }
 
-/* After a step from the start: a component that was restored otherwise than by states, and not
- * exactly, does not repeat its first outputs. */
+/* After a step from the start: notes the outputs, or compares them with those of an earlier
+ * attempt. They differ if another rollback method has not restored a component exactly. */
 static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
     tl_proof *proof = self->proof;
     double *outputs = &proof->outputs[(size_t)self->steps * self->graph->port_count];
@@ -350,8 +351,8 @@ static tl_status hash_steps(proof_attempt *self, int steps, tl_error *error) {
                                   error);
 }
 
-/* Steps with the present inputs, their outputs noted. A failure of the first one is an error, of a
- * later one the end, unless it is fatal. */
+/* Executes steps with the present inputs and notes the outputs. A failure of the first step is an
+ * error. A later failure only ends the steps, unless it is fatal. */
 static tl_status take_steps(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_status saved = TL_OK;
@@ -460,7 +461,8 @@ static tl_status make_excursion(proof_attempt *self, size_t excursion, bool is_i
     return status == TL_FMU_FATAL || self->culprit != NO_COMPONENT ? status : TL_OK;
 }
 
-/* Each excursion after each of its neighbours, and the steps of the start after each. */
+/* Makes all excursions in forward, then in reverse order, so that each one follows both of its
+ * neighbours. In forward order, repeats the steps from the start after each excursion. */
 static tl_status prove_excursions(proof_attempt *self, tl_error *error) {
     size_t count = self->proof->excursion_count;
     tl_status status = TL_OK;
@@ -484,7 +486,7 @@ static tl_status prove_once(proof_attempt *self, tl_error *error) {
     status = status == TL_OK ? prove_middle(self, error) : status;
     status = status == TL_OK ? restore_start(self, error) : status;
     status = status == TL_OK ? prove_excursions(self, error) : status;
-    return status == TL_OK ? save_start(self, error) : status; /* it may have done something that no copy undoes */
+    return status == TL_OK ? save_start(self, error) : status; /* an FMU may have done what no rollback undoes */
 }
 
 void tl_proof_end(tl_proof *proof) {
@@ -496,8 +498,8 @@ void tl_proof_end(tl_proof *proof) {
 
 /* ---- cause ---- */
 
-/* Inputs of the culprit in the steps, and in those of the last excursion; all are restored without
- * states. An excursion may end early, then its last inputs are repeated. */
+/* Notes the inputs of the culprit in the steps and in the last excursion. The culprit is restored
+ * from its copy, not from a state. If the excursion ends early, its last inputs are repeated. */
 static bool note_inputs_elsewhere(const proof_attempt *self) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_error ignored;
@@ -545,8 +547,8 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
     return found != TL_CAUSE_UNKNOWN ? found : cause;
 }
 
-/* Whether the culprit has another method, by which all are restored to the start. Otherwise the
- * error names the cause. */
+/* Switches the culprit to its next rollback method, and restores all components to the start.
+ * Returns false if there is no other method; then the error names the cause. */
 static bool use_other_method(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_restore_cause cause = find_cause(self);
@@ -587,7 +589,7 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
 
 /* ---- proof of components that also have a copy ---- */
 
-/* NOBODY: none has. */
+/* Returns NO_COMPONENT if no component has a choice. */
 static size_t find_choice(const tl_exchange *exchange) {
     size_t i = 0;
     while (i < exchange->component_count &&
@@ -604,8 +606,9 @@ static void set_final(const tl_exchange *exchange, bool final) {
     }
 }
 
-/* The same steps, each marked as final; candidates are not, most committed steps are. No state
- * restores from there: components with a copy are restored by it. */
+/* Repeats the steps, each marked as final, because most committed steps are final and candidates
+ * are not. No state may be restored after a final step, so components with a copy are restored from
+ * it. */
 static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
     set_final(exchange, true);
@@ -622,8 +625,8 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
     return status == TL_OK ? tl_exchange_save(exchange, error) : status;
 }
 
-/* States are proved. A component that uses a copy from now on may continue differently, see above.
- * Without one (*taken), there are as many states as before. */
+/* Call it when the states are proved. *taken: a component uses copies from now on, and may continue
+ * differently: see use_other_method(). Otherwise the second state is saved again. */
 static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
     tl_proof *proof = self->proof;
     bool had_middle = proof->has_midst;
@@ -650,9 +653,9 @@ static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock),
     return status;
 }
 
-/* Whether the own states of a component, which are far faster than copies of its memory, give the
- * same excursions as these copies. A state that lacks what only excursions change may be as wrong
- * each time, but a copy lacks nothing. Afterwards the start is saved again. */
+/* For a component whose own states are far faster than copies of its memory: checks that both give
+ * the same outputs in all excursions. A state that lacks data that only excursions change may be
+ * wrong in the same way each time; a copy lacks nothing. Afterwards the start is saved again. */
 static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *error) {
     tl_exchange *exchange = self->synchroniser->exchange;
     bool had_middle = self->proof->has_midst;

@@ -47,12 +47,13 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
  *          first state, makes an excursion, restores the second state and continues from there.
  *          Then it makes all excursions from the first state, in forward and then in reverse
- *          order. In forward order it repeats the steps after each. In reverse order it saves and
- *          restores the state in the middle of each. An excursion executes steps with other inputs,
- *          to trigger events inside the FMUs: it moves one adjusted variable up or down by 1 or 4
- *          times its `step`, or sweeps all variables. Every repeated output must have the same bits.
- *          So must the internal variables of an FMU that is rolled back by its own states, after
- *          the last step: a limited output may hide a difference for long.
+ *          order. In forward order, it repeats the steps from the first state after each excursion.
+ *          In reverse order, it saves and restores the state in the middle of each excursion. An
+ *          excursion executes steps with other inputs, to trigger events inside the FMUs: it moves
+ *          one adjusted variable up or down by 1 or 4 times its `step`, or sweeps all variables.
+ *          Every repeated output must have the same bits. After the last step, the internal
+ *          variables must have the same bits too if the FMU is rolled back by its own states: a
+ *          limited output may hide a difference for long.
  *          One step is not enough: an internal solver that restarts after a restore shows a
  *          difference only in the second step. One state is not enough: some FMUs can hold only
  *          one. One excursion is not enough: some states lack a mode that only certain inputs

@@ -20,7 +20,7 @@ typedef struct tl_budget {
     tl_time started;               /* reading of `now` at the start of this tick, ns */
     tl_time (*now)(void *context); /* monotonic clock, ns; NULL in a replay, so that its results are repeatable */
     void *context;
-    bool repeated;        /* repeats a step that ran out of time after `evaluations`, here also 0 */
+    bool repeated;        /* repeats a recorded step that ran out of time after `evaluations`, which may be 0 */
     bool without_nominal; /* only if `repeated`: nominal was not evaluated in that step */
     uint64_t executions;  /* only if `repeated`: executions of that step in the search of an event horizon */
 } tl_budget;
@@ -37,7 +37,7 @@ typedef enum tl_outcome {
     TL_NOMINAL,     /* nominal u committed: the search found nothing better, u failed, or TL_FLAG_RESTS */
     TL_FREE_RUN,    /* nominal u committed, nothing evaluated: no matched signal was good, or TL_FLAG_NO_ROLLBACK */
     TL_CAUGHT_UP,   /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
-    TL_HELD,        /* event horizon: the last u is held; when the search of a stroke ends, one of the outcomes above */
+    TL_HELD,        /* event horizon: the last u is held; a step that ends a search has an outcome from above */
     TL_SEARCHING,   /* event horizon: the last u is held while a stroke is searched */
     TL_RESUMED      /* the u of an earlier run, which is resumed */
 } tl_outcome;

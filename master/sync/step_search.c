@@ -79,8 +79,8 @@ static tl_time cost_from(const tl_synchroniser *synchroniser, uint32_t depth) {
                            : tl_ledger_cost(&synchroniser->ledger, exchange->costs.each, depth);
 }
 
-/* Largest cost of the evaluation of nominal, if it is still to come, and of the committed step,
- * which is the first one of a candidate. */
+/* Largest cost of the committed step, and of the evaluation of nominal if it is still to come. The
+ * committed step is the first step of a candidate. */
 static tl_time cost_of_rest(const tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_exchange *exchange = synchroniser->exchange;
@@ -96,15 +96,15 @@ static tl_time cost_of_rest(const tl_step_search *search) {
     return sum;
 }
 
-/* What must follow the present candidate: the committed step, and nominal's evaluation if it is to
- * come. */
+/* Time to reserve after the present candidate: for the committed step, and for the evaluation of
+ * nominal if it is still to come. */
 static tl_time reserved_time(const tl_step_search *search) {
     const tl_synchroniser_times *times = &search->synchroniser->times;
     tl_time nominal = search->nominal_follows ? times->asking.most + times->within.most : 0;
     return times->committing.most + nominal + cost_of_rest(search);
 }
 
-/* Whether so much, and what must follow, fits into the time left since the last clock reading. */
+/* True if `wanted` and the reserved time fit into the budget, by the last clock reading. */
 static bool has_time(tl_step_search *search, tl_time wanted) {
     const tl_budget *budget = search->budget;
     tl_time elapsed = tl_duration(budget->started, search->synchroniser->exchange->costs.read);
@@ -116,7 +116,7 @@ static bool has_time(tl_step_search *search, tl_time wanted) {
     return false;
 }
 
-/* Whether the rest of the candidate from `depth` on, and what must follow, fit into the time. */
+/* True if the rest of the candidate from `depth` on, and the reserved time, fit into the budget. */
 static bool has_time_for_rest(tl_step_search *search, uint32_t depth) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_times *times = &synchroniser->times;
@@ -174,7 +174,7 @@ void tl_step_search_has_guess(tl_step_search *search) {
     }
 }
 
-/* Beyond the limit there may be room reserved for nominal, which this is. */
+/* True if u is nominal, and an evaluation beyond the limit is reserved for nominal. */
 static bool is_nominal_due(const tl_step_search *search, const double *u) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     return search->evaluations < search->budget->evaluations && isnan(search->nominal_value) &&
@@ -256,9 +256,9 @@ static void note_refused(tl_step_search *search, const double *u, bool by_output
     }
 }
 
-/* J of a candidate whose J is not finite. An output that is not finite at nominal, and at every
- * candidate before it, is left out of J in this step, if there are others. Else it is the fault of
- * this u. */
+/* Returns J of a candidate whose J was not finite. If an output is not finite at nominal and at
+ * every candidate before it, u is not the cause. Then J leaves the output out in this step, if
+ * there are others. Otherwise this u is refused: HUGE_VAL. */
 static double use_finite(tl_step_search *search, const double *u, bool nominal, double penalties) {
     tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_memory *memory = &synchroniser->memory;
@@ -324,8 +324,9 @@ static void keep_best(tl_step_search *search, const double *u, double value) {
     }
 }
 
-/* J of u, counted. HUGE_VAL also if it is late, which is no evaluation: a repetition without a
- * clock does not make it either. Nominal is evaluated once, also if a solver asks for it. */
+/* Evaluates J of u and counts the evaluation. A late candidate gives HUGE_VAL and is not counted,
+ * because a repetition without a clock does not evaluate it either. The first evaluation of nominal
+ * is noted, also if a solver asked for it. */
 static double evaluate(tl_step_search *search, const double *u) {
     bool nominal = isnan(search->nominal_value) && !search->nominal_follows;
     double value = search->budget->now == NULL ? simulate(search, u, nominal) : simulate_measured(search, u, nominal);
@@ -405,8 +406,8 @@ static void probe_effect(tl_step_search *search, const double *u, double value) 
     }
 }
 
-/* A candidate that has just shown that a variable has no effect is not better for having moved it.
- */
+/* Keeps the candidate if it is the best one. A candidate that has just shown that a variable has no
+ * effect is not kept, because it moved that variable. */
 static void keep_evaluated(tl_step_search *search, const double *u, double value) {
     uint32_t before = search->held;
     probe_effect(search, u, value);

@@ -185,18 +185,18 @@ static bool guess_by_solver(tl_step_search *search) {
     return guessed;
 }
 
-/* A u that is held while it is within tolerance is never checked for being needed; over an hour an
- * integrator behind the outputs may run away. So a solver that does not know nominal tries it in
- * every tenth step. */
+/* While u is held within tolerance, no evaluation shows whether the correction is still needed.
+ * Over an hour an integrator behind the outputs may run away. So nominal is tried in every tenth
+ * step if the solver does not guess. */
 static bool is_time_for_nominal(const tl_step_search *search) {
     const tl_optimiser_class *solver = search->synchroniser->solver;
     return solver->guess == NULL && !solver->booleans && search->step % TL_NOMINAL_EVERY == 0;
 }
 
-/* The first evaluation: the solver's guess, or nominal if T_P = T_D; else, and for Booleans, the u
- * committed last, so that horizons overlap, except in every tenth step. A budget of one evaluation
- * is for nominal, except in a repetition, which makes the same guess. Returns whether the solver
- * made it. */
+/* Chooses the u of the first evaluation. Returns true if it is the solver's guess. Without a guess,
+ * it is nominal if T_P = T_D. If T_P > T_D, and for Booleans, it is the u committed last, so that
+ * horizons overlap; in every tenth step it is nominal. A budget of one evaluation is for nominal,
+ * except in a repetition, which makes the same guess. */
 static bool first_guess(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     double *guess = synchroniser->memory.guess;
@@ -215,8 +215,8 @@ static bool first_guess(tl_step_search *search) {
     return false;
 }
 
-/* A guess that moved u and changed nothing against the forecast: the adjusted variables have no
- * effect now. */
+/* True if the guess moved u and changed nothing against the forecast. Then the adjusted variables
+ * seem to have no effect now. */
 static bool guess_was_blind(const tl_step_search *search, double value) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_memory *memory = &synchroniser->memory;
@@ -289,9 +289,9 @@ static void run_search(tl_step_search *search, double value) {
                       memory->best_residuals);
 }
 
-/* A variable without effect is committed at nominal, also if the best candidate is older than that
- * finding. Not if time has ended the search: a cheaper candidate may still fit, but a repetition,
- * which only counts, would have used it for the search. */
+/* Moves variables without effect to nominal, also if the best candidate is older than that finding.
+ * If time has ended the search, this is not done. A cheaper candidate may still fit into the time,
+ * but a repetition only counts evaluations: it would use this one for the search. */
 static void hold_unidentifiable(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     double *trial = synchroniser->memory.trial;
@@ -348,14 +348,15 @@ static tl_outcome improve(tl_step_search *search, double value) {
     return compare_with_nominal(search);
 }
 
-/* All is within tolerance, but a solver that can guess has no data of this twin yet. Without them
- * the twin would move freely within the tolerance until the first large error. */
+/* True if the solver can guess but has no data of this twin yet. All outputs are within tolerance.
+ * Without data, the twin would move freely within the tolerance until the first large error. */
 static bool needs_teaching(const tl_synchroniser *synchroniser) {
     return !synchroniser->had_final_search && synchroniser->solver->is_new != NULL &&
            synchroniser->solver->is_new(synchroniser->optimiser);
 }
 
-/* Once per run. While all is well, a variable without effect is not news. */
+/* Searches once per run to give the solver data. All outputs are within tolerance, so a variable
+ * without effect is not recorded. */
 static tl_outcome teach_solver(tl_step_search *search, double value) {
     tl_synchroniser *synchroniser = search->synchroniser;
     synchroniser->had_final_search = true;
@@ -369,8 +370,8 @@ static tl_outcome teach_solver(tl_step_search *search, double value) {
     return searched ? TL_OPTIMISED : TL_FIRST_GUESS;
 }
 
-/* A forecast may agree by chance; two simulated candidates do not. Without room for the second one
- * nothing is concluded. The better of them is the next start. */
+/* True if nominal gives the same outputs as the guess. A forecast may agree by chance, so nominal
+ * is simulated. Returns false if there is no budget for nominal. */
 static bool nominal_agrees(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_memory *memory = &synchroniser->memory;
@@ -386,7 +387,8 @@ static bool nominal_agrees(tl_step_search *search) {
     return change < synchroniser->noise_floor * move;
 }
 
-/* Whether the adjusted variables have no effect now. */
+/* True if the adjusted variables have no effect now. The better one of guess and nominal becomes
+ * the guess. */
 static bool is_blind_guess(tl_step_search *search, double value) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_synchroniser_memory *memory = &synchroniser->memory;
@@ -401,8 +403,8 @@ static bool is_blind_guess(tl_step_search *search, double value) {
     return blind;
 }
 
-/* Guess, then search. The result is in memory.best, unless the outcome is nominal. A guess that
- * time has cut short counts as not started: a repetition sees no difference. */
+/* Guess, then search. The result is in memory.best, unless the outcome is nominal. If time runs out
+ * during the guess, it counts as not started, so that a repetition gives the same result. */
 static tl_outcome find_correction(tl_step_search *search) {
     tl_synchroniser *synchroniser = search->synchroniser;
     double *guess = synchroniser->memory.guess;
@@ -613,8 +615,8 @@ static double finite_or_nan(double value) {
     return isfinite(value) ? value : (double)NAN;
 }
 
-/* A variable without effect that is not committed at nominal was not held: there was no room to try
- * that. */
+/* Clears the bit of a variable that is not committed at nominal: there was no budget to evaluate it
+ * at nominal. */
 static void forget_unheld(const tl_synchroniser *synchroniser, tl_record *record) {
     for (size_t v = 0; v < synchroniser->horizon.variables && record->held != 0; v++) {
         if (memcmp(&record->u[v], &record->nominal[v], sizeof record->u[v]) != 0) {

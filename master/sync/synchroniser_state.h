@@ -26,7 +26,7 @@ typedef struct tl_synchroniser_times {
     tl_estimate guessing;   /* the solver's guess, before the first evaluation of a step */
     tl_estimate asking;     /* if saving.sequences is on (plan.h): from a solver's request to the candidate's start */
     tl_estimate within;     /* an evaluation, without its executions */
-    tl_estimate thinking;   /* the solver, from an evaluation to its next request; if sequences is off, with `asking` */
+    tl_estimate thinking;   /* the solver, from an evaluation to its next request; with `asking` if sequences is off */
     tl_estimate committing; /* from the last evaluation to the end of the step, without executions */
     tl_time beside;         /* ns: duration of the current part so far */
     bool refused;           /* there was no time for a part of this step */
@@ -88,7 +88,7 @@ typedef struct tl_synchroniser {
     bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
     bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool had_final_search;            /* the one search within tolerance, to give the solver data, is done */
+    bool had_final_search;            /* the one search within tolerance, which gives the solver data, is done */
     tl_synchroniser_times times;
 } tl_synchroniser;
 

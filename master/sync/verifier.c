@@ -348,8 +348,8 @@ static tl_status begin_turn(tl_verifier *verifier, const tl_budget *budget, tl_e
     return status;
 }
 
-/* The first output that differs from the noted one. Afterwards its values in the ports are the
- * noted ones. */
+/* Finds the first output that differs from the noted one. After a difference, the ports have the
+ * noted outputs. */
 static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_finding *finding) {
     const tl_exchange *exchange = verifier->exchange;
     const tl_ports *outputs = &present_component(verifier)->outputs;
@@ -425,8 +425,8 @@ static void complete_candidate(const tl_verifier *verifier) {
     }
 }
 
-/* The committed steps, between two runs of a candidate. If the FMU rejects the candidate, it says
- * nothing. */
+/* Executes the committed steps between two runs of the candidate. If the FMU rejects the candidate
+ * the first time, there is no finding; if only the second time, that is a finding. */
 static tl_status execute_all(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
     complete_candidate(verifier);
     tl_status candidate = execute_from(verifier, TRIED, NOTES, finding, found, error);
@@ -452,7 +452,7 @@ static tl_status execute_again(tl_verifier *verifier, bool with_candidate, tl_ve
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* The noted steps are not needed any more. */
+/* Overwrites the noted outputs, which are not needed any more. */
 static tl_status find_cause(tl_verifier *verifier, tl_restore_cause *cause, tl_error *error) {
     const tl_restore_trial trial = {
         .component = present_component(verifier),

@@ -60,9 +60,10 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          The candidate shows whether states lack data that only a candidate changes. It comes
  *          from the searches of these steps. If there was none, the committed inputs are changed by
  *          a twentieth. The candidate is left out if there is time for the committed steps only.
- * No harm: if there is a full copy in addition to own states (tl_fmi2_fallback), of at most 16 MiB,
- *          the component is restored from this copy, because a state may be inexact. Values, caches
- *          and counts of executions do not change; these executions are counted separately.
+ * No harm: the component is restored from a full copy (tl_fmi2_fallback), because a state may be
+ *          inexact. Without a full copy, or if it exceeds 16 MiB, the component is restored from a
+ *          state. Values, caches and counts of executions do not change; these executions are
+ *          counted separately.
  * Time:    the runs of a turn are made together, between two ticks. They start only if
  *          TL_VERIFIER_RESERVE times their expected duration is left.
  * Not for: a twin that adjusts nothing, since it never rolls back; an event horizon, which holds

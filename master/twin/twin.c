@@ -484,7 +484,8 @@ static void use_delay(tl_twin *twin) {
     }
 }
 
-/* The first matched output that knows it; one that has lost it only if none does. */
+/* Uses the delay of the first matched output that knows it. If none knows it, uses one that has
+ * lost it. */
 static void choose_delay(tl_twin *twin) {
     tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
@@ -586,7 +587,8 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_mode *mode, tl_
                                 : tl_synchroniser_step(&twin->synchroniser, step, mode->budget, record, error);
 }
 
-/* Whether a rollback is possible for a whole search. If not, nothing is tried or verified. */
+/* Checks whether a rollback is possible for a whole search. If not, the twin runs free: nothing is
+ * searched or verified. */
 static void check_rollback(tl_twin *twin, int64_t step, uint32_t *flags) {
     bool searches = twin->synchroniser.horizon.variables != 0;
     const tl_component *free =

@@ -140,12 +140,12 @@ tl_status tl_twin_catch_up(tl_twin *twin, const tl_sample *sample, tl_record *re
 tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
                          tl_error *error);
 
-/* Resets a lost twin. At the next tick, before its step (also without a search), all FMUs restart
- * with their start values at the step's instant, with the plant's sample and nominal u. The solver
- * starts empty, the last Δu is dropped, and a stroke or search of an event horizon is abandoned
- * (TL_FLAG_ABANDONED). Samples, filters, the measured delay, metrics, ledger and step numbers
- * continue. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the FMUs still
- * have their start values: then nothing happens.
+/* Resets a lost twin at the next tick, before the step of that tick (also if it has no search). All
+ * FMUs restart with their start values at the step's instant, with the plant's sample and nominal
+ * u. The solver starts empty, the last Δu is dropped, and a stroke or search of an event horizon is
+ * abandoned (TL_FLAG_ABANDONED). Samples, filters, the measured delay, metrics, ledger and step
+ * numbers continue. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the
+ * FMUs still have their start values: then nothing happens.
  * Calls:  fmi2Reset of each FMU, and its initialisation. If an FMU rejects fmi2Reset, its states
  *         are freed, and it is instantiated again. If an initialisation then fails, this is done
  *         for all FMUs. No budget applies to this tick.
@@ -177,7 +177,7 @@ typedef struct tl_twin_finding {
 /* Between two ticks, in the remaining time: continues the verification of rollbacks
  * (sync/verifier.h). `budget`: `time` ns from `started` on, by the clock `now`; NULL: no limit.
  * *found: there is a finding. Then the record of the next step has TL_FLAG_DIFFERED. All later
- * records have it too, unless the FMU is now rolled back by another method (`mended`), or the
+ * records have it too. Exceptions: the FMU is now rolled back by another method (`mended`); the
  * difference is less than a hundredth of a tolerance.
  * Cause:  without a clock, the cause is determined too if there is a full copy of the FMU. This
  *         takes additional calls.
@@ -236,9 +236,9 @@ bool tl_twin_can_save(const tl_twin *twin);
  *         was fatal. */
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error);
 
-/* Between two ticks: drops all data that tl_twin_save() does not save. From then on every result,
- * also executions, ledger and metrics, is the same to the bit as that of a new twin that loads the
- * present state. So a recording can start here with a checkpoint, and a replay gives the same
+/* Between two ticks: drops all data that tl_twin_save() does not save. From then on every result is
+ * bit-identical to that of a new twin that loads the present state. This includes executions,
+ * ledger and metrics. So a recording can start here with a checkpoint, and a replay gives the same
  * results. Measured costs of executions stay. *done is false if the twin could not be saved at this
  * tick. Then nothing was dropped.
  * Calls:  of each FMU at most one fmi2SetFMUstate, and no step. FMUs that cannot serialise their

@@ -181,7 +181,7 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
     return all;
 }
 
-/* The longest possible measured delay, if it is measured. */
+/* Largest output_ticks that a measured delay can give; if none is measured, the configured one. */
 static int32_t most_output_ticks(const tl_plan *plan) {
     const tl_plan_measure *measure = &plan->measure;
     if (measure->lags == 0 || plan->step <= 0) {
@@ -380,7 +380,7 @@ static bool create_readers(tl_twin *twin, const tl_plan *plan) {
     return placed;
 }
 
-/* Fewer would not hold the path of one horizon and of the next. */
+/* Fewest nodes: those of the path of one horizon and of the next. */
 static uint64_t nodes_least(const tl_horizon *horizon) {
     return 3 * (uint64_t)horizon->prediction + 3;
 }
@@ -388,8 +388,8 @@ static uint64_t nodes_least(const tl_horizon *horizon) {
 /* Nodes that a component can need at once: the root and the horizon, the nodes of each candidate,
  * and the rest of earlier candidates when the root advances; with outputs only, also the path to
  * the last state. Candidates differ in a component only from `nearest` steps on: all of them stay
- * for as many ticks, then one node less of each per tick. The same holds for courses with values
- * that stood in for later ones: T_P²/4 at most. */
+ * for as many ticks, then one node less of each per tick. The same holds for paths with samples
+ * that were used in place of later ones: T_P²/4 nodes at most. */
 static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size_t node) {
     uint64_t evaluations = tl_tuning_room(plan->evaluations);
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
@@ -450,7 +450,7 @@ static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
                          tl_report *report) {
     tl_error error;
-    /* As far back as the samples of a remembered candidate. */
+    /* The window reaches back to the oldest sample of a remembered candidate. */
     bool by_event = plan->event.start.signal != NULL;
     size_t back = by_event ? tl_event_plan_window(plan) : synchroniser->horizon.prediction;
     twin->age = (uint32_t)find_age(plan);
