@@ -22,8 +22,8 @@
  *          estimate is the smaller of two values: the one with 2 neighbours, and the larger one of
  *          those with 4 and 6. If those with 4 and 6 differ, the plant moves too fast between two
  *          readings, and the estimate is an upper limit.
- * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
- *          the plant or bad readings have no effect.
+ * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %). So single steps of the
+ *          plant or bad readings have no effect.
  * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
  *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER
  *          times σ; this σ is the one with 2 neighbours, so it includes the plant's motion. The

@@ -1,9 +1,9 @@
 /* Plant input: looks up the signals at an instant and determines their qualities.
  *
- * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled
- *              in step with the twin, a stamp that is a few nanoseconds late would otherwise delay
- *              a value by a whole sample: half of the error of a fast signal. This does not apply
- *              at tick 0, which starts at a reading.
+ * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. Otherwise, a stamp that
+ *              is a few nanoseconds late could delay a value by a whole sample, if the plant is
+ *              sampled in step with the twin. For a fast signal, this delay was half of the error.
+ *              The rule does not apply at tick 0, which starts at a reading.
  * Between:     the plant moves between two messages, and the last one is half an interval old on
  *              average. So a signal can be looked up on the line between the readings before and
  *              after the instant, by their own stamps. To have the reading after it, the sample of
@@ -13,8 +13,8 @@
  * Last:        the last reading is used instead, with its own age, in three cases: the next one has
  *              not come by t; one of both is not good; or they are further apart than the stale
  *              time.
- * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. A
- *              rejected reading does not exist for the line.
+ * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. The
+ *              line ignores rejected readings.
  * Mean:        an input is constant during a macro step. Its value is the mean of the line over
  *              that step, from t − back, by trapezoids between the readings. The value of an
  *              instant would be late by half a step; a mean is not, and averages the noise of all
