@@ -181,8 +181,8 @@ typedef struct tl_version_choice {
 
 /* Selects the text to run: the file if it has changed since it was read last, else the active
  * version. If that is damaged, activates an older version that can be read. If there is none,
- * selects the file. Both are logged. `file`: the text of the file; NULL: it cannot be read. Returns
- * TL_BAD_DATA if there is no text at all. */
+ * selects the file. Each of these two cases is logged. `file`: the text of the file; NULL: it
+ * cannot be read. Returns TL_BAD_DATA if there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 
