@@ -108,7 +108,7 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
  *           recording. This code reports it for the running plant with the same estimate, live and
  *           in replay from the same samples.
  * Readings: one per tick, as it came, if it is good. If the signal is conditioned or on a line,
- *           this is the look-up NAME@reading. It contains no rejected readings.
+ *           this is the look-up NAME@reading. Rejected readings are not good, so they are left out.
  * Period:   checked at each 256th reading, over the last 2048 to 4096 readings. Reported if a
  *           tolerance is certainly too small; not if over a third of the readings repeat the value
  *           before. Cleared if the tolerance is at least three times the noise.

@@ -270,8 +270,8 @@ static double integrate(const lookup *self, tl_reading from, tl_time end) {
     return sum + (double)(end - from.stamp) * 0.5 * (from.value + (any ? last.value : from.value));
 }
 
-/* Mean over the span that starts at `at`. If there is no good value at its start, the value there
- * is used. */
+/* Mean over the span that starts at `at`. If the value at its start is not good, that value is the
+ * result. */
 static bool take_mean(const lookup *self, const tl_plant_lookup *look, tl_time at, tl_reading *reading) {
     if (!interpolate_line(self, at, 0, reading)) {
         return false;

@@ -102,8 +102,8 @@ typedef struct tl_sample_buffers_shape {
  * least 1 ms. Call tl_config_use_lookups() before. */
 void tl_sample_buffers_shape_of(const tl_config *config, tl_sample_buffers_shape *shape);
 
-/* Returns the time for which live readings are kept, ns: hang_s + 10 s. It is shorter if these are
- * more than TL_SAMPLE_BUFFERS_MOST readings. */
+/* Returns the time for which live readings should be kept, ns: hang_s + 10 s. A buffer keeps less
+ * if these are more than TL_SAMPLE_BUFFERS_MOST readings. */
 tl_time tl_sample_buffers_kept(const tl_config *config);
 
 /* Returns the size of the memory in bytes; never 0. */

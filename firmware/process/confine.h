@@ -98,7 +98,8 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
  *
  * Purpose: a call that is not on the list returns EPERM, and is reported to a listener if there is
  *          one (refusal.h). The list has one line for each group of calls, with its reason. Below
- *          it are the calls that are allowed only with certain arguments.
+ *          it are the calls that are allowed only with certain arguments. Calls that are newer than
+ *          this program fail with ENOSYS.
  * Machine: only calls of this program's own machine type are allowed. A call of another type
  *          (32-bit or x32 on x86-64, AArch32) kills the process.
  * Thread:  any.
