@@ -1,9 +1,9 @@
 /* Plant input: looks up the signals at an instant and determines their qualities.
  *
- * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. Otherwise, a stamp that
- *              is a few nanoseconds late could delay a value by a whole sample, if the plant is
- *              sampled in step with the twin. For a fast signal, this delay was half of the error.
- *              The rule does not apply at tick 0, which starts at a reading.
+ * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled
+ *              in step with the twin, a stamp may be a few nanoseconds late. Without this rule,
+ *              that would delay its value by a whole sample. For a fast signal, this delay was half
+ *              of the error. The rule does not apply at tick 0, which starts at a reading.
  * Between:     the plant moves between two messages, and the last one is half an interval old on
  *              average. So a signal can be looked up on the line between the readings before and
  *              after the instant, by their own stamps. To have the reading after it, the sample of

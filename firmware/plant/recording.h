@@ -64,7 +64,7 @@ typedef struct tl_recording_beginning {
 
 /* Simulation time of the FMUs, as the recording states it. Zeroed: unknown. */
 typedef struct tl_recording_time {
-    bool has_start;           /* `experiment` is known: the recording is a database */
+    bool has_start;           /* `experiment` is known: of a database, but not of a run in safe hold */
     tl_experiment experiment; /* if stop_s is not recorded, it is not above start_s */
     tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;

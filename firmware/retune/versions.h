@@ -31,8 +31,8 @@
  *          corrected.
  * Time:    of a probation, the remaining time is saved. No decision depends on a date.
  * Bound:   TL_VERSIONS_MOST versions and TL_VERSIONS_BYTES of texts; the oldest are removed first.
- *          These are never removed: the oldest, the newest and the active version, the parent of
- *          the active one, the target of a rollback, and the version that was commissioned last.
+ *          These are never removed: the oldest, the newest and the active version; the parent of
+ *          the active one; the target of a rollback; the version that was commissioned last.
  * Errors:  TL_TRY_AGAIN if the disk rejects a write; TL_BAD_DATA if a file is damaged or missing.
  *          Then nothing changes in memory or on disk.
  * Memory:  tl_versions_open() allocates the list; tl_versions_close() frees it.
