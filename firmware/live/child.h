@@ -19,9 +19,9 @@
  *
  * Purpose: the final waitid() removes the process from /proc. There the kernel busy-waits while
  *          another thread (a dying thread of the child, or a reader of /proc) uses the same
- *          entries. A busy-wait at real-time priority can keep that thread from its processor until
- *          the kernel throttles the waiting thread, or for ever. So a thread of ordinary priority
- *          calls waitid() and then ends.
+ *          entries. At real-time priority, this busy-wait can stop the other thread until the
+ *          kernel throttles real-time threads, or for ever. So a thread of ordinary priority calls
+ *          waitid() and then ends.
  * Before:  the caller already knows how the child ended (waitid() with WNOWAIT). Memory, files,
  *          locks and devices of the child are free by then.
  * Restart: the next process of this child starts only when its reaper is idle. The supervisor may

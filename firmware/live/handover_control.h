@@ -1,13 +1,13 @@
 /* Handover control: the supervisor's part of a handover. Executes the config manager's orders and
  * writes the handover block (tl_handover).
  *
- * Purpose: decides which slot has the live twin, whether the other slot has a shadow, when the two
- *          swap, and which of the two record queues the recorder reads. The supervisor executes
- *          these decisions (tl_orders).
- * Orders:  one after the other. An order for a shadow waits if the previous twin of the slot has
- *          not ended, the live twin is not ready, or the recorder is behind. It is rejected after
- *          TL_HANDOVER_CONTROL_PATIENCE (30 s). All other orders are executed or rejected at once.
- *          The handover block reports the reason.
+ * Purpose: decides which slot has the live twin, and whether the other slot has a shadow. Decides
+ *          when the two swap, and which of the two record queues the recorder reads. The supervisor
+ *          executes these decisions (tl_orders).
+ * Orders:  one after the other. An order for a shadow waits for three conditions: the slot's
+ *          previous twin has ended, the live twin is ready, and the recorder is not behind. It is
+ *          rejected after TL_HANDOVER_CONTROL_PATIENCE (30 s). All other orders are executed or
+ *          rejected at once. The handover block reports the reason.
  * Hold:    in safe hold there is no shadow, and no handover.
  * Handover: it is announced for a later tick. It is done when the live twin has reported that it
  *           has handed over, or has died. A live twin that has not reported this within
@@ -51,7 +51,7 @@ typedef struct tl_handover_control {
     uint32_t waiting;            /* number of the waiting order */
     tl_time since;               /* ns; start of its wait */
     uint32_t recorder_slot;      /* slot whose record queue is read */
-    uint32_t recorder_handovers; /* handovers at which that recorder started */
+    uint32_t recorder_handovers; /* number of the handover with which that recorder's twin went live */
 } tl_handover_control;
 
 /* Called in each loop of the supervisor. Executes orders of the config manager and handovers. Sets

@@ -169,7 +169,7 @@ static tl_status announce_open(io *self, tl_error *error) {
     return status;
 }
 
-/* Waits up to LOOK_MS (50 ms), or until one of the other processes ends. */
+/* Waits up to POLL_MS (50 ms), or until one of the other processes ends. */
 static bool is_over(io *self, tl_error *error, tl_status *status) {
     struct pollfd lines[KINDS];
     const size_t count = self->first >= 0 ? 1 : self->reader_count;

@@ -107,8 +107,8 @@ typedef struct tl_live_twin_status {
     uint32_t begun;              /* 1: it does not need resume data any more */
     uint64_t fmus;               /* identity number of its FMU files (not their count); 0: none; kept */
     char digest[TL_SHA256_TEXT]; /* SHA-256 of the content of the FMU files; set before a request; kept */
-    uint32_t loads;              /* 1: loads a checkpoint, or has made too few steps since; kept */
-    uint64_t unreadable;         /* by the supervisor: `fmus` of which a checkpoint ended a process; 0: none; kept */
+    uint32_t loads;              /* 1: loads a checkpoint, or has made too few steps since to trust it; kept */
+    uint64_t unreadable;         /* by the supervisor: `fmus` whose checkpoint ended a process; 0: none; kept */
     tl_live_request resume;      /* newest request for resume data; of a shadow: for samples; 0: none */
     int64_t resumed_from;        /* shadow: first tick of the requested samples; written before `resume` */
     tl_time start;               /* t_start of its run (CLOCK_MONOTONIC); 0: not known yet */
@@ -148,7 +148,7 @@ typedef struct tl_live_config_manager_status {
     tl_heartbeats beats;
     uint32_t restart; /* 1: end this run and start another one */
     tl_live_order order;
-    uint32_t handovers; /* private to the config manager: newest handover when it ordered one */
+    uint32_t handovers; /* private to the config manager: number of handovers when it last ordered one */
 } tl_live_config_manager_status;
 
 /* Settings of a record queue that is used for events only. */
@@ -193,7 +193,7 @@ typedef struct tl_live_job {
     tl_time start;      /* shadow: t_start of the live twin's run (CLOCK_MONOTONIC) */
     int64_t started;    /* the same in UTC, ms */
     uint32_t handovers; /* newest handover at the start; recorder: handover with which its twin went live */
-    tl_start how;       /* if the twin has to wait, `start` is the start of the wait and of the record */
+    tl_start how;       /* if `how.waits` is true, `start` above is the time from which samples are recorded */
 } tl_live_job;
 
 /* Packs the job, the path of the configuration and its text. For a shadow, `text` is the
@@ -218,8 +218,8 @@ tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char 
 /* Applies the duration of the command line, and enables look-ups. */
 void tl_live_job_apply(const tl_live_job *job, tl_config *config);
 
-/* ---- Access: which process has which blocks. The supervisor uses it to pass the blocks, the
- * process to map them.
+/* ---- Access: which process has which blocks. The supervisor passes these blocks; the process maps
+ * them.
  *
  * Trust:   the sample memory is written by io: its reader validates it. A block of an unexpected
  *          size is rejected.

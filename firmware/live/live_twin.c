@@ -1,17 +1,16 @@
 /* Live twin: the process of a run that runs the FMUs and the real-time cycle.
  *
- * Purpose: builds the twin, resumes an earlier run, keeps the twin locked to the plant until it is
- *          asked to end, and passes all records to the recorder. In safe hold it only reads and
- *          records the plant's samples, without FMUs.
- * Access:  only what this needs (confine.h). It reads the sample memory that io writes; it writes
- *          its record queue and its status block.
- * Resume:  if a process before it has died in the same run, it resumes from the newest checkpoint
- *          in the record queue and the entries after it. Else it requests resume data from the
+ * Purpose: builds the twin, resumes an earlier run, and keeps the twin locked to the plant until
+ *          the process is asked to end. Passes all records to the recorder. In safe hold it only
+ *          reads and records the plant's samples, without FMUs.
+ * Access:  only what these tasks need (confine.h). It reads the sample memory that io writes; it
+ *          writes its record queue and its status block.
+ * Resume:  if an earlier process of this run has died, the twin resumes from the newest checkpoint
+ *          in the record queue and the later entries. Else it requests resume data from the
  *          recorder, which reads the database.
  * Shadow:  a twin of another configuration in the other slot (handover.h). It simulates the
  *          recorded samples first, then the plant's ticks. Its events go to the log only. A
- *          handover makes it the live twin, and the live twin the shadow. If it is too slow, it
- *          ends.
+ *          handover swaps the roles of live twin and shadow. A shadow that is too slow ends.
  * Thread:  the main thread of its process; FMUs and cycle have another one.
  */
 #include <inttypes.h>
@@ -45,8 +44,8 @@ static const tl_time PRIORITY = TL_SECOND / 2;
 static const tl_time PATIENCE_AT_START = 120 * TL_SECOND;
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
-/* A shadow that has not caught up after this time never will. It ends also if it misses this part
- * of its ticks, which is checked after some time. */
+/* A shadow ends if it has not caught up after PATIENCE_BEHIND. It also ends if it misses more than
+ * 1/MISSED_PART of its ticks, which is checked from FIRST_CHECK on. */
 static const tl_time PATIENCE_BEHIND = 60 * TL_SECOND;
 static const tl_time FIRST_CHECK = 10 * TL_SECOND;
 enum { MISSED_PART = 10 };
@@ -68,7 +67,7 @@ typedef struct live_twin {
     const tl_confine_facts *facts;
     tl_live_job job;
     bool was_plant_open;
-    tl_block blocks[TL_LIVE_BLOCKS];         /* that it has of the run */
+    tl_block blocks[TL_LIVE_BLOCKS];         /* those that this process maps */
     tl_block *resume;                        /* resume block; copied before it is parsed */
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     tl_live_twin_status *live_status;
@@ -347,7 +346,8 @@ static int64_t newest_run(const live_twin *self) {
     return self->recorder == NULL ? 0 : tl_recorder_state_get(&self->recorder->state).run;
 }
 
-/* This note outlives the process: the FMUs load bytes that another process has saved. */
+/* Notes whether the FMUs load bytes that another process has saved. The note outlives this process.
+ */
 static void note_load(const live_twin *self, bool loads) {
     __atomic_store_n(&self->live_status->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
 }
@@ -601,7 +601,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 
 /* ---- while the cycle runs ---- */
 
-/* A handover may have swapped live twin and shadow. The priority is not waited for. */
+/* A handover may have swapped live twin and shadow. Does not wait for the priority. */
 static void update_role(live_twin *self, bool is_shadow) {
     if (is_shadow == self->is_shadow) {
         self->parent = is_shadow ? newest_run(self) : self->parent;

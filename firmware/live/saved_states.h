@@ -1,10 +1,10 @@
 /* Saved-state test: can another process load what the FMUs of a run save? Done before the first
  * twin starts; the result is saved.
  *
- * Purpose: if a checkpoint crashes the process that loads it, a start is lost. If it loads, but the
- *          FMU then continues differently, no check detects that. So a worker (worker.h) tests the
- *          FMUs while io reads the plant. The output of the worker is not logged, because the run
- *          reports other errors of the FMUs.
+ * Purpose: if a checkpoint crashes the process that loads it, a start is lost. If a checkpoint
+ *          loads, but the FMU then computes other values, no later check detects that. So a worker
+ *          (worker.h) tests the FMUs while io reads the plant. The output of the worker is not
+ *          logged, because the run reports other errors of the FMUs.
  * Memory:  the result is saved to FOLDER/states.json. Its key is computed from the content of the
  *          FMU files, their rollback methods, the step and the version of this program. A test
  *          starts the FMUs twice, but only once for each key. Without a folder each start would

@@ -77,8 +77,8 @@ enum { LAST_TRIES = 3 };
  * may help. */
 enum { MOST_WITHOUT_PROCESS = 40 };
 
-/* Safe hold because no process could be started lasts 1/12 of the usual time at first: if its own
- * process could be started, the system has processes again. */
+/* If no process could be started for the twin, the first safe hold lasts 1/12 of the usual time.
+ * The process of safe hold could be started, so the system has processes again. */
 enum { SHORTER_HOLD = 12 };
 
 typedef enum state {
@@ -158,7 +158,7 @@ static member *shadow_of(supervisor *self) {
 
 /* ---- keepalives ---- */
 
-/* A keepalive cannot be undone by what follows; a late loop means a missing keepalive. */
+/* If the main loop is late, keepalives are missing. */
 static void send_keepalive(supervisor *self, tl_time now) {
     if (self->bad_holds >= TL_RESTARTS_MOST || now - self->last_keepalive < self->keepalive_interval) {
         return;
@@ -332,7 +332,8 @@ static void begin_member(supervisor *self, tl_member which, tl_time now) {
 
 /* ---- ends ---- */
 
-/* It was asked to end before it could handle signals, and had no data to save yet. */
+/* Returns true if the member was asked to end before it could handle signals, and had no data to
+ * save yet. */
 static bool was_asked_early(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     const tl_child_end *end = &child->end;
@@ -383,8 +384,8 @@ static bool is_worth_another(supervisor *self, tl_member which) {
     return self->tries < LAST_TRIES;
 }
 
-/* The run ends with this process: it was asked to end, the run is over, or nothing ever ran and the
- * exit code reports why. */
+/* Returns true if the run ends with this process: the run was asked to end or is over, or nothing
+ * ever ran and the exit code reports why. */
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
@@ -823,7 +824,7 @@ static tl_status open_watchdog(supervisor *self, tl_error *error) {
     return status;
 }
 
-/* A quarter of the shorter watchdog timeout, at most STROKE. */
+/* A quarter of the shorter watchdog timeout, at most KEEPALIVE. */
 static tl_time find_keepalive_interval(const supervisor *self) {
     tl_time interval = KEEPALIVE;
     tl_time service = tl_service_watchdog_period() / 4;

@@ -3,8 +3,8 @@
  * Purpose:  an FMU may hang, or corrupt the memory of its process; a device may hang a driver; a
  *           disk may hang the recorder. So each has its own process. The supervisor has no FMU, no
  *           plant and no database. It monitors the heartbeats (heartbeat.h), kills a silent
- *           process, starts a new one, and sends keepalives to the watchdog of the box and of
- *           systemd.
+ *           process, and starts a new one. It sends keepalives to the watchdog of the box and to
+ *           that of systemd.
  * Members:  the *twin* is the purpose of the run. *io* reads the plant, the *recorder* writes the
  *           database; the twin continues without them. A *shadow* is a second twin, as long as it
  *           is ordered (see Shadow). The *config manager* changes the configuration.
@@ -15,15 +15,16 @@
  *           the twin for about 5 min.
  * Damage:   a process may have heartbeats although its memory is corrupted. The reader of its data
  *           detects that. The supervisor then kills the process like a silent one, also if the run
- *           is not supervised. A false report is possible, so the first report counts as one
- *           failure. A later one counts only after the process has lived for TL_RESTARTS_FORGIVEN
- *           (120 s). So damage alone cannot cause safe hold.
+ *           is not supervised. A report may be false. So after the first one, further reports are
+ *           ignored until the present process has been ready for TL_RESTARTS_FORGIVEN (120 s).
+ *           Damage alone cannot cause safe hold.
  * Ends:     an end is orderly only if the process announced it (heartbeat.h), for one of three
  *           reasons. The run is over; this counts only if the run has a duration, because an FMU
- *           could forge it. Or the process could not start before anything had run; the exit code
- *           reports that. Or the supervisor was asked to end. Then it asks shadow, config manager,
- *           twin, io and recorder, in this order; the recorder writes the remaining data. Any other
- *           end is a failure. It is reported, with the FMU and its function if a call was running.
+ *           could forge it. Or the process could not start, and nothing had run before; the exit
+ *           code reports why. Or the supervisor was asked to end. Then it asks shadow, config
+ *           manager, twin, io and recorder, in this order; the recorder writes the remaining data.
+ *           Any other end is a failure. It is reported, with the FMU and its function if a call was
+ *           running.
  * Restart:  the twin restarts at once after the first failure. Then the pause doubles with each
  *           failure that is not forgiven, from 0.25 s up to 8 s. io and recorder restart without
  *           limit: after at most 0.25 s if they were ready before, else with the same doubling
@@ -32,8 +33,8 @@
  * Log:      a restart loop logs at most one line per minute, with the number of failures since the
  *           line before.
  * Hold:     after a restart loop of the twin (restarts.h), the supervisor starts a twin process in
- *           safe hold: without FMUs; it only records samples. When the time for a retry has come,
- *           that process is replaced by a twin. If that fails, safe hold follows again, for twice
+ *           safe hold: without FMUs; it only records samples. At each retry, the supervisor
+ *           replaces that process by a twin. If the twin fails, safe hold follows again, for twice
  *           as long.
  * Wait:     the first twin may have to wait while io and recorder run. The watchdogs get keepalives
  *           as long as `wait` reports that. A twin process that only waits does not count as a run.
@@ -113,7 +114,7 @@ typedef struct tl_orders {
 typedef struct tl_supervisor_settings {
     bool unsupervised;                /* the run is not supervised: a failed twin ends it */
     bool has_duration;                /* the run ends after a duration */
-    tl_time call_limit;               /* if alone: limit of an FMU call, ns */
+    tl_time call_limit;               /* if `unsupervised`: limit of an FMU call, ns */
     tl_time hold_time;                /* first safe hold of a loop; 0: TL_RESTARTS_HOLD (60 s) */
     const char *state;                /* folder of the restart record of one supervisor; NULL: none */
     const char *watchdog;             /* the device; NULL: none */
@@ -121,8 +122,8 @@ typedef struct tl_supervisor_settings {
     tl_heartbeats *beats[TL_MEMBERS]; /* of each member at the start; NULL: no such member */
     void *context;                    /* of the callbacks below; they must not block */
 
-    /* Starts a process (role.h). `start`: for a twin; other members get only `unreadable`. Returns
-     * the process id, or 0 and the reason in `error`. */
+    /* Starts a process (role.h). `start`: for the live twin; other members, also a shadow, get only
+     * `unreadable`. Returns the process id, or 0 and the reason in `error`. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start, tl_error *error);
 
     /* Called when a member has ended and is not reaped yet. `reason` may be replaced by a better
@@ -136,7 +137,8 @@ typedef struct tl_supervisor_settings {
     void (*tell)(void *context, const char *text);
 
     /* Returns 0 if the reader of this member's data can continue. Else the data is damaged. The
-     * result is then a lower bound of the time of the check that found it (CLOCK_MONOTONIC, ns). */
+     * result is then a time (CLOCK_MONOTONIC, ns) that is not later than the check which found the
+     * damage. */
     tl_time (*damaged)(void *context, tl_member which);
 
     /* Called for the first twin. NULL: it never waits. */

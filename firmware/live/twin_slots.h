@@ -45,10 +45,10 @@ typedef struct tl_twin_slot {
  * TL_TRY_AGAIN. */
 tl_status tl_twin_slot_load(tl_twin_slot *slot, const tl_config *config, bool unconfined, tl_error *error);
 
-/* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `needs`: sizes that
- * the candidate declares. `step`: of the run, ns. The slot must have no running twin, and the
- * recorder must have read the whole queue. Clears the status block, except its process number.
- * Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is empty. */
+/* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `needs`: sizes of
+ * the candidate, as a worker has computed them. `step`: of the run, ns. The slot must have no
+ * running twin, and the recorder must have read the whole queue. Clears the status block, except
+ * its process number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is empty. */
 tl_status tl_twin_slot_load_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
                                       tl_time step, tl_error *error);
 

@@ -69,7 +69,7 @@ static void reset_pause(tl_recovery *recovery, const tl_lock_tally *tally) {
     }
 }
 
-/* An output that is only compared leads nowhere. */
+/* Leaves out outputs that are only compared, because they do not affect the twin. */
 static uint64_t find_harmful(const tl_config *config, uint64_t bad_outputs) {
     for (size_t i = 0; i < config->match_count; i++) {
         bad_outputs &= config->match[i].weight > 0.0 ? UINT64_MAX : ~((uint64_t)1 << i);
@@ -77,7 +77,7 @@ static uint64_t find_harmful(const tl_config *config, uint64_t bad_outputs) {
     return bad_outputs;
 }
 
-/* Steps of an earlier run were reset by that run. */
+/* Resumed steps never count as bad: if their FMUs had to be reset, the earlier run did it. */
 static bool is_lastingly_bad(tl_recovery *recovery, const tl_record *record) {
     bool is_bad =
         record->outcome != TL_RESUMED && find_harmful(recovery->lock_monitor.config, record->bad_outputs) != 0;
@@ -127,8 +127,8 @@ static const limit OUTSIDE_IN_CYCLE = {0.1, 0.05};
 static const limit BAD = {0.5, 0.1};
 static const limit AT_BOUND = {0.5, 0.25};
 
-/* Multiples of the usual |Δu|; and the part of a first search step that never counts as a change.
- */
+/* BEYOND_USUAL: multiples of the usual |Δu|. NEGLIGIBLE: this part of a first search step never
+ * counts as a correction. */
 static const limit BEYOND_USUAL = {3.0, 2.0};
 static const double NEGLIGIBLE = 0.1;
 
@@ -271,7 +271,8 @@ static double larger_objective(const tl_lock_monitor *monitor) {
     return most;
 }
 
-/* The error of a stroke is that of its search. It is within tolerance if the search ended so. */
+/* The error of a stroke is that of its search. It is within tolerance if the search ended within
+ * tolerance. */
 static double stroke_distance(const tl_lock_monitor *monitor, const tl_record *record) {
     double larger = monitor->tolerances == NULL ? 1.0 : larger_objective(monitor);
     double size = sqrt(larger * record->objective);

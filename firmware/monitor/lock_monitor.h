@@ -29,8 +29,7 @@ enum { TL_BOUND_BLOCKS = 10 };
 
 #define TL_BOUND_BLOCK (6 * TL_SECOND)
 
-/* REACHED: the variable is at a bound, to be reported. REMAINING: it no longer is, to be
- * cleared. */
+/* REACHED: the variable is at a bound, to be reported. LEFT: it is not any more, to be cleared. */
 typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_LEFT } tl_bound_turn;
 
 /* Zeroed initially. */
@@ -55,18 +54,19 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *             and inexact rollbacks of FMUs. A replay gives the same states, because there are no
  *             other inputs.
  * Window:     single steps prove nothing: a lost twin can be within tolerance at every second step.
- *             So the state depends on shares of a window and on the size of the error. The window
- *             has ten parts. A part is 0.1 s long, or two steps if these are longer. The state is
- *             updated at the end of each part. With an event horizon, strokes (event_horizon.h)
- *             whose search has ended count instead of steps. A part is then one stroke, and three
- *             strokes give the first state.
+ *             So the state depends on shares of the steps in a window, and on the size of the
+ *             error. The window has ten parts. A part is 0.1 s long, or two steps if these are
+ *             longer. The state is updated at the end of each part. With an event horizon, strokes
+ *             (event_horizon.h) whose search has ended count instead of steps. A part is then one
+ *             stroke, and three strokes give the first state.
  * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement, or
  *             the J of a search is not finite. An output that is not finite is not compared.
- * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
- *             First, the twin is ten tolerances off. Second, an output has moved that far in one
- *             step while the plant did not. If the plant is sampled fast enough, it does not move
- *             so; its model does only if it is unstable. A twin with a large steady error is not
- *             astray: a reset would not improve the model and would lose its state.
+ * Astray:     two conditions, each in at least a quarter of the steps of the window and of its
+ *             newest part. First, the twin is ten tolerances off. Second, an output has moved that
+ *             far in one step, and much further than its measurement. A plant that is sampled fast
+ *             enough does not jump like this. Its model jumps only if it is unstable. A twin with a
+ *             large steady error is not astray: a reset would not improve the model and would lose
+ *             its state.
  * Limits:     each state has one limit to enter it and another one to leave it, so that the monitor
  *             does not oscillate between two states.
  * Usual:      the average |Δu| of a locked or tracking twin. It is learned over TL_LOCK_LEARNS
@@ -104,7 +104,7 @@ typedef struct tl_lock_part {
     uint32_t samples;  /* samples of the plant */
     uint32_t bad[TL_MAX_SIGNALS];                         /* samples that are not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST];                     /* steps with u at a bound */
-    uint32_t cycling[TL_MAX_ADJUST][TL_LOCK_PERIODS + 1]; /* [v][p]: steps with u as p steps ago, not in between */
+    uint32_t cycling[TL_MAX_ADJUST][TL_LOCK_PERIODS + 1]; /* [v][p]: steps in which u has returned after p steps */
     double correction[TL_MAX_ADJUST];                     /* sum of |Δu| */
     tl_lock_range u[TL_MAX_ADJUST];                       /* range of u */
 } tl_lock_part;
@@ -133,7 +133,7 @@ typedef struct tl_lock_monitor {
     tl_bound_stay stay[TL_MAX_ADJUST];              /* of the Real variables */
     uint32_t learned;                               /* parts learned */
     bool judged;                                    /* a state was determined */
-    bool inexact_component;                         /* as determined last */
+    bool inexact_component;                         /* the twin is astray, as determined last */
     uint64_t pending;                               /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;
@@ -163,8 +163,8 @@ void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample);
  * has changed, valid until the next change; else NULL. */
 const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_record *record);
 
-/* Returns the tally so far. If the run was shorter than a window, or an output ran away in the last
- * steps, the state is determined from the steps so far. */
+/* Returns the tally so far. The state is determined from the steps so far in two cases: the run was
+ * shorter than a window, or an output ran away in the last steps. */
 void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally);
 
 /* ---- Recovery of a lost twin: decides when its FMUs are reset.
@@ -198,7 +198,7 @@ typedef struct tl_recovery {
     uint32_t well;    /* parts in lock in a row */
     uint32_t bad;     /* steps in a row with an output that is not finite */
     uint32_t finite;  /* steps in a row with finite outputs only */
-    uint32_t resets;  /* resets because of such outputs: so often their number of steps has doubled */
+    uint32_t resets;  /* resets because of such outputs; each doubled the number of steps for the next one */
 } tl_recovery;
 
 /* As tl_lock_monitor_init(). With an event horizon an astray twin is not reset, because its steps

@@ -28,10 +28,10 @@ typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
     uint64_t steps[TL_LOCK_STATES]; /* steps (event horizon: strokes) in each state, including caught-up ones */
     uint64_t windows;               /* windows that were assessed; 0: the run was shorter than one */
-    uint64_t within;   /* steps in parts of a window without a free step and without one out of tolerance */
-    uint64_t changes;  /* number of changes of the state */
-    uint64_t losses;   /* number of changes to lost */
-    uint64_t ran_away; /* steps in which an output or J ran away (lock_monitor.h) */
+    uint64_t within;                /* steps in parts of a window in which no step is free or out of tolerance */
+    uint64_t changes;               /* number of changes of the state */
+    uint64_t losses;                /* number of changes to lost */
+    uint64_t ran_away;              /* steps in which an output or J ran away (lock_monitor.h) */
 } tl_lock_tally;
 
 /* Tolerance and weight of each matched output, in the order of the configuration's `match`. Weight

@@ -22,8 +22,8 @@
  *          estimate is the smaller of two values: the one with 2 neighbours, and the larger one of
  *          those with 4 and 6. If those with 4 and 6 differ, the plant moves too fast between two
  *          readings, and the estimate is an upper limit.
- * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
- *          the plant or bad readings have no effect.
+ * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %). So single steps of the
+ *          plant or bad readings have no effect.
  * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
  *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER
  *          times σ; this σ is the one with 2 neighbours, so it includes the plant's motion. The
@@ -108,7 +108,7 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
  *           recording. This code reports it for the running plant with the same estimate, live and
  *           in replay from the same samples.
  * Readings: one per tick, as it came, if it is good. If the signal is conditioned or on a line,
- *           this is the look-up NAME@reading. It contains no rejected readings.
+ *           this is the look-up NAME@reading. Rejected readings are not good, so they are left out.
  * Period:   checked at each 256th reading, over the last 2048 to 4096 readings. Reported if a
  *           tolerance is certainly too small; not if over a third of the readings repeat the value
  *           before. Cleared if the tolerance is at least three times the noise.

@@ -16,10 +16,11 @@
 /* ---- Proposes `between`, `condition` and `tolerance` of each match and `between` of each input,
  * each with its reason.
  *
- * Line:      if a step would otherwise be matched with a reading older than itself.
+ * Line:      interpolation between two readings, if a step would otherwise be matched with a
+ *            reading older than the step.
  * Low-pass:  if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
- *            proposal is the shortest low-pass that is nearly as good as the best one, because a
- *            step waits longer for a longer one.
+ *            proposal is the shortest low-pass that is nearly as good as the best one: with a
+ *            longer low-pass, a step waits longer.
  * Gate:      if there are outliers, and nearly all of them are further off than the plant moves
  *            between two readings. The gate is the geometric mean of both distances. Otherwise a
  *            median of 5 is proposed.

@@ -58,7 +58,7 @@ typedef struct tl_survey_signal {
         worst; /* interval between good readings that 50, 95, 99 and 100 % do not exceed, ns; 0: fewer than two */
     uint64_t repeats; /* good readings that equal the one before */
     bool is_switched; /* it has at most TL_SURVEY_SWITCH values */
-    bool is_polled;   /* it is read more often than its device updates it; its noise is that of the changes */
+    bool is_polled;   /* the signal is read more often than updated by its device; its noise is that of the changes */
     double quantum;   /* all values differ by multiples of this, signal's unit; 0: not found */
     uint64_t outliers;
     double nearest;       /* 90 % of the outliers are at least this far from the last other reading; 0: no outlier */

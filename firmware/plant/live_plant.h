@@ -36,8 +36,8 @@ typedef struct tl_live_plant_settings {
 
 /* Opens the sources of `kinds` and starts their threads. Errors: TL_BAD_DATA if a signal has no
  * live source; TL_PLANT_DOWN if a source can never work. An absent device is not an error: on_link
- * reports it, and the source retries. The heartbeat of a source times out after two periods plus
- * hang_s, or plus the time-outs of its poll if those are longer. */
+ * reports it, and the source retries. The heartbeat of a source times out after two periods plus a
+ * further time: hang_s or the time-outs of its poll, whichever is longer. */
 tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_plant **plant, tl_error *error);
 
 /* Checks that every signal has a live source, without opening any. Errors: TL_BAD_DATA. */

@@ -1,9 +1,9 @@
 /* Plant input: looks up the signals at an instant and determines their qualities.
  *
  * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled
- *              in step with the twin, a stamp that is a few nanoseconds late would otherwise delay
- *              a value by a whole sample: half of the error of a fast signal. This does not apply
- *              at tick 0, which starts at a reading.
+ *              in step with the twin, a stamp may be a few nanoseconds late. Without this rule,
+ *              that would delay its value by a whole sample. For a fast signal, this delay was half
+ *              of the error. The rule does not apply at tick 0, which starts at a reading.
  * Between:     the plant moves between two messages, and the last one is half an interval old on
  *              average. So a signal can be looked up on the line between the readings before and
  *              after the instant, by their own stamps. To have the reading after it, the sample of
@@ -13,8 +13,8 @@
  * Last:        the last reading is used instead, with its own age, in three cases: the next one has
  *              not come by t; one of both is not good; or they are further apart than the stale
  *              time.
- * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. A
- *              rejected reading does not exist for the line.
+ * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. The
+ *              line ignores rejected readings.
  * Mean:        an input is constant during a macro step. Its value is the mean of the line over
  *              that step, from t − back, by trapezoids between the readings. The value of an
  *              instant would be late by half a step; a mean is not, and averages the noise of all
@@ -270,8 +270,8 @@ static double integrate(const lookup *self, tl_reading from, tl_time end) {
     return sum + (double)(end - from.stamp) * 0.5 * (from.value + (any ? last.value : from.value));
 }
 
-/* Mean over the span that starts at `at`. If there is no good value at its start, the value there
- * is used. */
+/* Mean over the span that starts at `at`. If the value at its start is not good, that value is the
+ * result. */
 static bool take_mean(const lookup *self, const tl_plant_lookup *look, tl_time at, tl_reading *reading) {
     if (!interpolate_line(self, at, 0, reading)) {
         return false;

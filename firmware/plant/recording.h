@@ -26,7 +26,7 @@ typedef struct tl_recording_tick {
     uint64_t executions;     /* if cut_short: component executions that the run's search completed */
     uint32_t evaluations;    /* if cut_short: its evaluations; may be 0 */
     bool cut_short;          /* the run's search at this tick timed out */
-    bool without_nominal;    /* if cut_short: before it evaluated nominal u */
+    bool without_nominal;    /* if cut_short: the search ended before it evaluated nominal u */
     bool caught_up;          /* the run missed this tick and caught up */
     bool resets;             /* the FMUs were reset before its step */
     bool followed;           /* the tick belongs to the earlier run that this one resumes */
@@ -34,8 +34,8 @@ typedef struct tl_recording_tick {
 } tl_recording_tick;
 
 /* Receives a reading as it came, before any conditioning. From CSV its quality is that of the
- * source; from a database it is the recorded one, but outliers are good. `signal`: index of one of
- * the configuration's own signals. */
+ * source; from a database it is the recorded one, but outliers count as good. `signal`: index of
+ * one of the configuration's own signals. */
 typedef void tl_recording_on_reading(void *context, size_t signal, const tl_reading *reading);
 
 /* Tunings that a run took from other configurations. Valid as long as the recording. */
@@ -56,7 +56,7 @@ enum { TL_RECORDING_TUNINGS = 4096 };
 typedef struct tl_recording_beginning {
     int64_t run;  /* number in the database */
     int64_t tick; /* its first tick */
-    bool follows; /* the replay repeats the resumption; false: other configuration, it starts at `tick` without it */
+    bool follows; /* the replay repeats the resumption; false: another configuration, starts at `tick` without it */
     tl_resumption resumption;                /* how the run resumed an earlier one */
     const char *fmus;                        /* identity of its FMUs (tl_twin_recorder_identify()) */
     const tl_history_checkpoint *checkpoint; /* checkpoint that it loaded; NULL: it started from start values */
@@ -64,7 +64,7 @@ typedef struct tl_recording_beginning {
 
 /* Simulation time of the FMUs, as the recording states it. Zeroed: unknown. */
 typedef struct tl_recording_time {
-    bool has_start;           /* `experiment` is known: the recording is a database */
+    bool has_start;           /* `experiment` is known: of a database, but not of a run in safe hold */
     tl_experiment experiment; /* if stop_s is not recorded, it is not above start_s */
     tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;
@@ -72,9 +72,9 @@ typedef struct tl_recording_time {
 /* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
  * wrote.
  *
- * Purpose: delivers samples to replay and to the emulated plant. From CSV: each row is posted into
- *          a plant input at its own time, and a sample is taken at each tick, as in a live run;
- *          tick 0 is at the first row. From a database: the samples that the run saw, with
+ * Purpose: delivers samples to replay and to the emulated plant. From CSV, as in a live run: each
+ *          row is posted into a plant input at its own time, and a sample is taken at each tick.
+ *          Tick 0 is at the first row. From a database: the samples that the run saw, with
  *          qualities, and the effort of each search, so that a replay computes the same u.
  * Owner:   the recording owns all that it returns pointers to, until tl_recording_close().
  * Thread:  one thread.

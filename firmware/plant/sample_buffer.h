@@ -17,8 +17,8 @@
  * wait-free.
  *
  * Purpose: plant I/O posts and the cycle looks up, and neither waits for the other. The newest
- *          `depth` readings are kept, so that a sample can be looked up at its own instant after a
- *          missed tick, or by a restarted twin.
+ *          `depth` readings are kept. So a twin that missed ticks or was restarted can still look
+ *          up each sample at its own instant.
  * Memory:  the caller's, zeroed initially: of this process, or a block (block.h) that only the
  *          writer's process can write. It contains no pointers; each side has its own handle. A
  *          reader may map it read-only.
@@ -56,8 +56,8 @@ void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *rea
 void tl_sample_buffer_repair(const tl_sample_buffer *buffer);
 
 /* Reader, `from` ≤ `until`: returns the first reading with `from` ≤ stamp ≤ `until`; of equal
- * stamps, the last posted one. If there is none, returns the newest reading before `from`.
- * Otherwise as tl_sample_buffer_at(). */
+ * stamps, the last posted one. If there is none, returns the newest reading before `from`. If there
+ * is neither, the result is that of tl_sample_buffer_at(). */
 bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time until, tl_reading *reading);
 
 /* Reader, `at` ≤ `until`: sets *before to the newest reading with stamp ≤ `at`. Sets *after to the
@@ -102,8 +102,8 @@ typedef struct tl_sample_buffers_shape {
  * least 1 ms. Call tl_config_use_lookups() before. */
 void tl_sample_buffers_shape_of(const tl_config *config, tl_sample_buffers_shape *shape);
 
-/* Returns the time for which live readings are kept, ns: hang_s + 10 s. It is shorter if these are
- * more than TL_SAMPLE_BUFFERS_MOST readings. */
+/* Returns the time for which live readings should be kept, ns: hang_s + 10 s. A buffer keeps less
+ * if these are more than TL_SAMPLE_BUFFERS_MOST readings. */
 tl_time tl_sample_buffers_kept(const tl_config *config);
 
 /* Returns the size of the memory in bytes; never 0. */

@@ -7,7 +7,8 @@
  * Removed: files that were removed but are still open or mapped are in no folder. They are counted
  *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
  *          the cause. Only root can count those of a confined process. So the bounds are also
- *          broken if, in addition, less than a twentieth of the disk is free.
+ *          broken if the free space has shrunk that much, and less than a twentieth of the disk is
+ *          free.
  * Memory:  of the caller. `folder` must stay valid.
  * Thread:  one.
  */

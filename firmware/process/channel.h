@@ -49,7 +49,7 @@ typedef enum tl_message {
     TL_MESSAGE_READY,  /* how the child is confined; STARTING, then BUILDING */
     TL_MESSAGE_BUILT,  /* the twin is built, the account is in the child's block; BUILDING, then STEPPING */
     TL_MESSAGE_RESULT, /* result of a step; STEPPING */
-    TL_MESSAGE_SHOWN,  /* data for another process of this kind (read_back.h); no bytes; STEPPING */
+    TL_MESSAGE_SHOWN,  /* the shared block has data for another process (read_back.h); no bytes; STEPPING */
     TL_MESSAGE_ENDED,  /* why the child ends; any phase but ENDING, then ENDING */
     TL_MESSAGES
 } tl_message;
@@ -81,11 +81,10 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender);
  *          number received from the other side. A message costs one copy on each side. No system
  *          call is needed while neither side sleeps.
  * Waking:  a waiting side announces how many messages, or how many free slots, it waits for. The
- *          other side wakes it when there are that many. It also wakes it when there are any and
- *          the other side goes to sleep. So large batches cost few wake-ups, and the two sides
- *          never both sleep with work pending. To receive each message at once, wait for 1. All
- *          messages except ticks and results wake at once, because no further message may follow
- *          them.
+ *          other side wakes it when there are that many, or when there are any and the other side
+ *          goes to sleep too. So large batches cost few wake-ups, and the two sides never both
+ *          sleep with work pending. To receive each message at once, wait for 1. All messages
+ *          except ticks and results wake at once, because no further message may follow them.
  * Trust:   the other side's block is untrusted. Counters are checked against the ring size. A
  *          slot's type and length are read once and validated before the payload is copied. The
  *          first fault breaks the channel: all calls then return TL_CHANNEL_BROKEN, and `fault` is

@@ -1,11 +1,11 @@
 /* Confinement: a process with FMUs drops all rights that FMUs do not need.
  *
  * Purpose: after tl_confine() the process can compute, start threads, read programs and libraries,
- *          and write below one folder. It can start no program, open no socket, signal, trace or
- *          read no other process, and change no other file, whatever an FMU does. This cannot be
- *          undone.
- * Means:   a list of allowed system calls (filter.c), Landlock for file access (landlock.c),
- *          resource limits, protection against other processes of the same user, and, for root, a
+ *          and write below one folder. Whatever an FMU does, the process cannot start programs,
+ *          open sockets or change other files. It cannot signal, trace or read other processes.
+ *          This cannot be undone.
+ * Means:   a list of allowed system calls (filter.c); Landlock for file access (landlock.c);
+ *          resource limits; protection against other processes of the same user; for root, a
  *          separate user.
  * Missing: features that the kernel lacks are reported by tl_confine_describe() and are no error.
  *          So the program also runs in an emulator, in a container and on an old kernel.
@@ -97,10 +97,11 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
  * the kernel.
  *
  * Purpose: a call that is not on the list returns EPERM, and is reported to a listener if there is
- *          one (refusal.h). The list has one line for each group with its reason. Calls that are
- *          allowed with certain arguments only follow it.
- * Machine: that of this program. A call of another one (32-bit or x32 on x86-64, AArch32) kills the
- *          process.
+ *          one (refusal.h). The list has one line for each group of calls, with its reason. Below
+ *          it are the calls that are allowed only with certain arguments. Calls that are newer than
+ *          this program fail with ENOSYS.
+ * Machine: only calls of this program's own machine type are allowed. A call of another type
+ *          (32-bit or x32 on x86-64, AArch32) kills the process.
  * Thread:  any.
  */
 
@@ -117,8 +118,8 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
 /* ---- Landlock: which files a process may read, below which folders it may write, and to which TCP
  * ports it may connect.
  *
- * Purpose: an FMU can only open the files of programs and libraries, those that the settings add,
- *          and its own folder, whatever the user's own rights are.
+ * Purpose: an FMU can open only the files of programs and libraries, those that the settings add,
+ *          and its own folder. This holds whatever rights the user has.
  * Version: uses the kernel's version ("ABI"), 1 … 7. From 2: renaming between folders. From 3:
  *          truncating files (before, the filter refuses what Landlock does not check). From 4: TCP
  *          ports (no binding; connecting to `ports` only). From 5: device commands. From 6:

@@ -131,9 +131,10 @@ static bool is_handler(const struct sigaction *action) {
     return (action->sa_flags & SA_SIGINFO) != 0 || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
 }
 
-/* Returns true if an FMU's handler has handled the signal. Returns false if there is none, or if it
- * has forwarded the signal: raised it in the handler, or left it pending until this returns. If
- * that handler has jumped away, in_foreign is still set, but then this frame is not below it. */
+/* Returns true if an FMU's handler has handled the signal. Returns false if there is no such
+ * handler, or if it has forwarded the signal. Then it has raised the signal again: this function
+ * runs inside that handler, or the signal is pending afterwards. If that handler has jumped away,
+ * in_foreign is still set, but this frame is not below it. */
 static bool is_handled(const crash_signal *signal, siginfo_t *info, void *context) {
     uintptr_t frame = (uintptr_t)__builtin_frame_address(0);
     sigset_t set;
@@ -207,10 +208,10 @@ static void on_crash(int number, siginfo_t *info, void *context) {
             call_handler(&signal->before, number, info, context);
         }
     }
-    /* Raises the signal again with the default action; it is delivered when this returns. A fault
-     * would recur without this. Other signals would not, and the process would continue after its
-     * crash report: a signal that was sent, or one of the kernel for a call (uretprobe on x86-64
-     * outside of a probe). */
+    /* Raises the signal again with the default action; the kernel delivers it when this handler
+     * returns. A fault would recur anyway. After another signal the process would continue: one
+     * that was sent, or one that the kernel raised for a call (uretprobe on x86-64 outside of a
+     * probe). */
     const struct sigaction standard = {.sa_handler = SIG_DFL};
     (void)sigaction(number, &standard, NULL);
     (void)raise(number);

@@ -39,10 +39,10 @@ void tl_crash_enter(tl_crash_thread entered);
 /* ---- Catches a crash in a call that another method can replace.
  *
  * TL_CRASH_CATCH() works like setjmp(): it is false at first. If the calling thread crashes before
- * tl_crash_catch_end(), execution continues at TL_CRASH_CATCH(), which is then true. So its
- * function must not return before tl_crash_catch_end(), and must not change its variables in
- * between. After a crash the FMU's memory is as the crash left it, and the FMU's locks are not
- * released. Only for the thread that calls FMUs. */
+ * tl_crash_catch_end(), execution continues at TL_CRASH_CATCH(), which is then true. So the
+ * function that uses it must not return before tl_crash_catch_end(), and must not change its local
+ * variables in between. After a crash the FMU's memory is as the crash left it, and the FMU's locks
+ * are not released. Only for the thread that calls FMUs. */
 #define TL_CRASH_CATCH() (sigsetjmp(*tl_crash_catch_begin(), 0) != 0)
 
 /* Private: use TL_CRASH_CATCH(). */

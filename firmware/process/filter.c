@@ -2,8 +2,8 @@
  *
  * Each function adds rules to a filter that refuses all other calls. After the first failure no
  * more rules are added.
- * The kernel uses only the lower 32 bits of most arguments, but a filter sees 64 bits, of which the
- * upper ones can have any value. So allowed values are compared in the lower half (IS), and our own
+ * The kernel uses only the lower 32 bits of most arguments. A filter sees 64 bits, and the upper
+ * ones can have any value. So allowed values are compared in the lower half (IS), and our own
  * process ID in all bits.
  */
 #include "firmware/process/confine.h"

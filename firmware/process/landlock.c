@@ -98,10 +98,10 @@ static const char *const readable[] = {
     "/sys/fs/cgroup", /* and their limits */
 };
 
-/* What a process may read about itself: not its environment, its network (addresses of the plant),
- * its threads' copies of both, and its memory. The kernel recreates such a file when it is closed
- * and memory is short, and a rule applies only to the inode that it was made for. So each file
- * stays open. */
+/* What a process may read about itself. Missing on purpose: its environment, its network (addresses
+ * of the plant), its threads' copies of both, and its memory. If such a file is closed and memory
+ * is short, the kernel recreates it with another inode. A rule applies only to the inode that it
+ * was made for, so each file stays open. */
 static const char *const own[] = {
     "/proc/self/auxv",   "/proc/self/cgroup", "/proc/self/cmdline",   "/proc/self/comm",         "/proc/self/fd",
     "/proc/self/limits", "/proc/self/maps",   "/proc/self/mountinfo", "/proc/self/mounts",       "/proc/self/smaps",

@@ -120,7 +120,7 @@ void tl_process_end(int code) {
     if (__atomic_load_n(&runs_exit_handlers,
                         __ATOMIC_RELAXED)) { /* interpreters free their memory themselves, if at all */
         limit_duration(TL_PROCESS_END_S);
-        exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
+        exit(code); // NOLINT(concurrency-mt-unsafe): no other code of ours ends the process
     }
 #if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
     __lsan_do_leak_check();

@@ -11,8 +11,8 @@
 /* ---- Number of steps in each lock state, computed from the events of its changes.
  *
  * Purpose: the database has no state for each step, but an event with its tick for each change.
- *          Steps before the first event count as its state, as in the lock monitor
- *          (lock_monitor.h), unless the first steps of the run were removed.
+ *          Steps before the first event count in that event's state, as in the lock monitor
+ *          (lock_monitor.h). This does not apply if the first steps of the run were removed.
  * Strokes: with an event horizon the lock monitor counts strokes; here the steps of these strokes
  *          are counted.
  * Thread:  one thread.

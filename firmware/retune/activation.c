@@ -836,7 +836,8 @@ static void write_changes(const tl_activation *self, char *text, size_t size) {
     }
 }
 
-/* The shadow is now the twin before. It is kept only if it is the target of a rollback. */
+/* The shadow is now the twin that was live before. It is kept only if it is the target of a
+ * rollback. */
 static void end_handover(tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = tl_versions_get(versions, versions->probation.return_to);
@@ -935,7 +936,7 @@ static void report_disk(tl_activation *self, bool is_written, const char *why) {
 }
 
 /* Keeps the version on probation. A client that waits for another candidate gets no reply. Returns
- * false if the disk rejects it. */
+ * false if the disk rejects the change. */
 static bool keep_version(tl_activation *self) {
     tl_error error;
     bool is_written =

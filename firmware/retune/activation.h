@@ -28,8 +28,8 @@
 
 /* ---- Host: the operations on the running plant that an activation needs.
  *
- * Purpose: the activation decides when; the host, in the process that maps the run's shared memory,
- *          implements how.
+ * Purpose: the activation decides when an operation is due. The host executes it, in the process
+ *          that maps the run's shared memory.
  * Thread:  all calls are made in the thread of the activation. No call blocks.
  */
 
@@ -40,7 +40,7 @@ typedef struct tl_activation_view {
     tl_run_status figures;         /* of the run; counts restart at 0 with each run, also after a handover */
     double step_s;                 /* T_S, s */
     bool holds;                    /* safe hold: there is no twin */
-    bool waits;                    /* safe hold because the twin may not start yet; no time of a probation */
+    bool waits;                    /* safe hold because the twin may not start yet; not counted as probation */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
@@ -121,7 +121,7 @@ typedef struct tl_activation_host {
     bool (*handover)(void *context);
 
     /* Returns the result of the handover. It is refused if there is no shadow that can take over;
-     * `why` is the reason. After a handover, active_text() and tune() refer to the new twin. */
+     * `why` is the reason. After a handover, active_hash() and tune() refer to the new twin. */
     tl_activation_answer (*handover_result)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* Ends the run. A new run starts with the version that is active on disk. */

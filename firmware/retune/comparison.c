@@ -266,7 +266,8 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     return percent_unseen(comparison) <= MOST_PERCENT && in_lock < require_lock && in_lock < in_lock_now;
 }
 
-/* An output is worse, or the lock by the tolerances of the version before. */
+/* Returns true if an output is worse, or if the lock is worse by the tolerances of the version
+ * before. */
 static bool is_any_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_run_status *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs; i++) {

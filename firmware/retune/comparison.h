@@ -41,8 +41,8 @@ uint64_t tl_forecast_memory_left(void);
  *          compared with the time before the shadow; skipped ticks count only if there are at least
  *          TL_PROBATION_MISSES gaps. The box is also too slow if a twin skips more than a quarter
  *          of its ticks.
- * Refused: the candidate, if its shadow was in lock for less than required, and for less than the
- *          run's twin. Also if the shadow executed no step.
+ * Refused: the candidate is refused if its shadow was in lock for less than required, and for less
+ *          than the run's twin. It is also refused if the shadow executed no step.
  * Unseen:  the lock is not evaluated here in two cases: no step was evaluated, or more than half of
  *          the evaluated steps had no good matched signal. Then the probation evaluates the lock.
  * Worse:   an output that both twins match is worse if the shadow's error Δy exceeds two limits:
@@ -50,9 +50,9 @@ uint64_t tl_forecast_memory_left(void);
  *          root mean squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance
  *          does not count, because with a wide tolerance a twin far from the plant is in lock.
  *          Noise of the plant is the same for both, and below the tolerance.
- *          The lock is worse if, by the tolerances of the version before, the shadow was in lock
- *          for less than required, and for less than the run's twin.
- *          The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
+ *          The lock of the shadow is also evaluated by the tolerances of the version before. It is
+ *          worse if the shadow was in lock for less than required, and for less than the run's
+ *          twin. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Deadlines: missed deadlines of the shadow are only reported, because it has no real-time priority
  *          yet.
  * Failure: if the run's twin was restarted meanwhile, the result is TL_COMPARISON_BAD.

@@ -3,8 +3,8 @@
  * Restart: a change that restarts the run closes the connection. With TL_CONTROL_WAIT, the client
  *          then queries the next run until the change is kept or rolled back, and prints the
  *          result. It fails if no run answers for 60 s.
- * Signals: SIGINT and SIGTERM end the program, but not a change. Then it prints to standard error
- *          that the change continues.
+ * Signals: SIGINT and SIGTERM end the client, but not a change. The client then prints to standard
+ *          error that the change continues.
  * Thread:  one, the main thread.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONTROL_CLIENT_H

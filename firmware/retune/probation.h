@@ -3,17 +3,18 @@
  * Purpose: decides whether the probation continues, or the version is kept or rolled back. Pure
  *          logic: the caller passes the time and the state of the run.
  * Rolled back at once, if
- *          - the twin has failed, or was not running for TL_PROBATION_START in one piece;
+ *          - the twin has failed, or was not running for TL_PROBATION_START without interruption;
  *          - too many deadlines were missed on probation: at least TL_PROBATION_MISSES, more than
- *            TL_PROBATION_MISS_PERCENT of the steps, and a share of more than
- *            TL_PROBATION_MISS_TIMES that of the configuration before. Skipped ticks are not steps,
- *            because a restart skips all ticks of its gap;
- *          - the lock is lost for TL_PROBATION_LOST in one piece. The first TL_PROBATION_GRACE of
- *            the probation does not count, but at most half of the remaining time. After a resume
- *            this exception applies again, because the twin may have just started;
+ *            TL_PROBATION_MISS_PERCENT of the steps, and more than TL_PROBATION_MISS_TIMES times
+ *            the share of the configuration before. Skipped ticks are not steps, because a restart
+ *            skips all ticks of its gap;
+ *          - the lock is lost for TL_PROBATION_LOST without interruption. The first
+ *            TL_PROBATION_GRACE of the probation does not count, or only its first half if that is
+ *            shorter. After a resume the same applies to the remaining time, because the twin may
+ *            have just started;
  *          - the lock is lost for as long by the tolerances of the version before, and the version
  *            does not need a confirmation;
- *          - the plant's sources could not be opened for TL_PROBATION_SHUT in one piece.
+ *          - the plant's sources could not be opened for TL_PROBATION_SHUT without interruption.
  * Lock:    steps do not count while the plant's sources are not open.
  * Tolerances: the lock is evaluated by the tolerances and weights of the new version, and by those
  *             of the version before (lock_before). So a version with wider tolerances cannot pass

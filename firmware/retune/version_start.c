@@ -75,7 +75,7 @@ static bool run_validator(starting_run *self, const char *active_text) {
     return is_known;
 }
 
-/* Validates the changed file. There is a version that runs if it is invalid. */
+/* Validates the changed file. If it is invalid, the active version runs, so there must be one. */
 static bool is_file_valid(starting_run *self, const char *active_text) {
     if (strlen(self->file) != self->file_size || !run_validator(self, active_text)) {
         tl_log(TL_LOG_ERROR, "%s: the file could not be validated (expected a JSON text)", self->start->path);

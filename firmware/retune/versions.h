@@ -31,8 +31,8 @@
  *          corrected.
  * Time:    of a probation, the remaining time is saved. No decision depends on a date.
  * Bound:   TL_VERSIONS_MOST versions and TL_VERSIONS_BYTES of texts; the oldest are removed first.
- *          These are never removed: the oldest, the newest and the active version, the parent of
- *          the active one, the target of a rollback, and the version that was commissioned last.
+ *          These are never removed: the oldest, the newest and the active version; the parent of
+ *          the active one; the target of a rollback; the version that was commissioned last.
  * Errors:  TL_TRY_AGAIN if the disk rejects a write; TL_BAD_DATA if a file is damaged or missing.
  *          Then nothing changes in memory or on disk.
  * Memory:  tl_versions_open() allocates the list; tl_versions_close() frees it.
@@ -181,8 +181,8 @@ typedef struct tl_version_choice {
 
 /* Selects the text to run: the file if it has changed since it was read last, else the active
  * version. If that is damaged, activates an older version that can be read. If there is none,
- * selects the file. Both are logged. `file`: the text of the file; NULL: it cannot be read. Returns
- * TL_BAD_DATA if there is no text at all. */
+ * selects the file. Each of these two cases is logged. `file`: the text of the file; NULL: it
+ * cannot be read. Returns TL_BAD_DATA if there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 

@@ -466,8 +466,8 @@ static tl_status run_validation(const tl_worker_job *job, tl_error *error) {
 
 /* ---- trial ---- */
 
-/* The plant's twin has priority over a trial. But it waits for a test of the states, so that runs
- * at normal priority. */
+/* A trial has a lower priority than the plant's twin. A test of the states has normal priority,
+ * because the twin waits for the result. */
 enum { NICE = 10 };
 
 static const tl_time CALL_LIMIT = 60 * TL_SECOND;

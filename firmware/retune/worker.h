@@ -7,7 +7,7 @@
  * Result:  a tl_worker_result, in a block that the worker writes. The reader copies it, checks
  *          sizes and ranges, and cleans its texts. In the worst case, a false result accepts a bad
  *          candidate. Even then, the twin rejects a tuning that does not fit. Every other candidate
- *          first runs as a shadow.
+ *          first runs as a shadow, or on probation after a restart.
  * Waiting: tl_worker_start() waits for a fork. tl_worker_poll() does not wait; it kills a worker
  *          that has exceeded its time limit.
  * Owner:   the caller provides the memory of a worker; zeroed means not started.
