@@ -1,18 +1,21 @@
-/* Whether an FMU is led back to where it was, to the bit: for script/fmus, and tests.
+/* Checks whether the rollback of an FMU is exact, bit by bit: for script/fmus, and tests.
  *
  *   rollback_probe FMU state|memory|fork|replay|copy|library STEP STEPS
  *
- * The FMU is run twice, each time in a process of its own, with the same inputs: once straight on, once saved again and again, led astray with
- * other inputs, and restored. All values after each step are compared. By "copy" and "library" nothing is saved, but another instance has made all these
- * steps before, in the same process: of a library of its own, or of the same one. Prints a JSON object:
- *   way      as told, or "none": the FMU has no such way
- *   steps    that it did straight on; it may refuse further ones
- *   steady   false: straight on a second time it does something else, so nothing can be said
- *   differs  null, or the first step after which a value is another one
+ * Runs the FMU twice with the same inputs, in two processes. The first run only steps. The second
+ * one is saved again and again, steps with other inputs, and is restored. The values of all steps
+ * are compared. "copy" and "library" save nothing: before the second run, another instance in the
+ * same process makes all these steps; "copy": with its own copy of the library, "library": with the
+ * same library. Prints a JSON object:
+ *   way      as requested, or "none": the FMU does not support it
+ *   steps    steps of the first run; the FMU may refuse further ones
+ *   steady   false: a second run without rollback differs too, so there is no result
+ *   differs  null, or the first step after which a value differs
  *   bytes, save_us, restore_us   of a state: its size if that is known, medians
  *   step_us  of a step after restoring, a median
- *   error    what went wrong, or null
- * Exit: 0 whatever was found; 2 the arguments are wrong. An FMU may end the process, or never return: who starts this one expects it. */
+ *   error    what failed, or null
+ * Exit code: 2 if the arguments are wrong, else 0. The FMU may end this process or hang; the caller
+ * must handle that. */
 #include <errno.h>
 #include <math.h>
 #include <stdbool.h>

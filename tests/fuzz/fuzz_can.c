@@ -1,8 +1,9 @@
-/* What comes on a CAN bus: frames, error frames and the state of the interface, through the driver, its map, its codec, the
- * meaning of error frames, and the conversion of stamps.
+/* Fuzzes the input of a CAN bus: frames, error frames and the state of the interface, through the
+ * driver, its map, its codec, the meaning of error frames, and the conversion of stamps.
  *
- * The harness takes the place of can_link.c and of the clock: frames are bytes of the input, and the input moves the clocks. So nothing waits,
- * and the same bytes do the same. An input is channels, then what happens: see read_channels() and tl_can_link_receive().
+ * The harness replaces can_link.c and the clock: frames are bytes of the input, and the input moves
+ * the clocks. So nothing waits, and the same bytes have the same effect. An input is channels, then
+ * events: see read_channels() and tl_can_link_receive().
  */
 #include <math.h>
 #include <string.h>
@@ -41,7 +42,8 @@ static void read_conditions(tl_can_channel *channel, unsigned count) {
     }
 }
 
-/* Each has an id, which a few share, the bytes of its frame, a type, a scale, a field and multiplexors. */
+/* Each has an id, which a few share, the bytes of its frame, a type, a scale, a field and
+ * multiplexors. */
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
     static const uint8_t BYTES[] = {8, 64, 4, 12, 1, 48, 0, 9};

@@ -1,4 +1,4 @@
-/* A configuration: its JSON, and every check that needs no other file. */
+/* Fuzzes a configuration: its JSON, and each check that needs no other file. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,6 +1,8 @@
-/* A candidate against the configuration in force: what the change needs, if the names that are in force are allowed, and the candidate, read as a list, says more.
+/* Fuzzes the comparison of a candidate with the active configuration: the kind of the change, and
+ * the right that it needs. Allowed names are those of the active configuration, plus the candidate
+ * parsed as a list.
  *
- * Input:  a candidate; or, with a NUL between, the configuration in force and a candidate. */
+ * Input:  a candidate; or the active configuration and a candidate, with a NUL between them. */
 #include <stdlib.h>
 #include <string.h>
 

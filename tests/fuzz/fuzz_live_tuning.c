@@ -1,6 +1,7 @@
-/* The tuning block as a strange process may leave it: read by a twin and by a recorder.
+/* Fuzzes a tuning block of a hostile writer, as a twin and a recorder read it.
  *
- * Input:  a byte that says what is put right, so that more than the first lines of the check are reached; the head; then the text. */
+ * Input:  a byte that selects which fields are corrected, so that the input passes the first
+ *         checks; the head; then the text. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

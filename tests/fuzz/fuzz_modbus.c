@@ -1,8 +1,10 @@
-/* What a Modbus device answers: through the checks of an answer, the driver, its map of requests, its codec.
+/* Fuzzes the answers of a Modbus device: through the checks of an answer, the driver, its map of
+ * requests, and its codec.
  *
- * The harness takes the place of modbus_link.c, modbus_tcp.c, modbus_rtu.c, the clock and the wake-up call: a link on which answers are bytes of the input,
- * and a clock that the input moves. So nothing waits, and the same bytes do the same. An input is channels, then what happens
- * at each poll: see read_channels(), answer_tcp(), happen().
+ * The harness replaces modbus_link.c, modbus_tcp.c, modbus_rtu.c, the clock and the wake-up call:
+ * answers are bytes of the input, and the input moves the clock. So nothing waits, and the same
+ * bytes have the same effect. An input is channels, then the events of each poll: see
+ * read_channels(), answer_tcp(), happen().
  */
 #include <errno.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-/* modelDescription.xml of an FMU. */
+/* Fuzzes modelDescription.xml of an FMU. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

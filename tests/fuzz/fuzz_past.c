@@ -1,6 +1,7 @@
-/* An image of a past, as another process gives it to the twin.
+/* Fuzzes the image of a resume point (resume.h), as another process passes it to the twin.
  *
- * Input:  a byte that says what is put right, so that more than the first lines of the check are reached, then the image. */
+ * Input:  a byte that selects which fields are corrected, so that the input passes the first
+ *         checks; then the image. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

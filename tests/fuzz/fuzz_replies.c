@@ -1,7 +1,8 @@
-/* What comes from a plant's control socket: whatever it is, the answer is lines of JSON of a bounded size, and it ends; and no text in it holds a
- * control character.
+/* Fuzzes replies from a plant's control socket: the answer is lines of JSON of limited size without
+ * control characters, and it ends.
  *
- * Input:  the verb that was asked; then packets: a kind, how long it is (255: as long as a reply), and its bytes, with which it is filled. */
+ * Input:  the verb of the request; then packets: a kind, the length (255: that of a reply), and
+ *         bytes to fill it. */
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>

@@ -1,4 +1,4 @@
-/* supervisor.json, the account of restarts, as a disk or a stranger left it. */
+/* Fuzzes supervisor.json, the restart record, as a damaged disk or an attacker left it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,8 +1,9 @@
-/* What comes from a process with FMUs, in the hands of an enemy: results and accounts, whose every byte it chooses; and what is done with those
- * that are taken for sound.
+/* Fuzzes results and accounts of a hostile FMU process, in which it can change each byte; and the
+ * use of those that are accepted.
  *
- * Input:  what is told besides records; then ticks: bytes of an honest result that are changed, as a number of changes, each a place and a
- *         value; at the end, changes of the account. So what is judged is never far from what passes. */
+ * Input:  what a result contains besides its record; then ticks: changes of a valid result (their
+ *         number, then a place and a value for each); at the end, changes of the account. So the
+ *         tested data are nearly valid. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,7 @@
-/* The folder of versions, as a disk or a stranger left it.
+/* Fuzzes the folder of versions, as a damaged disk or an attacker left it.
  *
- * Input:  active.json, 1.record.json and 2.record.json, with a NUL after each; what is missing is not written. Their texts are "one" and "two". */
+ * Input:  active.json, 1.record.json and 2.record.json, with a NUL after each; a missing one is not
+ *         written. Their texts are "one" and "two". */
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>

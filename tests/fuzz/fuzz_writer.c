@@ -1,8 +1,9 @@
-/* A writer whose outbox is in memory that an enemy writes into.
+/* Fuzzes the recorder's writer with a record queue into whose memory a hostile process writes.
  *
- * Input:  actions. A twin puts entries, events and checkpoints, with numbers and texts as it likes; the enemy writes a word anywhere into the outbox; the writer
- *         writes; another one goes on with its state; a successor of the twin opens the outbox.
- * Holds:  nothing ends the writer; a history of all runs is read from end to end without damage. */
+ * Input:  actions. A twin puts entries, events and checkpoints with any numbers and texts. The
+ *         hostile process writes a word anywhere into the record queue. The writer writes, or
+ *         another writer continues with its state. A successor of the twin opens the record queue.
+ * Holds:  no failure ends the writer; a history reads all runs completely, without damage. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

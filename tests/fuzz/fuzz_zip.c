@@ -1,4 +1,4 @@
-/* An FMU's ZIP archive: unpacked, and removed again without a trace. */
+/* Fuzzes the ZIP archive of an FMU: unpacks it, and removes all unpacked files. */
 #include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
