@@ -35,14 +35,14 @@
 typedef enum trial {
     STRAIGHT,
     SAVED,
-    SAVED_RENEWED, /* by replay: freed and instantiated in place of reset */
+    SAVED_RENEWED, /* by replay: frees and instantiates the FMU instead of a reset */
     BESIDE_COPY,
     BESIDE_LIBRARY
 } trial;
 
 enum { MOST_STEPS = 400, MOST_VALUES = 2000, SAVES = 5, ASTRAY = 6, TRIALS = 51 };
 
-/* What a run found; in memory that outlives its process. */
+/* Results of a run, in memory that outlives its process. */
 typedef struct findings {
     int steps;
     tl_rollback way;
@@ -64,7 +64,7 @@ typedef struct probe {
     tl_ports set, read; /* as a rollback by replay knows them */
 } probe;
 
-/* Where it is saved, at the beginning of these steps. */
+/* Steps before which the FMU is saved. */
 static const int instants[SAVES] = {0, 1, 7, 40, 120};
 
 /* ---- values ---- */
@@ -105,7 +105,7 @@ static uint64_t digest_of(uint64_t digest, const void *bytes, size_t size) {
     return digest;
 }
 
-/* Values that an FMU refuses to tell count as none. */
+/* Returns a hash of all values. A value that the FMU does not return counts as 0. */
 static uint64_t look(const probe *self) {
     static fmi2Real reals[MOST_VALUES];
     static fmi2Integer integers[MOST_VALUES];
@@ -166,7 +166,7 @@ static bool begin(probe *self, const char *path, tl_rollback way, double step, f
     return initialise(self, found);
 }
 
-/* `other`: how far off the inputs are. */
+/* Executes a step. `other`: deviation of the inputs from those of the first run. */
 static bool do_step(const probe *self, int number, double other) {
     static fmi2Real values[MOST_VALUES];
     for (size_t i = 0; i < self->input_count; i++) {
@@ -197,7 +197,7 @@ static double median(double times[TRIALS]) {
     return times[TRIALS / 2];
 }
 
-/* In µs, of a state that is there. */
+/* Measures the times of save, restore and step in µs, with an existing state. */
 static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     static double saves[TRIALS];
     static double restores[TRIALS];
@@ -220,7 +220,8 @@ static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     found->bytes = self->fmu.guard.memory != NULL ? tl_fmu_memory_size(self->fmu.guard.memory) : 0;
 }
 
-/* Twice: a state must outlive being restored. */
+/* Saves, and then twice makes steps with other inputs and restores: a state must stay valid after a
+ * restore. */
 static bool go_astray(const probe *self, int from, fmi2FMUstate *state) {
     bool is_well = self->fmi->get_fmu_state(self->instance, state) <= fmi2Warning;
     for (int time = 1; time <= 2 && is_well; time++) {
@@ -254,7 +255,7 @@ static void go_back_and_forth(probe *self, findings *found) {
     }
 }
 
-/* The first one is not freed: it is there. */
+/* Runs an instance, and then a second one while the first one still exists. */
 static void go_beside(probe *self, const char *path, bool has_copy, findings *found) {
     static probe second;
     probe *next = self;
@@ -300,7 +301,7 @@ static void run(const char *path, tl_rollback way, double step, int steps, trial
     }
 }
 
-/* The first step that is not the same in both, as far as both came; -1: none. */
+/* Returns the first step that differs, also if only one run has it; -1: none. */
 static int compare(const findings *a, const findings *b) {
     int steps = a->steps < b->steps ? a->steps : b->steps;
     for (int i = 0; i < steps; i++) {

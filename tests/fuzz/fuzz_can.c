@@ -97,7 +97,7 @@ bool tl_can_link_state(const tl_can_link *link, tl_can_state *now) {
     return tl_fuzz_take() < 250;
 }
 
-/* Time goes by, and things change. */
+/* Advances the clock, and may change the wall clock and the state of the interface. */
 bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
     unsigned what = tl_fuzz_take();
     (void)link;
@@ -126,7 +126,7 @@ static void fill(tl_can_frame *frame, unsigned what) {
     }
 }
 
-/* Within what can_link.h promises. */
+/* Stamps the frame as can_link.h specifies. */
 static void stamp(tl_can_link *link, tl_can_frame *frame, unsigned what) {
     tl_time sent = what % 64 < 32 ? clock_now + wall_ahead : (tl_time)tl_fuzz_take_word() * (TL_SECOND / 1000);
     frame->stamp = tl_can_clock_stamp(&link->clock, sent, clock_now, clock_now + wall_ahead);
@@ -178,7 +178,7 @@ tl_time tl_monotonic_now(void) {
 
 /* ---- what the driver says ---- */
 
-/* The bits one by one, most significant first. */
+/* Returns the bits of a field, read one by one, the most significant first. */
 static uint64_t bits_of(const tl_can_field *field, const uint8_t *data) {
     uint64_t bits = 0;
     unsigned at = field->start;

@@ -47,7 +47,7 @@ static tl_status find(const char *before, size_t before_size, const char *after,
     return status;
 }
 
-/* No edit needs more than all of them. */
+/* Expects that the whole change needs at least what each edit needs. */
 static void check(const tl_config_change *change) {
     tl_fuzz_hold((change->count == 0) == (change->needs.kind == TL_CHANGE_NONE));
     tl_fuzz_hold(change->listed == (change->count < TL_CONFIG_EDITS ? change->count : TL_CONFIG_EDITS));

@@ -30,7 +30,7 @@ static void put_right(unsigned what, size_t size) {
     }
 }
 
-/* What a twin relies on. */
+/* Expects the ranges on which a twin relies. */
 static void check_numbers(const tl_tuning *tuning) {
     tl_fuzz_hold(tuning->matches <= TL_MAX_MATCH && tuning->adjusts <= TL_MAX_ADJUST);
     tl_fuzz_hold(tuning->evaluations >= 1 && tuning->evaluations <= TL_TUNING_EVALUATIONS && tuning->time >= 0);
@@ -55,7 +55,7 @@ static void check_head(void) {
     check_numbers(&head.tuning);
 }
 
-/* A twin that was built with one match and one variable takes it, or does not. */
+/* Checks the tuning for a twin that was built with one matched output and one adjusted variable. */
 static void check_fit(void) {
     tl_tuning built = {.matches = 1, .adjusts = 1, .evaluations = 60};
     tl_error error;

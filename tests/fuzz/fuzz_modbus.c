@@ -26,7 +26,7 @@ static size_t channel_count;
 static bool any_unit_id;
 static bool on_a_line;
 
-/* Each is 4 bytes: unit, table and order; type, scale; address. */
+/* Reads channels of 4 bytes each: unit, table and order; type and scale; address. */
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
     unsigned head = tl_fuzz_take();
@@ -53,7 +53,7 @@ static void read_channels(void) {
 static tl_modbus_link bytes_link;
 static tl_time clock_now;
 static uint16_t transaction;
-static bool woken;     /* and nobody has taken notice yet */
+static bool woken;     /* the driver has not noticed it yet */
 static bool disturbed; /* in this poll */
 static tl_modbus_outcome last;
 
@@ -62,7 +62,7 @@ static void be_called(bool really) {
     disturbed = disturbed || woken;
 }
 
-/* A right answer; its size. */
+/* Makes a valid answer with any values. Returns its size. */
 static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
     unsigned count = (unsigned)request[10] << 8 | request[11];
     unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
@@ -76,7 +76,8 @@ static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t
     return HEADER + bytes;
 }
 
-/* Bytes that answer a request: any, or right ones of which some are others; its size. */
+/* Makes an answer: any bytes, or a valid answer or exception with some changes. Returns its
+ * size. */
 static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
     unsigned how = tl_fuzz_take();
     if ((how & 1) != 0) {
@@ -99,7 +100,7 @@ static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t 
     return (how & 0x80) != 0 && size > 1 ? size - 1 - tl_fuzz_take() % (size - 1) : size;
 }
 
-/* Only what reads, within the limits of Modbus. */
+/* Expects a read request within the limits of Modbus. */
 static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
     static const uint8_t HEAD[] = {0, 0, 0, 6};
     unsigned count = (unsigned)request[10] << 8 | request[11];
@@ -109,7 +110,7 @@ static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
     tl_fuzz_hold(((unsigned)request[8] << 8 | request[9]) + count <= 65536);
 }
 
-/* Believed: then nothing in it is other than it must be. */
+/* Expects that an accepted answer fits the request. */
 static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uint8_t *answer, size_t size) {
     unsigned count = (unsigned)request[10] << 8 | request[11];
     unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
@@ -119,7 +120,8 @@ static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uin
     tl_fuzz_hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
 }
 
-/* As modbus_tcp.c does it, from bytes that come a few at a time; too few of them are silence. */
+/* Answers as modbus_tcp.c does. The bytes arrive in pieces; if some are missing, the answer
+ * fails. */
 static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[512] = {0};
@@ -147,7 +149,7 @@ static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values
     return outcome;
 }
 
-/* As modbus_rtu.c does it: libmodbus has taken the check sum off. */
+/* Answers as modbus_rtu.c does: libmodbus has removed the checksum. */
 static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST] = {0, 0, 0, 0, 0, 6};
     uint8_t answer[512] = {0};
@@ -167,7 +169,7 @@ static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values
     return outcome;
 }
 
-/* What happens to a request beside an answer. */
+/* Answers a request, or fails in another way. */
 static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
     static const int FAILURES[] = {ETIMEDOUT, EPROTO, EBUSY, ECONNRESET, BAD_CHECK_SUM, EINTR, EIO, ETIMEDOUT};
     unsigned what = tl_fuzz_take();
@@ -265,7 +267,7 @@ void tl_wake_call(const tl_wake *wake) {
 
 static size_t posted[CHANNELS];
 
-/* What a value is written as is read as the same value; where nothing is rounded. */
+/* Expects that a value is equal after encoding and decoding, for a channel without rounding. */
 static void check_codec(const tl_modbus_channel *channel, double value) {
     uint16_t registers[4] = {0};
     double again = 0;
@@ -293,7 +295,8 @@ static void say(void *context, bool up, const char *text) {
     tl_fuzz_hold(strncmp(text, "Modbus server fuzz: ", 20) == 0 && strlen(text) > 24 && strstr(text, "11234") == NULL);
 }
 
-/* A poll says something of each channel once, unless it was interrupted. */
+/* Expects one reading of each channel in a poll; none is allowed too if the poll was
+ * interrupted. */
 static void check_posts(void) {
     for (size_t i = 0; i < channel_count; i++) {
         tl_fuzz_hold(posted[i] == 1 || (disturbed && posted[i] == 0));

@@ -60,7 +60,7 @@ static void open_folder(tl_versions *versions) {
     }
 }
 
-/* Whatever there is, a run begins. */
+/* Expects that a run can choose a configuration, whatever the folder contains. */
 static void choose(tl_versions *versions) {
     tl_version_choice choice;
     tl_error error;
@@ -69,7 +69,7 @@ static void choose(tl_versions *versions) {
     free(choice.text);
 }
 
-/* And what is written then is understood. */
+/* Adds and activates a version; the caller reads it again. */
 static uint64_t add(tl_versions *versions) {
     const tl_version_candidate candidate = {"new", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     const tl_probation_account account = {.terms = {60, 95.0, false}, .left_ms = 60000};

@@ -22,7 +22,7 @@ static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match =
                                                   .ring_bytes = RING,
                                                   .checkpoint_bytes = CHECKPOINT};
 static char path[512];
-static uint8_t *memory; /* taken once */
+static uint8_t *memory; /* allocated once */
 static tl_recorder_writer_state state;
 static tl_recorder_writer *writer;
 static tl_record_queue queue;
@@ -62,7 +62,7 @@ static void open_writer(void) {
 
 /* ---- the twin ---- */
 
-/* Small as a rule, else anything. */
+/* Returns a number that is usually small, else arbitrary. */
 static int64_t number(void) {
     unsigned what = tl_fuzz_take();
     if (what < 200) {
@@ -94,7 +94,7 @@ static void put_start(unsigned what) {
     (void)tl_record_queue_put_start(&queue, &start);
 }
 
-/* Of a configuration that is known, or of another. */
+/* Puts a tuning of a known or an unknown configuration. */
 static void put_tuning(unsigned what) {
     tl_run_tuning tuning = {.tick = number(), .number = (uint32_t)what};
     memset(tuning.hash, what % 4 == 1 ? 'b' : 'a', sizeof tuning.hash - 1);
