@@ -7,9 +7,9 @@
  *          address with the most connections. If the limit of the new client's address is reached,
  *          the oldest connection of this address is closed. A connection with a valid token is
  *          never closed for another one, only at its deadline.
- * Safe:    a connection is not closed in its first second, because no client could finish a request
- *          sooner. Exception: all entries are used, and its address has more connections than the
- *          new client's address would have.
+ * Safe:    in its first second a connection is not closed for another one, so that its client can
+ *          finish a request. Exception: all entries are used, and the old connection's address has
+ *          more connections than the new client's address would have.
  * Thread:  one; times are monotonic. The functions do not use sockets.
  */
 #ifndef TL_FIRMWARE_SERVE_CONNECTIONS_H

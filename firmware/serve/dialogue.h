@@ -33,7 +33,7 @@ typedef struct tl_dialogue {
     size_t body_size;
     char *text; /* of the answer, received so far: lines, or a configuration */
     size_t size;
-    size_t taken;          /* bytes of it that the client has read */
+    size_t taken;          /* bytes of `text` that the client has read */
     tl_http_status status; /* 0: not decided yet */
     bool is_text;          /* the answer is a configuration; else lines */
     bool has_ended;        /* `text` is complete */

@@ -17,10 +17,10 @@
 /* ---- Delays after wrong tokens, one for each address.
  *
  * Purpose: limits how fast an address can guess tokens.
- * Rule:    the first three wrong tokens cost nothing. After each further one the address must wait
- *          1 s, 2 s, 4 s … 64 s. In this time the server checks none of its tokens. Only time
- *          resets the count: ten minutes without a wrong token. A right token does not, because its
- *          owner could guess other tokens between two requests.
+ * Rule:    the first three wrong tokens cause no delay. After each further one the address must
+ *          wait 1 s, 2 s, 4 s … 64 s. In this time the server checks no token from this address.
+ *          Only ten minutes without a wrong token reset the count. A right token does not, because
+ *          its owner could guess other tokens between two requests.
  * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
  *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.

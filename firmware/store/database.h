@@ -96,7 +96,7 @@ enum {
 };
 
 /* Runs SQLite's quick check on a small file and appends the first problem found to the error's
- * text. Reads the whole file: do not call while the plant is followed. */
+ * text. Reads the whole file: do not call during a live run. */
 void tl_database_diagnose(sqlite3 *database, tl_error *error);
 
 /* ---- Twinlock database: recognises, creates and opens it. The recorder writes databases, the

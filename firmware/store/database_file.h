@@ -156,9 +156,9 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
 
 /* ---- Choice of the file: the requested file or a replacement.
  *
- * Purpose: the plant is followed even if it cannot be recorded. So the recorder handles nearly
- *          every fault of a file and only reports it. It never changes a foreign file and deletes
- *          no database.
+ * Purpose: a run continues even if it cannot be recorded. So the recorder handles nearly every
+ *          fault of a file and only reports it. It never changes a foreign file and deletes no
+ *          database.
  * Rules:   by fault (database.h). DAMAGED: renamed to FILE.damaged-1, -2, … and replaced by a new
  *          file. DENIED, OTHER, FOREIGN: FILE.beside (or FILE.beside-2, …), an ordinary database,
  *          is written instead. LATER, IN_USE, and a folder that denies everything: retried later.

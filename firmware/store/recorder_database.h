@@ -26,7 +26,7 @@ typedef struct tl_recorder_settings {
     const char *verb;               /* "run", "hold", "replay" */
     const char *name;               /* of the configuration */
     const char *configuration;      /* its text */
-    const tl_recorder_known *known; /* further ones; they may change between two writes */
+    const tl_recorder_known *known; /* further configurations; they may change between two writes */
     size_t known_count;
     const char *fmus;   /* SHA-256 over the SHA-256 of the FMUs, or NULL */
     const char *boot;   /* id of the system's boot, or NULL */
@@ -37,14 +37,15 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     size_t component_count;    /* number of components with counts */
     const tl_account *account; /* of a twin; only for a run that begins at the opening */
-    tl_time patience;          /* ns that close and waiting puts wait for a disk that refuses; 0: 2 s */
+    tl_time patience;          /* ns, longest wait of a close or a put if the disk refuses; 0: 2 s */
 } tl_recorder_settings;
 
 /* Signal names that are made from a configuration. */
 typedef struct tl_recorder_names {
     char plant_texts[TL_MAX_SIGNALS][TL_RECORDER_NAME];
     tl_recorder_signal plant[TL_MAX_SIGNALS];
-    tl_recorder_signal match[TL_MAX_MATCH]; /* without units and types, which come from the FMUs */
+    /* Without units and types, which come from the FMUs. */
+    tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
 } tl_recorder_names;
 

@@ -46,7 +46,7 @@ typedef enum tl_resumed_from {
     TL_RESUMED_NOT,
     TL_RESUMED_CHECKPOINT, /* the state of the twin that the earlier run saved */
     TL_RESUMED_START,      /* the FMUs' start values, at the start of the earlier run */
-    TL_RESUMED_INPUTS      /* the FMUs' start values, some time before its end */
+    TL_RESUMED_INPUTS      /* the FMUs' start values, at a later tick of the earlier run */
 } tl_resumed_from;
 
 /* Returns "", "checkpoint", "start" or "inputs". The second function is the inverse; it returns
@@ -58,7 +58,7 @@ tl_resumed_from tl_resumed_from_named(const char *name);
 typedef struct tl_resumption {
     tl_resumed_from from; /* TL_RESUMED_NOT: no resume, and the other fields have no meaning */
     int64_t run;          /* id of the earlier run */
-    int64_t tick;         /* first tick of the new run; earlier ticks are those of the earlier run, and are replayed */
+    int64_t tick;         /* first tick that the new run computes itself; before, it repeats the earlier run */
     tl_time start;        /* t_start of the earlier run, on the clock of the samples' stamps */
     int64_t started;      /* t_start in UTC, ms */
     double start_s;       /* the FMUs' time at tick 0, s, as tl_experiment */

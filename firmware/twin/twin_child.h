@@ -35,7 +35,9 @@ typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *config;  /* from the job's text, without delays, with further look-ups; must outlive the child */
+    /* Parsed from job->text, then tl_config_use_lookups(), and for an emulated plant first
+     * tl_config_forget_delays(). Must outlive the child. */
+    const tl_config *config;
     FILE *page;               /* receives the printed page of a check; NULL: dropped */
     tl_twin_page *print_page; /* prints the page of a check (twin_role.h) */
     tl_time call_limit;       /* ns, call timeout */
@@ -60,12 +62,12 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 /* Waits until the twin is built. If error->text is empty, the errors were logged. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). If its job has
- * `reads_back`, it meanwhile starts processes with the same FMUs, which load the states of this
- * one. */
+/* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). If the job has
+ * `reads_back`, this function also starts the processes of the read-back test (read_back.h). */
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error);
 
-/* The rollback methods of the components after a check, as far as the process reported them. */
+/* Copies the rollback methods of the components after a check, as far as the process reported them.
+ */
 void tl_twin_child_get_methods(const tl_twin_child *child, tl_component_methods *ways);
 
 /* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
@@ -85,8 +87,8 @@ void tl_twin_child_push(tl_twin_child *child);
 /* Takes the result of the oldest enqueued tick, which must be `tick`. If no result is available
  * yet, sleeps until `wanted` results are available, or no more will come. *stopped: the process has
  * stopped on request and there is no result.
- * Errors: that of the step, with the result filled; that with which the process announced its end;
- *         else TL_FMU_FAILED: the process has ended, and nothing is filled. */
+ * Errors: if the step failed: its error, and `result` is filled. If the process announced its end:
+ *         the announced error. If it ended otherwise: TL_FMU_FAILED, and `result` is not filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error);
 

@@ -47,7 +47,7 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
 /* Live run: begins a run in the record queue. `start`: instant of tick 0 (CLOCK_MONOTONIC). `twin`
- *           NULL: without a twin. */
+ * NULL: safe hold. */
 void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start);
 
 /* Live run: enqueues a step with the present ledger. */

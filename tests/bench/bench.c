@@ -1,11 +1,14 @@
-/* Benchmark: what the twin costs beyond the FMUs' own work. README.md says what is measured and how to read it.
+/* Benchmark: what the twin costs beyond the FMUs' own work. README.md says what is measured and how
+ * to read it.
  *
- * usage: bench FOLDER                                        the table; FOLDER holds lag.fmu and van_der_pol.fmu
- *        bench FOLDER --cases                                the names of the cases that can be counted
- *        bench FOLDER --count CASE SIDE STEPS EVALUATIONS    one side (floor, twin) of one case, for callgrind
+ * usage: bench FOLDER                                        the table; FOLDER holds lag.fmu and
+ *        van_der_pol.fmu bench FOLDER --cases                                the names of the cases
+ *        that can be counted bench FOLDER --count CASE SIDE STEPS EVALUATIONS    one side (floor,
+ *        twin) of one case, for callgrind
  *
- * Floor and twin take turns in one process, in blocks of at least 10 ms; the fastest block of many counts. What is read is
- * the thread's processor time, so that other programs on the machine matter little.
+ * Blocks of floor and twin alternate in one process, at least 10 ms each. The result is the fastest
+ * of many blocks. Times are processor times of the thread, so that other programs have little
+ * influence.
  */
 #include <sched.h>
 #include <stdio.h>
@@ -29,7 +32,7 @@ typedef struct bench_case {
     const char *model;
     size_t count;
     const char *solver;
-    double most; /* the ratio it may have; 0: nothing is asked of it */
+    double most; /* target of the ratio; 0: none */
 } bench_case;
 
 static const bench_case cases[] = {
@@ -72,7 +75,8 @@ static double processor_ns(void) {
     return (double)now.tv_sec * 1e9 + (double)now.tv_nsec;
 }
 
-/* One processor, so that its caches and its clock are the same for both sides. Where that is refused, it is noisier. */
+/* Pins the thread to one processor, so that both sides have the same caches and clock. If that
+ * fails, the times are noisier. */
 static void pin(void) {
     cpu_set_t set;
     int processor = sched_getcpu();
@@ -120,7 +124,7 @@ static void set_evaluations(int64_t steps, uint32_t count) {
     }
 }
 
-/* How many steps of this twin last long enough for a block. */
+/* Returns the number of steps of a block of this twin. */
 static int64_t block_of_twin(bench_twin *twin) {
     int64_t steps = 1;
     while (steps < MOST_STEPS && time_twin(twin, steps, NULL) < SHORTEST_BLOCK) {
@@ -174,9 +178,10 @@ static void bench_free(const bench_case *c, const tl_fmu *fmu) {
     bench_chain_close(&chain);
 }
 
-/* The floor makes as many evaluations as the twin did, step by step; both are per evaluation, so that a round in which the
- * search went on for longer does not count as a slower one. Beside it the floor makes all that the budget allows: a
- * solver that is done with fewer is a faster step. */
+/* First ratio: in each step the floor makes as many evaluations as the twin. Both times are per
+ * evaluation, so that a round with longer searches does not count as slower. Second ratio: the
+ * floor uses the whole budget of evaluations, so that a solver that needs fewer counts as
+ * faster. */
 static void bench_locked(const bench_case *c, const tl_fmu *fmu) {
     bench_chain chain;
     bench_twin twin;
@@ -208,8 +213,9 @@ static void bench_locked(const bench_case *c, const tl_fmu *fmu) {
     bench_chain_close(&chain);
 }
 
-/* The last column is what grows with each component: flat where the cost is linear. The one before it has the solver's own
- * cost of an evaluation in it, spread over ever more executions. */
+/* The last column is the cost of each execution that a longer chain adds; it is constant if the
+ * cost is linear. The column before it includes the solver's cost of an evaluation, divided by the
+ * number of executions. */
 static void print_growth(const bench_case *c, double executions, double ns, double floors) {
     static double executions_before;
     static double floors_before;
@@ -233,9 +239,10 @@ static double median(double values[ROUNDS]) {
     return values[ROUNDS / 2];
 }
 
-/* What one more evaluation costs: a twin with a small budget and one with a large one take turns, and each round is a
- * measurement of the difference, in ns and in component steps of the floor's, which is timed in the same round. The median
- * of them: the smallest difference would be the one with the worst minuend. */
+/* Measures the cost of one more evaluation. In each round it times a twin with a small budget, one
+ * with a large budget, and the floor, and computes the difference of the twins, in ns and in
+ * component steps of the floor. The result is the median, because the smallest difference would be
+ * an outlier. */
 static void measure_growth(const bench_case *c, bench_twin twins[2], bench_chain *chain) {
     double ns[ROUNDS];
     double floors[ROUNDS];
@@ -277,14 +284,16 @@ static void bench_growth(const bench_case *c, const tl_fmu *fmu) {
     bench_twin_close(&twins[1]);
 }
 
-/* ns of an execution of one twin, per component step of the floor's that was timed just before. */
+/* Returns the time of one execution of the twin, divided by `floor`: the time of a component step
+ * of the floor, measured just before. */
 static double floors_of(bench_twin *twin, int64_t steps, double floor) {
     uint64_t before = bench_twin_executions(twin);
     double took = time_twin(twin, steps, NULL);
     return took / (double)(bench_twin_executions(twin) - before) / floor;
 }
 
-/* The same search without a clock and with one. Nothing is saved, so that nothing but the clock differs. */
+/* Compares the same search without and with a clock. No execution is reused, so that only the clock
+ * differs. */
 static void bench_live(const bench_case *c, const tl_fmu *fmu) {
     bench_twin twins[2];
     double floors[2][ROUNDS];
@@ -312,7 +321,7 @@ static void bench_live(const bench_case *c, const tl_fmu *fmu) {
     bench_twin_close(&twins[1]);
 }
 
-/* The absolute figure that ratios refer to. */
+/* Prints the absolute time of the floor, to which the ratios refer. */
 static void print_floor(const tl_fmu *fmu, const char *model) {
     bench_chain chain;
     bench_chain_open(&chain, fmu, 2);
@@ -370,7 +379,8 @@ static void print_table(const char *folder) {
 
 /* ---- Counts ---- */
 
-/* The floor of a locked case makes as many evaluations as the twin does; callgrind is told to look at one side only. */
+/* Runs the twin, and the floor if `floor`, with as many evaluations; callgrind counts one side
+ * only. */
 static void count(const bench_case *c, const tl_fmu *fmu, bool floor, int64_t steps, uint32_t budget) {
     bench_chain chain;
     bench_twin twin;
@@ -416,7 +426,7 @@ int main(int argc, char **argv) {
     }
     if (argc == 3 && strcmp(argv[2], "--cases") == 0) {
         for (size_t i = 0; i < CASES; i++) {
-            if (cases[i].kind != LIVE) { /* a clock is no matter of instructions */
+            if (cases[i].kind != LIVE) { /* an instruction count does not show the cost of a clock */
                 (void)printf("%s\n", cases[i].name);
             }
         }

@@ -1,5 +1,6 @@
-/* What a channel between two processes costs: steps of some microseconds, each with a message down and one up, against the same steps
- * in a loop without a channel. Pin it with taskset. Prints, asserts nothing: README.md.
+/* Benchmark: cost of a channel between two processes. Compares steps of some microseconds, with one
+ * message in each direction, with the same steps in a loop without a channel. Pin it with taskset.
+ * It prints times and checks nothing: README.md.
  *
  *     bench_channel [STEPS [MICROSECONDS [WANTED]]] */
 #include <stdio.h>
@@ -20,11 +21,11 @@ static long steps = 1000000;
 static uint32_t wanted = 128;
 static uint64_t turns; /* of the loop of a step */
 
-/* An FMU's work: it takes the same time wherever it is done, and no memory. */
+/* Simulates an FMU's work: takes the same time in each process, and uses no memory. */
 static uint64_t work(uint64_t state) {
     for (uint64_t i = 0; i < turns; i++) {
         state = state * 6364136223846793005U + 1442695040888963407U;
-        __asm__ volatile("" : "+r"(state)); /* whether or not somebody looks at it */
+        __asm__ volatile("" : "+r"(state)); /* the compiler must not remove the loop */
     }
     return state;
 }
@@ -44,7 +45,7 @@ static void fit_turns(double microseconds) {
     turns = (uint64_t)(microseconds * 1e-6 / best * TURNS_TIMED);
 }
 
-/* One step as a twin has it: a sample in, a record out. */
+/* One step: reads a sample and writes a record, as a twin does. */
 static void step(const uint8_t *tick, uint8_t *result) {
     uint64_t state = 0;
     memcpy(&state, tick, sizeof state);
@@ -134,7 +135,8 @@ static double run_channel(void) {
     return seconds;
 }
 
-/* Rounds of both in turns: the fastest of each, since others use the machine. */
+/* Rounds of both alternate. The result is the fastest round of each, because other programs also
+ * use the machine. */
 int main(int argc, char **argv) {
     double microseconds = argc > 2 ? strtod(argv[2], NULL) : 3.0;
     double best[2] = {1e9, 1e9};

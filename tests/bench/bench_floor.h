@@ -1,7 +1,10 @@
-/* The floor: what a chain of FMUs costs in a hand-written loop of the same calls, in the same order, and nothing else.
+/* Floor of the benchmark: a hand-written loop that makes only the FMI calls of a chain of FMUs, in
+ * the same order as the twin.
  *
- * Purpose: the denominator of every ratio. It knows no types, units, failures, objectives or searches.
- * Chain:   the first component's input is given; every other one's is the output of the one before it, a step later.
+ * Purpose: measures the denominator of each ratio. The loop has no types, units, error handling,
+ *          objective or search.
+ * Chain:   the caller sets the input of the first component. Each other component gets the output
+ *          of the one before it, one step later.
  * Owner:   a chain must be closed before its FMU is unloaded.
  */
 #ifndef TL_TESTS_BENCH_BENCH_FLOOR_H
@@ -27,30 +30,34 @@ typedef struct bench_chain {
     double y[BENCH_LONGEST];
     fmi2Component instances[BENCH_LONGEST];
     fmi2FMUstate states[BENCH_LONGEST];
-    double saved[BENCH_LONGEST]; /* u with the state */
+    double saved[BENCH_LONGEST]; /* u at the time of the saved states */
 } bench_chain;
 
-/* Ends the program. */
+/* Prints the two texts and ends the program. */
 void bench_fail(const char *what, const char *why);
 
-/* Instantiates and initialises `count` components; the FMU's Real variables "u" and "y" are its ends. */
+/* Instantiates and initialises `count` components. Input and output of each are the FMU's Real
+ * variables "u" and "y". */
 void bench_chain_open(bench_chain *chain, const tl_fmu *fmu, size_t count);
 void bench_chain_close(bench_chain *chain);
 
-/* What the plant does: never zero for long, so that nothing becomes denormal. */
+/* Excitation: the input of the first component at a step. It is never 0, so that no value becomes
+ * denormal. */
 static inline double bench_excitation(int64_t step) {
     static const double values[8] = {1.0, 1.3, 1.7, 1.5, 0.8, 0.4, 0.6, 0.9};
     return values[step & 7];
 }
 
-/* One step under the excitation. Not a part of any figure: it is for a chain that plays the plant. */
+/* Executes one step with the excitation, for a chain that is the plant. No measurement includes
+ * it. */
 void bench_chain_step(bench_chain *chain, int64_t step);
 
-/* Steps `first` … `first + steps − 1`, the excitation at the first input. */
+/* Executes steps `first` … `first + steps − 1` with the excitation. */
 void bench_floor_free(bench_chain *chain, int64_t first, int64_t steps);
 
-/* The same steps synchronised: saved, evaluated over a horizon of as many steps as there are components, each time with
- * another u at the first input, and committed. `evaluations` says how often, step by step. */
+/* The same steps, synchronised: each step saves the states, evaluates candidates, and commits. Each
+ * candidate has another u at the first input, and a horizon of as many steps as components.
+ * `evaluations`: number of candidates of each step. */
 void bench_floor_locked(bench_chain *chain, int64_t first, int64_t steps, const uint32_t *evaluations);
 
 #endif

@@ -1,8 +1,9 @@
-/* A replay with its FMUs in this process, for replay.py: what `twinlock replay` would take if it trusted them.
+/* A replay with the FMUs in this process, for replay.py: its time is that of `twinlock replay`
+ * without a separate FMU process.
  *
  * usage: bench_replay CONFIG RECORDING
  *
- * It executes, judges and sums up the same ticks by the same functions. Prints how many steps it made.
+ * It executes and evaluates the same ticks with the same functions. Prints the number of steps.
  */
 #include <inttypes.h>
 #include <stdio.h>

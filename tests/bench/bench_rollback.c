@@ -1,11 +1,12 @@
 /* Benchmark: cost of rollback, by method. README.md says how to read it.
  *
- * usage: bench_rollback FOLDER [KIB]     FOLDER contains sized_1.fmu, sized_16.fmu, …; KIB: only this size
+ * usage: bench_rollback FOLDER [KIB]     FOLDER contains sized_1.fmu, sized_16.fmu, …; KIB: only
+ *        this size
  *
- * A pair is a save and a restore with a step after each, without the steps: {save, step, restore, step} minus
- * {step, step}. An execution is {restore, step, save} minus {step}, as in a search over several steps. Both contain
- * what the step itself loses, such as page faults; faults are printed per execution. Blocks of at least 2 ms
- * alternate; the median of their differences is printed.
+ * A pair is a save and a restore with a step after each, without the steps: {save, step, restore,
+ * step} minus {step, step}. An execution is {restore, step, save} minus {step}, as in a search over
+ * several steps. Both contain what the step itself loses, such as page faults; faults are printed
+ * per execution. Blocks of at least 2 ms alternate; the median of their differences is printed.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -104,7 +105,7 @@ static void begin(bench *self, const char *path, tl_rollback way) {
     (void)self->fmi->setup_experiment(self->instance, fmi2False, 0.0, 0.0, fmi2False, 0.0);
     (void)self->fmi->enter_initialization_mode(self->instance);
     (void)self->fmi->exit_initialization_mode(self->instance);
-    (void)time_steps(self, 100); /* what is watched in the first calls only is over */
+    (void)time_steps(self, 100); /* the guard checks the first calls for side effects */
 }
 
 static void print_row(const char *path, int kibibytes, size_t way) {

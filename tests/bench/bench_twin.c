@@ -9,7 +9,7 @@
 enum { NAME_SIZE = 16, WARM_UP_TICKS = 2 * BENCH_LONGEST };
 
 static const double BOUND = 1000.0;
-static const double MISFIT = 1.000001;  /* of what is measured, lest a search meet it by being the same chain */
+static const double MISFIT = 1.000001;  /* factor of the measured value, so that no candidate can equal it */
 static const double TOLERANCE = 1e-150; /* its square is still a normal number */
 
 /* The plan of one chain, with room for its names. */

@@ -1,9 +1,12 @@
-/* The same chain in a twin, by the façade only: free, or locked to what a chain under the excitation measures.
+/* Benchmark of a twin with the chain of bench_floor.h, through master/twin/twin.h only: free, or
+ * locked to a plant.
  *
- * Purpose: the numerator of every ratio.
- * Plant:   a chain of the floor's under the excitation. A free twin is given the excitation, a locked one the last output.
- * Locked:  the first input is adjusted, the last output is matched with a tolerance that nothing but equality meets,
- *          T_P = T_D. So a search ends with its budget, or where its solver ends it.
+ * Purpose: measures the numerator of each ratio.
+ * Plant:   a second chain (bench_chain), driven by the excitation. A free twin gets the excitation
+ *          as its input; a locked twin gets the plant's last output as measured value.
+ * Locked:  the first input is adjusted, and the last output is matched. T_P = T_D. The tolerance is
+ *          so small that no candidate is within it. So a search ends when its budget is used, or
+ *          when its solver stops.
  * Owner:   a twin must be closed before its FMU is unloaded.
  */
 #ifndef TL_TESTS_BENCH_BENCH_TWIN_H
@@ -18,11 +21,11 @@
 
 typedef struct bench_setup {
     const tl_fmu *fmu;
-    size_t count;         /* of FMUs */
-    const char *solver;   /* NULL: free */
+    size_t count;         /* of components */
+    const char *solver;   /* NULL: the twin is free */
     uint32_t evaluations; /* budget of a step */
-    bool saving;          /* by structure and by sequences */
-    bool live;            /* the budget has a clock, as in the cycle, and time enough */
+    bool saving;          /* reuse executions, by structure and by sequences */
+    bool live;            /* the budget has a clock, as in the cycle, and enough time */
 } bench_setup;
 
 typedef struct bench_twin {
@@ -32,26 +35,28 @@ typedef struct bench_twin {
     tl_twin *twin;
     tl_sample sample; /* of the next tick */
     tl_budget budget;
-    bench_chain plant; /* under the excitation */
-    double *signal;    /* what the twin is given at the ticks to come */
-    int64_t capacity;
-    double output; /* of the plant at the last of these ticks */
+    bench_chain plant; /* driven by the excitation */
+    double *signal;    /* values of the plant's signal at the prepared ticks */
+    int64_t capacity;  /* of `signal` */
+    double output;     /* of the plant at the last prepared tick */
 } bench_twin;
 
-/* false: the master has no such solver. Any other problem ends the program. */
+/* Builds the twin. Returns false if the master has no such solver. Any other problem ends the
+ * program. */
 bool bench_twin_open(bench_twin *twin, const bench_setup *setup);
 void bench_twin_close(bench_twin *twin);
 
-/* Lets the plant run so many ticks ahead; what it gives is for the next run, which must be as long. */
+/* Computes so many ticks of the plant, for the next bench_twin_run(), which must have the same
+ * number of ticks. */
 void bench_twin_prepare(bench_twin *twin, int64_t ticks);
 
-/* So many ticks. `evaluations`: those of each, or NULL. */
+/* Executes so many ticks. `evaluations` gets the number of evaluations of each tick; or NULL. */
 void bench_twin_run(bench_twin *twin, int64_t ticks, uint32_t *evaluations);
 
-/* Ends the program unless the last output of a free twin is the plant's to the bit. */
+/* Ends the program unless the last output of a free twin equals that of the plant, bit by bit. */
 void bench_twin_check(const bench_twin *twin);
 
-/* fmi2DoStep calls of all its FMUs so far. */
+/* Returns the number of fmi2DoStep calls of all its components so far. */
 uint64_t bench_twin_executions(const bench_twin *twin);
 
 #endif

@@ -1,18 +1,21 @@
-/* Whether an FMU is led back to where it was, to the bit: for script/fmus, and tests.
+/* Checks whether the rollback of an FMU is exact, bit by bit: for script/fmus, and tests.
  *
  *   rollback_probe FMU state|memory|fork|replay|copy|library STEP STEPS
  *
- * The FMU is run twice, each time in a process of its own, with the same inputs: once straight on, once saved again and again, led astray with
- * other inputs, and restored. All values after each step are compared. By "copy" and "library" nothing is saved, but another instance has made all these
- * steps before, in the same process: of a library of its own, or of the same one. Prints a JSON object:
- *   way      as told, or "none": the FMU has no such way
- *   steps    that it did straight on; it may refuse further ones
- *   steady   false: straight on a second time it does something else, so nothing can be said
- *   differs  null, or the first step after which a value is another one
+ * Runs the FMU twice with the same inputs, in two processes. The first run only steps. The second
+ * one is saved again and again, steps with other inputs, and is restored. The values of all steps
+ * are compared. "copy" and "library" save nothing: before the second run, another instance in the
+ * same process makes all these steps; "copy": with its own copy of the library, "library": with the
+ * same library. Prints a JSON object:
+ *   way      as requested, or "none": the FMU does not support it
+ *   steps    steps of the first run; the FMU may refuse further ones
+ *   steady   false: a second run without rollback differs too, so there is no result
+ *   differs  null, or the first step after which a value differs
  *   bytes, save_us, restore_us   of a state: its size if that is known, medians
  *   step_us  of a step after restoring, a median
- *   error    what went wrong, or null
- * Exit: 0 whatever was found; 2 the arguments are wrong. An FMU may end the process, or never return: who starts this one expects it. */
+ *   error    what failed, or null
+ * Exit code: 2 if the arguments are wrong, else 0. The FMU may end this process or hang; the caller
+ * must handle that. */
 #include <errno.h>
 #include <math.h>
 #include <stdbool.h>
@@ -32,14 +35,14 @@
 typedef enum trial {
     STRAIGHT,
     SAVED,
-    SAVED_RENEWED, /* by replay: freed and instantiated in place of reset */
+    SAVED_RENEWED, /* by replay: frees and instantiates the FMU instead of a reset */
     BESIDE_COPY,
     BESIDE_LIBRARY
 } trial;
 
 enum { MOST_STEPS = 400, MOST_VALUES = 2000, SAVES = 5, ASTRAY = 6, TRIALS = 51 };
 
-/* What a run found; in memory that outlives its process. */
+/* Results of a run, in memory that outlives its process. */
 typedef struct findings {
     int steps;
     tl_rollback way;
@@ -61,7 +64,7 @@ typedef struct probe {
     tl_ports set, read; /* as a rollback by replay knows them */
 } probe;
 
-/* Where it is saved, at the beginning of these steps. */
+/* Steps before which the FMU is saved. */
 static const int instants[SAVES] = {0, 1, 7, 40, 120};
 
 /* ---- values ---- */
@@ -102,7 +105,7 @@ static uint64_t digest_of(uint64_t digest, const void *bytes, size_t size) {
     return digest;
 }
 
-/* Values that an FMU refuses to tell count as none. */
+/* Returns a hash of all values. A value that the FMU does not return counts as 0. */
 static uint64_t look(const probe *self) {
     static fmi2Real reals[MOST_VALUES];
     static fmi2Integer integers[MOST_VALUES];
@@ -163,7 +166,7 @@ static bool begin(probe *self, const char *path, tl_rollback way, double step, f
     return initialise(self, found);
 }
 
-/* `other`: how far off the inputs are. */
+/* Executes a step. `other`: deviation of the inputs from those of the first run. */
 static bool do_step(const probe *self, int number, double other) {
     static fmi2Real values[MOST_VALUES];
     for (size_t i = 0; i < self->input_count; i++) {
@@ -194,7 +197,7 @@ static double median(double times[TRIALS]) {
     return times[TRIALS / 2];
 }
 
-/* In µs, of a state that is there. */
+/* Measures the times of save, restore and step in µs, with an existing state. */
 static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     static double saves[TRIALS];
     static double restores[TRIALS];
@@ -217,7 +220,8 @@ static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     found->bytes = self->fmu.guard.memory != NULL ? tl_fmu_memory_size(self->fmu.guard.memory) : 0;
 }
 
-/* Twice: a state must outlive being restored. */
+/* Saves, and then twice makes steps with other inputs and restores: a state must stay valid after a
+ * restore. */
 static bool go_astray(const probe *self, int from, fmi2FMUstate *state) {
     bool is_well = self->fmi->get_fmu_state(self->instance, state) <= fmi2Warning;
     for (int time = 1; time <= 2 && is_well; time++) {
@@ -251,7 +255,7 @@ static void go_back_and_forth(probe *self, findings *found) {
     }
 }
 
-/* The first one is not freed: it is there. */
+/* Runs an instance, and then a second one while the first one still exists. */
 static void go_beside(probe *self, const char *path, bool has_copy, findings *found) {
     static probe second;
     probe *next = self;
@@ -297,7 +301,7 @@ static void run(const char *path, tl_rollback way, double step, int steps, trial
     }
 }
 
-/* The first step that is not the same in both, as far as both came; -1: none. */
+/* Returns the first step that differs, also if only one run has it; -1: none. */
 static int compare(const findings *a, const findings *b) {
     int steps = a->steps < b->steps ? a->steps : b->steps;
     for (int i = 0; i < steps; i++) {

@@ -1,8 +1,9 @@
-/* What comes on a CAN bus: frames, error frames and the state of the interface, through the driver, its map, its codec, the
- * meaning of error frames, and the conversion of stamps.
+/* Fuzzes the input of a CAN bus: frames, error frames and the state of the interface, through the
+ * driver, its map, its codec, the meaning of error frames, and the conversion of stamps.
  *
- * The harness takes the place of can_link.c and of the clock: frames are bytes of the input, and the input moves the clocks. So nothing waits,
- * and the same bytes do the same. An input is channels, then what happens: see read_channels() and tl_can_link_receive().
+ * The harness replaces can_link.c and the clock: frames are bytes of the input, and the input moves
+ * the clocks. So nothing waits, and the same bytes have the same effect. An input is channels, then
+ * events: see read_channels() and tl_can_link_receive().
  */
 #include <math.h>
 #include <string.h>
@@ -41,7 +42,8 @@ static void read_conditions(tl_can_channel *channel, unsigned count) {
     }
 }
 
-/* Each has an id, which a few share, the bytes of its frame, a type, a scale, a field and multiplexors. */
+/* Each has an id, which a few share, the bytes of its frame, a type, a scale, a field and
+ * multiplexors. */
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
     static const uint8_t BYTES[] = {8, 64, 4, 12, 1, 48, 0, 9};
@@ -95,7 +97,7 @@ bool tl_can_link_state(const tl_can_link *link, tl_can_state *now) {
     return tl_fuzz_take() < 250;
 }
 
-/* Time goes by, and things change. */
+/* Advances the clock, and may change the wall clock and the state of the interface. */
 bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
     unsigned what = tl_fuzz_take();
     (void)link;
@@ -124,7 +126,7 @@ static void fill(tl_can_frame *frame, unsigned what) {
     }
 }
 
-/* Within what can_link.h promises. */
+/* Stamps the frame as can_link.h specifies. */
 static void stamp(tl_can_link *link, tl_can_frame *frame, unsigned what) {
     tl_time sent = what % 64 < 32 ? clock_now + wall_ahead : (tl_time)tl_fuzz_take_word() * (TL_SECOND / 1000);
     frame->stamp = tl_can_clock_stamp(&link->clock, sent, clock_now, clock_now + wall_ahead);
@@ -176,7 +178,7 @@ tl_time tl_monotonic_now(void) {
 
 /* ---- what the driver says ---- */
 
-/* The bits one by one, most significant first. */
+/* Returns the bits of a field, read one by one, the most significant first. */
 static uint64_t bits_of(const tl_can_field *field, const uint8_t *data) {
     uint64_t bits = 0;
     unsigned at = field->start;

@@ -1,7 +1,9 @@
-/* A channel whose other side is an enemy: it writes what it likes into its block, between any two calls of ours.
+/* Fuzzes a channel whose other side is hostile: it can write any value into its block between two
+ * of our calls.
  *
- * Input:  which side we are, then actions: the enemy sends what is allowed, moves a counter, or writes a word anywhere; we offer, push,
- *         take, or wait without time. Blocks are as large as they must be, so that a byte beyond them is noticed. */
+ * Input:  which side we are, then actions. The hostile side sends a message, changes a counter, or
+ *         writes a word anywhere in its block. We offer, push, take, or wait for no time. Blocks
+ *         have no spare bytes, so that an access outside of them is detected. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,7 +30,7 @@ static uint32_t *word_at(size_t offset) {
 
 /* ---- the enemy ---- */
 
-/* The next message of its ring, of any type and length; only sometimes allowed. */
+/* Writes the next message into the ring, of any type and length; few of them are valid. */
 static void send(unsigned what) {
     size_t stride = (8 + tl_protocol_longest(&settings.sizes, enemy) + LINE - 1) / LINE * LINE;
     size_t slot = PAGE + *word_at(0) % TL_CHANNEL_DEPTH * stride;
@@ -46,7 +48,7 @@ static void attack(unsigned what) {
     } else if (how == 1) { /* a counter, a little */
         uint32_t *counter = word_at(tl_fuzz_take() % COUNTERS * LINE + what / 16 % 2 * 4);
         *counter += (uint32_t)(int)(tl_fuzz_take() - 128);
-    } else if (how == 2) { /* it takes all that is there */
+    } else if (how == 2) { /* takes all messages */
         memcpy(word_at(LINE), blocks[channel.side], 4);
     } else {
         size_t words = tl_channel_bytes(&settings, enemy) / 4;
@@ -56,7 +58,7 @@ static void attack(unsigned what) {
 
 /* ---- we ---- */
 
-/* Some message that we may send now. */
+/* Offers a message if its type is valid now. */
 static void offer(unsigned what) {
     uint8_t payload[100] = {(uint8_t)what};
     tl_message type = (tl_message)(what / 4 % TL_MESSAGES);

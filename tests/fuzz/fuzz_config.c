@@ -1,11 +1,11 @@
-/* A configuration: its JSON, and every check that needs no other file. */
+/* Fuzzes a configuration: its JSON, and each check that needs no other file. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/config/config.h"
 #include "tests/fuzz/harness.h"
 
-/* Each problem has a text, and a place that leads somewhere or is "". */
+/* Expects a status and a text of each problem, of limited length. */
 static void note(void *context, tl_status status, const char *where, const char *text) {
     (void)context;
     if (status == TL_OK || text[0] == '\0' || strlen(text) >= TL_ERROR_TEXT || strlen(where) > TL_CONFIG_MAX_BYTES) {
@@ -28,7 +28,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_report report = {.add = note};
     tl_status status = tl_config_read_text("folder/input.json", (const char *)data, size, &config, &report);
     if ((status == TL_OK) != (report.count == 0)) {
-        abort(); /* refused without a word, or taken with one */
+        abort(); /* refused without a problem, or accepted with one */
     }
     if (status == TL_OK) {
         use(&config);

@@ -1,6 +1,8 @@
-/* A candidate against the configuration in force: what the change needs, if the names that are in force are allowed, and the candidate, read as a list, says more.
+/* Fuzzes the comparison of a candidate with the active configuration: the kind of the change, and
+ * the right that it needs. Allowed names are those of the active configuration, plus the candidate
+ * parsed as a list.
  *
- * Input:  a candidate; or, with a NUL between, the configuration in force and a candidate. */
+ * Input:  a candidate; or the active configuration and a candidate, with a NUL between them. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -45,7 +47,7 @@ static tl_status find(const char *before, size_t before_size, const char *after,
     return status;
 }
 
-/* No edit needs more than all of them. */
+/* Expects that the whole change needs at least what each edit needs. */
 static void check(const tl_config_change *change) {
     tl_fuzz_hold((change->count == 0) == (change->needs.kind == TL_CHANGE_NONE));
     tl_fuzz_hold(change->listed == (change->count < TL_CONFIG_EDITS ? change->count : TL_CONFIG_EDITS));

@@ -1,9 +1,11 @@
-/* A control socket with an enemy at the other end: of the plant, of who asks, and in the memory of a validator.
+/* Fuzzes a control socket and a validator: the hostile side is the client, the plant, or the
+ * validator's result in shared memory.
  *
- * Input:  which end we are; how far the message is changed from a sound one (how many bytes, where, to what), or that it is raw bytes; whether memory
- *         comes with it, and what is in that.
- * Holds:  what is taken is sound: kinds and numbers exist, texts end within their room and hold nothing that commands a terminal, a candidate has the
- *         hash that the request names. No descriptor stays open. */
+ * Input:  which side is hostile; changes of a valid message (how many bytes, where, to what), or
+ *         raw bytes instead; whether memory is attached, and its content.
+ * Holds:  each message that is accepted is valid: kinds and numbers exist, texts end within their
+ *         arrays and have no control character except tab, and a candidate has the hash that the
+ *         request names. No descriptor stays open. */
 #include <fcntl.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -45,7 +47,7 @@ static void hold_text(const char *text, size_t room) {
     }
 }
 
-/* The lowest number that no descriptor has: the same before and after. */
+/* Returns the lowest unused descriptor number, which must be equal before and after. */
 static int lowest_number(void) {
     int number = 3;
     while (fcntl(number, F_GETFD) >= 0) {
@@ -93,7 +95,7 @@ static void fuzz_server(void) {
     ends[0] = peer.socket;
 }
 
-/* ---- we are who asks ---- */
+/* ---- we are the client ---- */
 
 static void fuzz_client(void) {
     static tl_control_reply reply;
@@ -111,7 +113,7 @@ static void fuzz_client(void) {
     tl_fuzz_hold(before == lowest_number());
 }
 
-/* ---- we have asked a validator ---- */
+/* ---- we read a validator's result ---- */
 
 static void fuzz_verdict(void) {
     static tl_worker_result from;

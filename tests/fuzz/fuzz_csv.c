@@ -1,4 +1,4 @@
-/* A CSV recording: read as a whole for a replay, and as a FIFO, live. */
+/* Fuzzes a CSV recording: read as a whole for a replay, and live from a FIFO. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

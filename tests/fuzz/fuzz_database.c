@@ -1,4 +1,5 @@
-/* A database: its runs and ticks, every way of showing it, and the recording that a run in it is. */
+/* Fuzzes a database: reads its runs and ticks, shows it in each way, and reads a run as a
+ * recording. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +15,7 @@
 
 enum { MOST_TICKS = 500 };
 
-/* The one that the seeds' runs fit to. */
+/* The configuration of the runs in the seeds. */
 static const char configuration[] =
     "{\"twinlock\": 1, \"name\": \"fuzz\", \"step_s\": 0.01, \"components\": {\"motor\": {\"fmu\": \"motor.fmu\"}},\n"
     " \"plant\": {\"torque\": {\"unit\": \"N.m\"}, \"omega\": {\"unit\": \"rad/s\"}},\n"
@@ -24,7 +25,7 @@ static const tl_config *config(void) {
     return tl_fuzz_config(configuration);
 }
 
-/* What is refused has a reason, and is damage, never an accident of ours. */
+/* An error must have a text, and must not be TL_BAD_USAGE. */
 static void expect(tl_status status, const tl_error *error) {
     if (status != TL_OK && (status == TL_BAD_USAGE || error->text[0] == '\0')) {
         abort();

@@ -1,4 +1,5 @@
-/* A library of an FMU, in which names are changed: whatever it is, nothing outside of it is touched, and in it nothing but names. */
+/* Fuzzes the renaming in a library of an FMU: only bytes of names may change, and no byte outside
+ * of the library is accessed. */
 #include <stdlib.h>
 #include <string.h>
 

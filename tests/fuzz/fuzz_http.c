@@ -1,6 +1,7 @@
-/* A request of a stranger: whatever its words are, it is refused with a status, or asks for something that there is.
+/* Fuzzes an HTTP request: it is refused with a status, or becomes a request that exists.
  *
- * Input:  lines: method, target, Host, If-Match, Content-Length, Content-Encoding, Transfer-Encoding; an empty one is a header that is not there. */
+ * Input:  lines: method, target, Host, If-Match, Content-Length, Content-Encoding,
+ *         Transfer-Encoding. An empty line: the header is missing. */
 #include <stdlib.h>
 #include <string.h>
 

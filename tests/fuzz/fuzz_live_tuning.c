@@ -1,6 +1,7 @@
-/* The tuning block as a strange process may leave it: read by a twin and by a recorder.
+/* Fuzzes a tuning block of a hostile writer, as a twin and a recorder read it.
  *
- * Input:  a byte that says what is put right, so that more than the first lines of the check are reached; the head; then the text. */
+ * Input:  a byte that selects which fields are corrected, so that the input passes the first
+ *         checks; the head; then the text. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,7 +30,7 @@ static void put_right(unsigned what, size_t size) {
     }
 }
 
-/* What a twin relies on. */
+/* Expects the ranges on which a twin relies. */
 static void check_numbers(const tl_tuning *tuning) {
     tl_fuzz_hold(tuning->matches <= TL_MAX_MATCH && tuning->adjusts <= TL_MAX_ADJUST);
     tl_fuzz_hold(tuning->evaluations >= 1 && tuning->evaluations <= TL_TUNING_EVALUATIONS && tuning->time >= 0);
@@ -54,7 +55,7 @@ static void check_head(void) {
     check_numbers(&head.tuning);
 }
 
-/* A twin that was built with one match and one variable takes it, or does not. */
+/* Checks the tuning for a twin that was built with one matched output and one adjusted variable. */
 static void check_fit(void) {
     tl_tuning built = {.matches = 1, .adjusts = 1, .evaluations = 60};
     tl_error error;

@@ -1,8 +1,10 @@
-/* The mail of a process that is an enemy: it writes what it likes into the memory, between any two looks of ours.
+/* Fuzzes sample buffers of a hostile process: it can write any value into the memory between two of
+ * our look-ups.
  *
- * Input:  how deep the mailboxes are and how signals are looked up, then actions: the enemy posts, moves a count, puts down a slot that seems to
- *         stand, or writes a word anywhere; a successor mends; we look up. The memory is as large as it must be, so that a byte
- *         beyond it is noticed. */
+ * Input:  depth of the buffers and kind of the look-ups, then actions. The hostile process posts,
+ *         changes a count, writes a slot that looks complete, or writes a word anywhere; a
+ *         successor repairs the buffer; we look up. The memory has no spare bytes, so that an
+ *         access outside of it is detected. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -17,7 +19,7 @@ static tl_sample_buffers_shape shape;
 static tl_plant_input input;
 static unsigned char *memory;
 
-/* Small, large or any: what a look-up could stumble over. */
+/* Returns a small, large or arbitrary number. */
 static uint64_t take_number(void) {
     unsigned how = tl_fuzz_take();
     uint64_t low = tl_fuzz_take_word();
@@ -26,7 +28,8 @@ static uint64_t take_number(void) {
     return how >= 128 ? ~number : number;
 }
 
-/* Ours: of a clock that has run for at most some months, or of a recording. */
+/* Returns a time as our code passes it: of a clock that has run for some months, or of a
+ * recording. */
 static tl_time take_instant(void) {
     return (tl_time)(int32_t)tl_fuzz_take_word() * ((tl_time)1 << tl_fuzz_take() % 24);
 }

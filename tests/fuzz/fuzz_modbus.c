@@ -1,8 +1,10 @@
-/* What a Modbus device answers: through the checks of an answer, the driver, its map of requests, its codec.
+/* Fuzzes the answers of a Modbus device: through the checks of an answer, the driver, its map of
+ * requests, and its codec.
  *
- * The harness takes the place of modbus_link.c, modbus_tcp.c, modbus_rtu.c, the clock and the wake-up call: a link on which answers are bytes of the input,
- * and a clock that the input moves. So nothing waits, and the same bytes do the same. An input is channels, then what happens
- * at each poll: see read_channels(), answer_tcp(), happen().
+ * The harness replaces modbus_link.c, modbus_tcp.c, modbus_rtu.c, the clock and the wake-up call:
+ * answers are bytes of the input, and the input moves the clock. So nothing waits, and the same
+ * bytes have the same effect. An input is channels, then the events of each poll: see
+ * read_channels(), answer_tcp(), happen().
  */
 #include <errno.h>
 #include <math.h>
@@ -24,7 +26,7 @@ static size_t channel_count;
 static bool any_unit_id;
 static bool on_a_line;
 
-/* Each is 4 bytes: unit, table and order; type, scale; address. */
+/* Reads channels of 4 bytes each: unit, table and order; type and scale; address. */
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
     unsigned head = tl_fuzz_take();
@@ -51,7 +53,7 @@ static void read_channels(void) {
 static tl_modbus_link bytes_link;
 static tl_time clock_now;
 static uint16_t transaction;
-static bool woken;     /* and nobody has taken notice yet */
+static bool woken;     /* the driver has not noticed it yet */
 static bool disturbed; /* in this poll */
 static tl_modbus_outcome last;
 
@@ -60,7 +62,7 @@ static void be_called(bool really) {
     disturbed = disturbed || woken;
 }
 
-/* A right answer; its size. */
+/* Makes a valid answer with any values. Returns its size. */
 static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
     unsigned count = (unsigned)request[10] << 8 | request[11];
     unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
@@ -74,7 +76,8 @@ static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t
     return HEADER + bytes;
 }
 
-/* Bytes that answer a request: any, or right ones of which some are others; its size. */
+/* Makes an answer: any bytes, or a valid answer or exception with some changes. Returns its
+ * size. */
 static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
     unsigned how = tl_fuzz_take();
     if ((how & 1) != 0) {
@@ -97,7 +100,7 @@ static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t 
     return (how & 0x80) != 0 && size > 1 ? size - 1 - tl_fuzz_take() % (size - 1) : size;
 }
 
-/* Only what reads, within the limits of Modbus. */
+/* Expects a read request within the limits of Modbus. */
 static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
     static const uint8_t HEAD[] = {0, 0, 0, 6};
     unsigned count = (unsigned)request[10] << 8 | request[11];
@@ -107,7 +110,7 @@ static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
     tl_fuzz_hold(((unsigned)request[8] << 8 | request[9]) + count <= 65536);
 }
 
-/* Believed: then nothing in it is other than it must be. */
+/* Expects that an accepted answer fits the request. */
 static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uint8_t *answer, size_t size) {
     unsigned count = (unsigned)request[10] << 8 | request[11];
     unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
@@ -117,7 +120,8 @@ static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uin
     tl_fuzz_hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
 }
 
-/* As modbus_tcp.c does it, from bytes that come a few at a time; too few of them are silence. */
+/* Answers as modbus_tcp.c does. The bytes arrive in pieces; if some are missing, the answer
+ * fails. */
 static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[512] = {0};
@@ -145,7 +149,7 @@ static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values
     return outcome;
 }
 
-/* As modbus_rtu.c does it: libmodbus has taken the check sum off. */
+/* Answers as modbus_rtu.c does: libmodbus has removed the checksum. */
 static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST] = {0, 0, 0, 0, 0, 6};
     uint8_t answer[512] = {0};
@@ -165,7 +169,7 @@ static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values
     return outcome;
 }
 
-/* What happens to a request beside an answer. */
+/* Answers a request, or fails in another way. */
 static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
     static const int FAILURES[] = {ETIMEDOUT, EPROTO, EBUSY, ECONNRESET, BAD_CHECK_SUM, EINTR, EIO, ETIMEDOUT};
     unsigned what = tl_fuzz_take();
@@ -263,7 +267,7 @@ void tl_wake_call(const tl_wake *wake) {
 
 static size_t posted[CHANNELS];
 
-/* What a value is written as is read as the same value; where nothing is rounded. */
+/* Expects that a value is equal after encoding and decoding, for a channel without rounding. */
 static void check_codec(const tl_modbus_channel *channel, double value) {
     uint16_t registers[4] = {0};
     double again = 0;
@@ -291,7 +295,8 @@ static void say(void *context, bool up, const char *text) {
     tl_fuzz_hold(strncmp(text, "Modbus server fuzz: ", 20) == 0 && strlen(text) > 24 && strstr(text, "11234") == NULL);
 }
 
-/* A poll says something of each channel once, unless it was interrupted. */
+/* Expects one reading of each channel in a poll; none is allowed too if the poll was
+ * interrupted. */
 static void check_posts(void) {
     for (size_t i = 0; i < channel_count; i++) {
         tl_fuzz_hold(posted[i] == 1 || (disturbed && posted[i] == 0));

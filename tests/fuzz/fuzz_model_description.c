@@ -1,4 +1,4 @@
-/* modelDescription.xml of an FMU. */
+/* Fuzzes modelDescription.xml of an FMU. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 #include "firmware/fmu/model_description.h"
 #include "tests/fuzz/harness.h"
 
-/* What the twin relies on. */
+/* Expects the properties on which the twin relies. */
 static void check_model(const tl_model *model) {
     for (size_t i = 0; i < model->variable_count; i++) {
         const tl_variable *variable = &model->variables[i];

@@ -1,9 +1,12 @@
-/* An outbox in memory that an enemy writes into: the reader's side, and a successor that goes on in it.
+/* Fuzzes a record queue into whose memory a hostile process writes: its reader, and a successor
+ * that continues in it.
  *
- * Input:  actions. We put entries, events and checkpoints as they should be; the enemy moves a counter, changes a byte of what was put, makes a
- *         checkpoint with a digest that fits, or writes a word anywhere; the reader takes; a successor opens the outbox, looks back and puts.
- * Holds:  what the reader gives out is sound; a fault stays and has a text; after a successor has opened the outbox, a reader finds no fault
- *         in it, and finds what that one puts. The memory is as large as it must be, so that a byte beyond it is noticed. */
+ * Input:  actions. We put valid entries, events and checkpoints. The hostile process changes a
+ *         counter or a byte of an entry, makes a checkpoint with a valid digest, or writes a word
+ *         anywhere. The reader takes. A successor opens the record queue, reads back and puts.
+ * Holds:  all that the reader returns is valid; a fault stays and has a text. After a successor has
+ *         opened the record queue, a reader finds no fault, and finds the successor's entries. The
+ *         memory has no spare bytes, so that an access outside of it is detected. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,9 +20,9 @@ enum { PAGE = 4096, RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
 static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
                                                   .ring_bytes = RING,
                                                   .checkpoint_bytes = CHECKPOINT};
-static uint8_t *memory; /* taken once */
+static uint8_t *memory; /* allocated once */
 static tl_record_queue_taken taken;
-static tl_record_queue queue; /* ours, and then its successor's */
+static tl_record_queue queue; /* of the present producer */
 static tl_record_queue_reader reader;
 static tl_recorder_entry entry;
 
@@ -92,7 +95,7 @@ static void move_counter(unsigned what) {
     *counters[tl_fuzz_take() % 5] += what % 2 == 0 ? by : -by;
 }
 
-/* A checkpoint that says what it likes. */
+/* Makes a checkpoint with any content and a valid digest. */
 static void make_checkpoint(unsigned what) {
     uint64_t number = what % 4 == 0 ? UINT64_MAX / 2 - tl_fuzz_take() : tl_fuzz_take();
     tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_CHECKPOINTS];
@@ -116,7 +119,7 @@ static void attack(unsigned what) {
     case 0:
         move_counter(tl_fuzz_take());
         break;
-    case 1: /* what was put last */
+    case 1: /* a byte of the last entries */
         queue.ring[(queue.control->head - tl_fuzz_take() - 1) % RING] = (uint8_t)tl_fuzz_take();
         break;
     case 2:
@@ -170,7 +173,7 @@ static void check_entry(void) {
     }
 }
 
-/* Up to so many; whether all that is there. */
+/* Takes at most `most` entries. Returns true if none is left. */
 static bool take_entries(unsigned most) {
     uint64_t end = tl_record_queue_reader_end(&reader, taken.ring);
     tl_fuzz_hold(end - taken.ring <= RING);
@@ -243,11 +246,12 @@ static void look_back(void) {
     tl_fuzz_hold(sum <= (uint64_t)2 * 255 * CHECKPOINT);
 }
 
-/* Now the outbox is sound, whatever it was; and what is put comes out. */
+/* A successor opens the record queue, whatever its content is. Then the queue must be valid, and a
+ * reader must find the successor's entries. */
 static void succeed(unsigned what) {
     tl_recorder_event_entry event;
     bool skip = false;
-    if (what % 8 == 7) { /* one that nobody reads comes in between */
+    if (what % 8 == 7) { /* first, a successor without a reader */
         tl_record_queue_open(&settings, memory, NULL, &queue);
         tl_fuzz_hold(put_sample(what));
     }
@@ -256,7 +260,7 @@ static void succeed(unsigned what) {
         tl_record_queue_hide_unused(&queue);
     }
     look_back();
-    tl_fuzz_hold(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT)); /* nothing is hidden any more */
+    tl_fuzz_hold(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT)); /* its memory is accessible again */
     tl_record_queue_reader_open(&settings, memory, &reader);
     tl_fuzz_hold(take_entries(UINT16_MAX));
     for (int i = 0; i <= TL_RECORDER_EVENTS && tl_record_queue_reader_event(&reader, taken.events, &event, &skip);
@@ -289,7 +293,7 @@ static void act(unsigned what) {
     case 5:
         succeed(what / 8);
         break;
-    case 6: /* what the reader says, who may be an enemy too */
+    case 6: /* a hostile reader changes its progress */
         if (what / 8 % 4 == 0) {
             uint64_t *const positions[] = {&taken.ring, &taken.events, &taken.checkpoint};
             *positions[what / 32 % 3] += (uint64_t)tl_fuzz_take_word() << tl_fuzz_take() % 33;

@@ -1,6 +1,7 @@
-/* An image of a past, as another process gives it to the twin.
+/* Fuzzes the image of a resume point (resume.h), as another process passes it to the twin.
  *
- * Input:  a byte that says what is put right, so that more than the first lines of the check are reached, then the image. */
+ * Input:  a byte that selects which fields are corrected, so that the input passes the first
+ *         checks; then the image. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,7 +21,7 @@ static const char configuration[] =
     " \"synchronise\": {\"adjust\": {\"motor.d\": {\"nominal\": 0.0031, \"step\": 0.12}},\n"
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
-/* Where its size and the plain fields of the past are. */
+/* Offsets in the image: its size, and plain fields of the resume point. */
 enum { SIZE = 8, PLAIN = 16, HEAD = (PLAIN + TL_RESUME_PLAIN + 15) / 16 * 16 };
 enum { LAST = PLAIN + offsetof(tl_resume, last), STEP = PLAIN + offsetof(tl_resume, step) };
 enum { START = PLAIN + offsetof(tl_resume, start), SIGNALS = PLAIN + offsetof(tl_resume, signals) };
@@ -88,7 +89,7 @@ static void *allocate(size_t size) {
     return bytes;
 }
 
-/* Nothing in it is not looked at. */
+/* Expects that writing the resume point again gives the same image: so each byte was read. */
 static void write_again(const tl_resume *resume, const unsigned char *image, size_t size) {
     unsigned char *again = allocate(size);
     tl_resume_write(resume, again);
@@ -103,7 +104,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         return 0;
     }
     size--;
-    unsigned char *image = allocate(size); /* as large as it is: what is read beyond it is noticed */
+    unsigned char *image = allocate(size); /* without spare bytes: an access outside of it is detected */
     memcpy(image, data + 1, size);
     put_right(data[0], image, size);
     tl_status status = tl_resume_read(image, size, tl_fuzz_config(configuration), NOW, &resume, &error);

@@ -1,6 +1,7 @@
-/* What another process prints: whatever it is, a terminal gets only what can be shown, and the same however it arrives.
+/* Fuzzes the log relay: a terminal gets only printable text of another process, and the same text
+ * whatever the pieces in which it arrives.
  *
- * Input:  how many bytes come at once, how long the line was before them, then what is printed. */
+ * Input:  how many bytes arrive at once, the length of the line before them, then the output. */
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -17,7 +18,8 @@ typedef struct page {
     char text[ROOM];
 } page;
 
-/* Written anew, since the one under test could be wrong in both: no control character but the tab, no C1, nothing that turns. */
+/* Expects no control character except tab, no C1 character, no character that changes the direction
+ * of text. Independent of the code under test. */
 static void check_line(const unsigned char *line) {
     for (size_t i = 0; line[i] != '\0'; i++) {
         tl_fuzz_hold(line[i] >= ' ' || line[i] == '\t');

@@ -1,7 +1,8 @@
-/* What comes from a plant's control socket: whatever it is, the answer is lines of JSON of a bounded size, and it ends; and no text in it holds a
- * control character.
+/* Fuzzes replies from a plant's control socket: the answer is lines of JSON of limited size without
+ * control characters, and it ends.
  *
- * Input:  the verb that was asked; then packets: a kind, how long it is (255: as long as a reply), and its bytes, with which it is filled. */
+ * Input:  the verb of the request; then packets: a kind, the length (255: that of a reply), and
+ *         bytes to fill it. */
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -13,14 +14,14 @@
 
 enum { PACKETS = 8, WHOLE = 255 };
 
-/* The bytes of a reply are the input's, again and again. */
+/* Sends a reply that is filled with the bytes of the input, repeated. */
 static void send_packet(int socket, unsigned kind, unsigned length, const uint8_t *fill, size_t size) {
     tl_control_reply reply;
     for (size_t i = 0; i < sizeof reply; i++) {
         ((uint8_t *)&reply)[i] = size > 0 ? fill[i % size] : 0;
     }
     reply.kind = kind % (TL_CONTROL_KINDS + 1);
-    if (kind >= 128) { /* its number is one that there is */
+    if (kind >= 128) { /* its codes are valid */
         reply.as.end.result = reply.kind == TL_CONTROL_END ? length % TL_CONTROL_RESULTS : reply.as.end.result;
         reply.as.progress.step = reply.kind == TL_CONTROL_STEP ? length % TL_CONTROL_STEPS : reply.as.progress.step;
         reply.as.state.step = reply.kind == TL_CONTROL_STATE ? length % TL_CONTROL_STEPS : reply.as.state.step;

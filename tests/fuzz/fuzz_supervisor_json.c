@@ -1,4 +1,4 @@
-/* supervisor.json, the account of restarts, as a disk or a stranger left it. */
+/* Fuzzes supervisor.json, the restart record, as a damaged disk or an attacker left it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,7 +22,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_log_set_level(TL_LOG_ERROR);
     write_account(data, size);
     if (tl_restarts_open(tl_fuzz_folder(), false, &restarts, &error) != TL_OK) {
-        abort(); /* whatever the file is, counting goes on */
+        abort(); /* any file must be accepted */
     }
     if (restarts.failures > TL_RESTARTS_MOST + 1) {
         abort();
@@ -33,7 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_restarts_close(&restarts);
     if (tl_restarts_open(tl_fuzz_folder(), false, &restarts, &error) != TL_OK || restarts.starts != starts + 1 ||
         restarts.failures != 0) {
-        abort(); /* what it wrote itself it understands */
+        abort(); /* it must read what it has written */
     }
     tl_restarts_close(&restarts);
     return 0;

@@ -1,8 +1,9 @@
-/* What comes from a process with FMUs, in the hands of an enemy: results and accounts, whose every byte it chooses; and what is done with those
- * that are taken for sound.
+/* Fuzzes results and accounts of a hostile FMU process, in which it can change each byte; and the
+ * use of those that are accepted.
  *
- * Input:  what is told besides records; then ticks: bytes of an honest result that are changed, as a number of changes, each a place and a
- *         value; at the end, changes of the account. So what is judged is never far from what passes. */
+ * Input:  what a result contains besides its record; then ticks: changes of a valid result (their
+ *         number, then a place and a value for each); at the end, changes of the account. So the
+ *         tested data are nearly valid. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,7 +31,7 @@ static const char configuration[] =
 
 static tl_summary summary;
 static tl_account account;
-static int64_t least; /* step that the next record may be of */
+static int64_t least; /* lowest valid step of the next record */
 
 /* ---- the enemy ---- */
 
@@ -78,7 +79,7 @@ static void use(const tl_config *config, const tl_record *record, FILE *table) {
 static void take_result(const tl_config *config, tl_twin_tells tells, int64_t tick, FILE *table) {
     static tl_twin_result honest;
     size_t size = tl_twin_result_size(config, tells);
-    tl_twin_result *result = malloc(size); /* of just that size, so that a sanitizer sees what is read beyond */
+    tl_twin_result *result = malloc(size); /* without spare bytes, so that a sanitizer detects an access outside */
     if (result == NULL) {
         return;
     }
@@ -91,7 +92,7 @@ static void take_result(const tl_config *config, tl_twin_tells tells, int64_t ti
     free(result);
 }
 
-/* As the end in twin_child.c takes it. */
+/* Validates a changed account, as twin_child.c does. */
 static bool take_account(const tl_config *config) {
     make_honest_account(config);
     change((unsigned char *)&account, sizeof account);
@@ -99,7 +100,8 @@ static bool take_account(const tl_config *config) {
            account.adjusts == config->adjust_count && tl_account_is_sound(&account);
 }
 
-/* It is JSON, and both are lines of text. */
+/* Expects that the JSON summary is valid, and that summary and table have no control characters
+ * except newline and tab. */
 static void print(const tl_config *config) {
     char *text = NULL;
     size_t size = 0;

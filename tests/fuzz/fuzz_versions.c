@@ -1,6 +1,7 @@
-/* The folder of versions, as a disk or a stranger left it.
+/* Fuzzes the folder of versions, as a damaged disk or an attacker left it.
  *
- * Input:  active.json, 1.record.json and 2.record.json, with a NUL after each; what is missing is not written. Their texts are "one" and "two". */
+ * Input:  active.json, 1.record.json and 2.record.json, with a NUL after each; a missing one is not
+ *         written. Their texts are "one" and "two". */
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -59,7 +60,7 @@ static void open_folder(tl_versions *versions) {
     }
 }
 
-/* Whatever there is, a run begins. */
+/* Expects that a run can choose a configuration, whatever the folder contains. */
 static void choose(tl_versions *versions) {
     tl_version_choice choice;
     tl_error error;
@@ -68,7 +69,7 @@ static void choose(tl_versions *versions) {
     free(choice.text);
 }
 
-/* And what is written then is understood. */
+/* Adds and activates a version; the caller reads it again. */
 static uint64_t add(tl_versions *versions) {
     const tl_version_candidate candidate = {"new", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     const tl_probation_account account = {.terms = {60, 95.0, false}, .left_ms = 60000};

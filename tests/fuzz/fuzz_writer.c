@@ -1,8 +1,9 @@
-/* A writer whose outbox is in memory that an enemy writes into.
+/* Fuzzes the recorder's writer with a record queue into whose memory a hostile process writes.
  *
- * Input:  actions. A twin puts entries, events and checkpoints, with numbers and texts as it likes; the enemy writes a word anywhere into the outbox; the writer
- *         writes; another one goes on with its state; a successor of the twin opens the outbox.
- * Holds:  nothing ends the writer; a history of all runs is read from end to end without damage. */
+ * Input:  actions. A twin puts entries, events and checkpoints with any numbers and texts. The
+ *         hostile process writes a word anywhere into the record queue. The writer writes, or
+ *         another writer continues with its state. A successor of the twin opens the record queue.
+ * Holds:  no failure ends the writer; a history reads all runs completely, without damage. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +22,7 @@ static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match =
                                                   .ring_bytes = RING,
                                                   .checkpoint_bytes = CHECKPOINT};
 static char path[512];
-static uint8_t *memory; /* taken once */
+static uint8_t *memory; /* allocated once */
 static tl_recorder_writer_state state;
 static tl_recorder_writer *writer;
 static tl_record_queue queue;
@@ -61,7 +62,7 @@ static void open_writer(void) {
 
 /* ---- the twin ---- */
 
-/* Small as a rule, else anything. */
+/* Returns a number that is usually small, else arbitrary. */
 static int64_t number(void) {
     unsigned what = tl_fuzz_take();
     if (what < 200) {
@@ -93,7 +94,7 @@ static void put_start(unsigned what) {
     (void)tl_record_queue_put_start(&queue, &start);
 }
 
-/* Of a configuration that is known, or of another. */
+/* Puts a tuning of a known or an unknown configuration. */
 static void put_tuning(unsigned what) {
     tl_run_tuning tuning = {.tick = number(), .number = (uint32_t)what};
     memset(tuning.hash, what % 4 == 1 ? 'b' : 'a', sizeof tuning.hash - 1);

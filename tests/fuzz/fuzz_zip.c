@@ -1,4 +1,4 @@
-/* An FMU's ZIP archive: unpacked, and removed again without a trace. */
+/* Fuzzes the ZIP archive of an FMU: unpacks it, and removes all unpacked files. */
 #include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "tests/fuzz/harness.h"
 
-/* Nothing but the folder that the archive may have: neither beside it, nor after it. */
+/* Returns the number of entries of a folder, to check that only the unpacked folder is added. */
 static int count_entries(const char *folder) {
     int count = -2; /* . and .. */
     DIR *entries = opendir(folder);

@@ -10,7 +10,7 @@
 
 enum { PATH = 64, PIPE_BYTES = 64 * 1024 };
 
-/* A part of the harness that fails is no finding, and shall not look like one of an input. */
+/* Ends the program with exit code 1: a failure of the harness must not look like a finding. */
 static void need(int right, const char *what) {
     if (!right) {
         perror(what);
@@ -41,7 +41,7 @@ const char *tl_fuzz_folder(void) {
     return folder != NULL && folder[0] != '\0' ? folder : "/tmp";
 }
 
-/* A descriptor that others may open by this path. */
+/* Writes a path by which the descriptor's file can be opened. */
 static void name_descriptor(int descriptor, char *path) {
     (void)snprintf(path, PATH, "/proc/self/fd/%d", descriptor);
 }

@@ -1,8 +1,10 @@
-/* What fuzz harnesses share: the function that libFuzzer calls, and bytes that are to be a file.
+/* Shared functions of the fuzz harnesses: a configuration, and input bytes as a file or a pipe.
  *
- * Purpose: tests/fuzz/README.md says how a harness is written. Each fuzz_NAME.c defines LLVMFuzzerTestOneInput().
- * Files:   a harness may write below tl_fuzz_folder(), which is in memory and removed by tests/fuzz/run.
- * Errors:  what a harness needs itself and does not get ends the program.
+ * Purpose: tests/fuzz/README.md explains how to write a harness. Each fuzz_NAME.c defines
+ *          LLVMFuzzerTestOneInput().
+ * Files:   a harness may write below tl_fuzz_folder(), which is in memory and removed by
+ *          tests/fuzz/run.
+ * Errors:  a failure of the harness itself ends the program.
  * Thread:  one thread.
  */
 #ifndef TL_TESTS_FUZZ_HARNESS_H
@@ -13,20 +15,22 @@
 
 #include "firmware/config/config.h"
 
-/* Gives the bytes to what is under test, and returns 0. What it finds out has to depend on these bytes alone. */
+/* Passes the bytes to the code under test, and returns 0. Its behaviour must depend only on these
+ * bytes. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-/* What this text configures, read once: always the same text in one program. */
+/* Parses the configuration at the first call, and returns it. A program must pass the same text in
+ * all calls. */
 const tl_config *tl_fuzz_config(const char *text);
 
-/* A folder for this process: $TMPDIR, or /tmp. */
+/* Returns the folder for files of this process: $TMPDIR, or /tmp. */
 const char *tl_fuzz_folder(void);
 
-/* The path of a file in memory with these bytes; valid until the next call, which changes the bytes. */
+/* Returns the path of a file in memory with these bytes. The next call replaces its content. */
 const char *tl_fuzz_file(const uint8_t *data, size_t size);
 
-/* The descriptor of a pipe's other end once these bytes were written into it, and in *path its path; a pipe holds 64 KiB, and
- * further bytes are left out. The caller closes the descriptor with tl_fuzz_close_pipe(), when its reader has to see the end. */
+/* Creates a pipe that contains these bytes, at most 64 KiB; further bytes are left out. Returns the
+ * write end; *path is the path of the read end. tl_fuzz_close_pipe() closes both ends. */
 int tl_fuzz_pipe(const uint8_t *data, size_t size, const char **path);
 void tl_fuzz_close_pipe(int writer);
 

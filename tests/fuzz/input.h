@@ -1,8 +1,8 @@
-/* The bytes of one input, taken one after the other: for harnesses that stand in for a device.
+/* Reads the bytes of one input in sequence, for harnesses that simulate a device.
  *
- * Purpose: what happens is decided by the bytes, in the order in which it is asked. Behind the last one everything is 0, so
- *          that the same bytes always do the same.
- * Owner:   the bytes belong to libFuzzer; there is one input at a time. Thread: one.
+ * Purpose: each decision of the simulated device takes the next byte. After the last byte all bytes
+ *          are 0, so that the same input always has the same effect.
+ * Owner:   libFuzzer owns the bytes; there is one input at a time. Thread: one.
  */
 #ifndef TL_TESTS_FUZZ_INPUT_H
 #define TL_TESTS_FUZZ_INPUT_H
@@ -11,17 +11,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* From now on these are taken. */
+/* Starts with the first of these bytes. */
 void tl_fuzz_begin(const uint8_t *data, size_t size);
 
-/* The next byte, 0 to 255; the next four, most significant first. */
+/* Return the next byte, 0 to 255; or the next four as a word, most significant first. */
 unsigned tl_fuzz_take(void);
 uint32_t tl_fuzz_take_word(void);
 
-/* Were all of them taken? */
+/* Returns true if all bytes were taken. */
 bool tl_fuzz_is_over(void);
 
-/* What must hold whatever the input is: else a finding. */
+/* Aborts unless `what` is true: then libFuzzer reports a finding. */
 void tl_fuzz_hold(bool what);
 
 #endif

@@ -1,11 +1,11 @@
-/* What the probes share: programs with which a test of another language reaches one part of ours.
+/* Shared function of the probes: small programs through which a Python test calls one module.
  *
- * Purpose: each NAME_probe.c says at its top how it is called and what it prints; only what goes wrong is said here.
+ * Purpose: reports failures. The top of each NAME_probe.c describes its arguments and its output.
  */
 #ifndef TL_TESTS_REPLAY_PROBE_H
 #define TL_TESTS_REPLAY_PROBE_H
 
-/* Says it on stderr after the program's name. Returns the exit code of a failure. */
+/* Prints the program's name and the text on stderr. Returns EXIT_FAILURE. */
 int tl_probe_fail(const char *text);
 
 #endif

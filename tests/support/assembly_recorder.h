@@ -5,7 +5,7 @@
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* As a run would open it, waiting when it is full. Its texts live until the next call. */
+/* Opens a recorder as a run does. Its texts are valid until the next call. */
 static inline tl_status tl_test_record(const tl_assembly *assembly, const char *verb, const char *path,
                                        tl_recorder **recorder, tl_error *error) {
     static tl_account account;
@@ -16,7 +16,7 @@ static inline tl_status tl_test_record(const tl_assembly *assembly, const char *
     return tl_twin_recorder_open(&assembly->config, &account, &record, recorder, error);
 }
 
-/* A step with the ledger as it stands. */
+/* Puts a step with the twin's present ledger. */
 static inline void tl_test_put_step(tl_recorder *recorder, const tl_record *record, const tl_twin *twin) {
     tl_recorder_component counts[TL_RECORDER_COMPONENTS];
     (void)tl_twin_recorder_count(twin, counts);

@@ -1,7 +1,9 @@
-/* A forked child that confines itself and then does something: what became of it, and what it was refused.
+/* Runs a function in a forked, confined child, and returns how the child ended and which system
+ * calls were refused.
  *
- * Purpose: tests of confinement by real system calls. The parent takes refused calls meanwhile, as the program does.
- * Thread:  one; the test program has no other, or the child has not either.
+ * Purpose: tests of the confinement by real system calls. Meanwhile the parent answers refused
+ *          calls, as the program does.
+ * Thread:  the only one of the test program, because fork() copies no other thread.
  */
 #ifndef TL_TESTS_SUPPORT_CONFINED_H
 #define TL_TESTS_SUPPORT_CONFINED_H
@@ -15,27 +17,28 @@
 
 enum { TL_CONFINED_REFUSALS = 256 };
 
-/* Done in the child; true: all went as expected. What it says, it writes to descriptor 2. */
+/* Runs in the child, and writes messages to descriptor 2. Returns true if all was as expected. */
 typedef bool tl_confined_body(void *context);
 
 typedef struct tl_confined {
-    bool succeeded;
-    int signal; /* that ended it; 0: none */
+    bool succeeded; /* the body returned true */
+    int signal;     /* that ended the child; 0: none */
     tl_confine_facts facts;
     tl_refusal refusals[TL_CONFINED_REFUSALS];
     size_t refusal_count;
 } tl_confined;
 
-/* `settings->start_socket` is set here. Stays confined to the child. Kills it after 60 s. */
+/* Runs `body` in a confined child; this process stays unconfined. Sets settings.start_socket. Kills
+ * the child after 60 s. */
 void tl_confined_run(tl_confine_settings settings, tl_confined_body *body, void *context, tl_confined *confined);
 
-/* Whether a call of that name was refused. */
+/* Returns true if a system call of that name was refused. */
 bool tl_confined_was_refused(const tl_confined *confined, const char *call);
 
-/* In the child: whether a socket of that family and kind is refused, as it is to be. */
+/* In the child: returns true if such a socket is refused with EPERM, as expected. */
 bool tl_confined_has_no_socket(int family, int kind, int protocol);
 
-/* In the child: false, with a line on descriptor 2, unless `holds`. */
+/* In the child: returns `holds`. If it is false, writes a line to descriptor 2. */
 bool tl_confined_expect(bool holds, const char *what, int line);
 #define TL_EXPECT(condition) tl_confined_expect((condition), #condition, __LINE__)
 

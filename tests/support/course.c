@@ -85,12 +85,14 @@ void tl_course_sample(const tl_course *course, int64_t tick, tl_sample *sample) 
     sample->stamps[1] = sample->instant - (tl_time)(bits % 3000000);
 }
 
-/* One before what tests go on from, one between that and their end, in a step that is made up, and one behind. */
+/* The FMUs are reset once before the checkpoint from which tests resume, once between it and the
+ * end of the interrupted run (in a missed tick), and once later. */
 static bool is_reset(int64_t tick) {
     return tick == 90 || tick == 116 || tick == 170;
 }
 
-/* The other one, what it was built with, the other one: one before what tests go on from, one between that and their end, one behind. */
+/* The tuning changes to the other one, back, and to the other one again: before the checkpoint from
+ * which tests resume, between it and the end of the interrupted run, and later. */
 static bool takes_tuning(const tl_course *course, int64_t tick, tl_run_tuning *tuning) {
     *tuning = tl_course_configured(course);
     tuning->tick = tick;
@@ -163,7 +165,7 @@ void tl_course_save(tl_course *course) {
     course->checkpoint_tick = course->next - 1;
 }
 
-/* ---- an outbox ---- */
+/* ---- a record queue ---- */
 
 tl_record_queue *tl_course_queue(tl_course *course) {
     const tl_config *config = &course->assembly.config;

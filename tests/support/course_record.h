@@ -1,7 +1,8 @@
-/* A course (course.h) that is recorded into a database as it goes: for what reads recorded samples.
+/* Records a course (course.h) into a database while it is computed, for tests that read recorded
+ * samples.
  *
- * Owner:  the caller places it (it is large: make it static), zero at first.
- * Errors: what does not go well fails the test.
+ * Owner:  the caller provides the memory, zeroed at first; it is large, so make it static.
+ * Errors: any error fails the test.
  * Thread: one.
  */
 #ifndef TL_TESTS_SUPPORT_COURSE_RECORD_H
@@ -22,16 +23,17 @@ typedef struct tl_course_record {
     char boot[TL_IDENTITY_TEXT];
     /* private */
     tl_twin_record recorded;
-    tl_recorder_known known; /* the other configuration that the course takes */
+    tl_recorder_known known; /* the course's other configuration */
 } tl_course_record;
 
-/* A run begins, such that tick `newest` was just now; nothing of it is recorded yet. `configuration` is the path of tests/support/motor_lock.json. */
+/* Begins a run whose tick `newest` was due just now, and executes no tick. `configuration`: path of
+ * tests/support/motor_lock.json. `path`: of the database. */
 void tl_course_record_open(tl_course_record *record, const char *configuration, const char *path, int64_t newest);
 
-/* Goes on up to this tick, and writes. */
+/* Executes the ticks up to `last`, and writes them into the database. */
 void tl_course_record_to(tl_course_record *record, int64_t last);
 
-/* The box may be closed already. */
+/* Closes record and course. The box may be closed already. */
 void tl_course_record_close(tl_course_record *record);
 
 #endif

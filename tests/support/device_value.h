@@ -1,4 +1,4 @@
-/* One value of an emulated Modbus device, beside those that it has. */
+/* Sets one value of an emulated Modbus device; the other values do not change. */
 #ifndef TL_TESTS_SUPPORT_DEVICE_VALUE_H
 #define TL_TESTS_SUPPORT_DEVICE_VALUE_H
 
@@ -6,7 +6,7 @@
 
 #include "firmware/cli/plant_server.h"
 
-/* In one thread at a time. A channel that the device does not have is ignored. */
+/* Call it in one thread at a time. A channel that the device does not have is ignored. */
 static inline void tl_test_set_value(tl_plant_server *device, size_t channel, double value) {
     enum { MOST = 4096 }; /* channels of a device */
     static double values[MOST];

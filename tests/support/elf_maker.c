@@ -81,7 +81,8 @@ static void put_headers(const making *work, size_t size) {
     PUT(work, table, Phdr, p_filesz, HASHES - DYNAMIC);
 }
 
-/* The symbols behind the one that is nobody's. Returns how many that makes, and how many of them are not defined. */
+/* Writes the symbols after the empty first one. Returns their number including that one, and sets
+ * *undefined to the number of undefined ones, also including it. */
 static size_t put_symbols(const making *work, size_t *undefined) {
     size_t count = 1;
     *undefined = 1;
@@ -97,7 +98,7 @@ static size_t put_symbols(const making *work, size_t *undefined) {
     return count;
 }
 
-/* One bucket; the chain of all that are defined ends with the last of them. */
+/* Writes a hash table with one bucket. The chain of the defined symbols ends with the last one. */
 static void put_hashes(making *work, size_t count, size_t undefined) {
     if (work->plan->has_no_hashes) {
         return;

@@ -25,7 +25,8 @@ struct tl_fmu_maker {
     size_t count;
 };
 
-/* ---- Entries ------------------------------------------------------------------------------------------- */
+/* ---- Entries
+ * ------------------------------------------------------------------------------------------- */
 
 static maker_entry *find(const tl_fmu_maker *maker, const char *name) {
     for (size_t i = 0; i < maker->count; i++) {
@@ -51,7 +52,7 @@ static maker_entry *append(tl_fmu_maker *maker, const char *name) {
     return entry;
 }
 
-/* Takes the bytes over. */
+/* Stores the bytes, and owns them from now on. */
 static bool put(tl_fmu_maker *maker, const char *name, unsigned char *bytes, size_t size) {
     maker_entry *entry = find(maker, name);
     if (entry == NULL) {
@@ -148,9 +149,10 @@ unsigned char *tl_fmu_maker_content(tl_fmu_maker *maker, const char *name, size_
     return entry == NULL ? NULL : entry->bytes;
 }
 
-/* ---- Changes ------------------------------------------------------------------------------------------- */
+/* ---- Changes
+ * ------------------------------------------------------------------------------------------- */
 
-/* How often `from` was overwritten. */
+/* Overwrites each occurrence of `from`. Returns their number. */
 static size_t patch(unsigned char *bytes, size_t length, const void *from, const void *to, size_t size) {
     size_t count = 0;
     for (size_t i = 0; i + size <= length; i++) {
@@ -192,7 +194,8 @@ bool tl_fmu_maker_replace(tl_fmu_maker *maker, const char *name, const char *fro
     return put(maker, name, (unsigned char *)result, strlen(result)) && found;
 }
 
-/* ---- Reading ------------------------------------------------------------------------------------------- */
+/* ---- Reading
+ * ------------------------------------------------------------------------------------------- */
 
 static bool copy_entry(tl_fmu_maker *maker, zip_t *zip, zip_uint64_t index) {
     zip_stat_t facts;
@@ -214,7 +217,7 @@ static bool copy_entry(tl_fmu_maker *maker, zip_t *zip, zip_uint64_t index) {
     return put(maker, facts.name, bytes, (size_t)facts.size);
 }
 
-/* What an ELF file says about its machine: class, byte order, processor. */
+/* Machine of an ELF file: class, byte order, processor. */
 typedef struct elf_machine {
     unsigned char bytes[4];
 } elf_machine;
@@ -235,7 +238,7 @@ static bool read_own_machine(elf_machine *own) {
     return read;
 }
 
-/* Of the binaries, leaves those for the machine that this program is for. */
+/* Removes the binaries for other machines than that of this program. */
 static bool drop_foreign_binaries(tl_fmu_maker *maker) {
     elf_machine own;
     if (!read_own_machine(&own)) {
@@ -286,7 +289,8 @@ void tl_fmu_maker_free(tl_fmu_maker *maker) {
     free(maker);
 }
 
-/* ---- Writing ------------------------------------------------------------------------------------------- */
+/* ---- Writing
+ * ------------------------------------------------------------------------------------------- */
 
 static bool add_entry(zip_t *zip, const maker_entry *entry) {
     enum { UNIX = ZIP_OPSYS_UNIX };
@@ -325,7 +329,8 @@ bool tl_fmu_maker_write(const tl_fmu_maker *maker, const char *path) {
     return false;
 }
 
-/* ---- Files --------------------------------------------------------------------------------------------- */
+/* ---- Files
+ * --------------------------------------------------------------------------------------------- */
 
 bool tl_fmu_maker_patch_file(const char *path, const void *from, const void *to, size_t size) {
     FILE *file = fopen(path, "r+b");

@@ -1,4 +1,4 @@
-/* The smallest twin there is to be locked: see follower.h. */
+/* The smallest twin that can be locked: see follower.h. */
 #include "tests/support/follower.h"
 
 #include <string.h>

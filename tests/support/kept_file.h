@@ -1,6 +1,7 @@
-/* A file that is dear to make, kept in memory: each test that wants the same gets a copy of its own.
+/* Keeps the content of a file in memory, so that each test can get a copy without making the file
+ * again.
  *
- * Errors: what cannot be read or written fails the test.
+ * Errors: a file that cannot be read or written fails the test.
  * Thread: one thread.
  */
 #ifndef TL_TESTS_SUPPORT_KEPT_FILE_H
@@ -13,10 +14,10 @@ typedef struct tl_kept_file {
     size_t size;
 } tl_kept_file;
 
-/* Keeps what is in a file that nobody is writing, in the place of what was kept before. */
+/* Reads the file, which must not change meanwhile, and replaces the content kept before. */
 void tl_kept_file_read(tl_kept_file *kept, const char *path);
 
-/* Makes the file anew. */
+/* Writes the kept content to `path`; an existing file is overwritten. */
 void tl_kept_file_write(const tl_kept_file *kept, const char *path);
 
 void tl_kept_file_free(tl_kept_file *kept);

@@ -1,6 +1,7 @@
 /* Messages of the program, compared by the values that they name.
  *
- * A test holds the object, the values and at most three words in a row, so that the wording can be improved.
+ * A test expects only the object, the values and at most three words in a row, so that the wording
+ * can be improved.
  * Thread: any.
  */
 #ifndef TL_TESTS_SUPPORT_MESSAGE_H
@@ -10,8 +11,9 @@
 
 #include <unity.h>
 
-/* True if the message contains each of the parts, which '|' separates: "plant.level|18.55|0|5".
- * A part matches whole words and whole numbers only: "5" is not in "18.55". An empty list is in no message. */
+/* Returns true if the message contains all parts, which '|' separates: "plant.level|18.55|0|5". A
+ * part matches whole words and whole numbers only: "5" is not in "18.55". An empty list matches no
+ * message. */
 bool tl_test_has_parts(const char *message, const char *parts);
 
 /* True if one line of the text has all parts. */

@@ -64,10 +64,10 @@ typedef struct tl_played {
     size_t count;
 } tl_played;
 
-/* The program's run, with a folder `parent`/`name`_XXXXXX. */
+/* Creates the program's simulated run, with a folder `parent`/`name`_XXXXXX. */
 tl_played *tl_played_open(const char *parent, const char *name);
 
-/* The last of main(): returns `failures`, what UNITY_END() said. */
+/* Last call of main(): returns `failures`, the result of UNITY_END(). */
 int tl_played_close(int failures);
 
 /* Body of a worker process with this title, see worker.h. Returns its exit code. */

@@ -42,7 +42,7 @@ static void add_signals(tl_test_network *network, tl_test_random *random) {
     }
 }
 
-/* An input that exists, which cuts its connection, or a new one, or a parameter. */
+/* Chooses a connected input, whose connection is then cut, or a free input, or a parameter. */
 static tl_test_link *choose_real(tl_test_network *network, tl_test_random *random) {
     tl_test_kind kind = tl_test_random_chance(random, 25) ? TL_TEST_OFFSET : TL_TEST_REAL;
     if (network->link_count != 0 && tl_test_random_chance(random, 30)) {
@@ -52,7 +52,8 @@ static tl_test_link *choose_real(tl_test_network *network, tl_test_random *rando
     return tl_test_network_adjust_of(network, kind, any(network, random));
 }
 
-/* A flag that nothing else drives, or one that the plant or a component does, which is cut. */
+/* Chooses a Boolean input without a source, or one that the plant or a component drives: that
+ * connection is then cut. */
 static tl_test_link *choose_flag(tl_test_network *network, tl_test_random *random) {
     int from = tl_test_random_chance(random, 50) ? -1 - (int)network->signals : (int)any(network, random);
     from = tl_test_random_chance(random, 30) ? TL_TEST_FAR : from;
@@ -70,7 +71,8 @@ static void add_adjusted(tl_test_network *network, tl_test_random *random) {
     }
 }
 
-/* Flags from one component to another, where a Real goes the same way: a flag alone would not tell what has reached it. */
+/* Adds Boolean connections beside Real ones, because a Boolean alone would not show each difference
+ * of its source. */
 static void add_flags(tl_test_network *network, tl_test_random *random) {
     size_t links = network->link_count;
     for (size_t i = 0; i < links; i++) {

@@ -1,10 +1,14 @@
-/* Networks at random that can be synchronised: chains, branches, loops, components that matter to nothing.
+/* Makes random networks that can be synchronised: chains, branches, loops, and components without
+ * effect on a matched output.
  *
- * Purpose: campaigns over many graphs. 2 to 12 components; Real, Integer and Boolean connections, with conversions of units and
- *          without; signals of the plant, also where they are adjusted; 1 to 3 variables to adjust (numbers, one in
- *          four a tunable parameter; in every fifth network flags), 1 to 3 matched outputs, some of them without weight.
- * Exact:   whatever reaches a component can be told from its outputs, so that the ledger must be exact. Else there are also
- *          flags on ways of their own, behind which a difference ends as soon as the flag is the same again.
+ * Purpose: campaigns over many graphs. A network has 2 to 12 components, and Real, Integer and
+ *          Boolean connections, some with a conversion of units. It has signals of the plant; an
+ *          input that such a signal drives may also be adjusted. It has 1 to 3 adjusted variables:
+ *          in one of five networks Booleans, else numbers, of which one in four is a tunable
+ *          parameter. It has 1 to 3 matched outputs, some with weight 0.
+ * Exact:   if `exact`, each difference of a component's inputs shows in its outputs, so the ledger
+ *          must be exact. Otherwise a Boolean may be the only connection between two components.
+ *          A difference does not pass it while the Boolean has the same value.
  * Thread:  one at a time.
  */
 #ifndef TL_TESTS_SUPPORT_RANDOM_NETWORK_H
@@ -13,12 +17,13 @@
 #include "tests/support/random_numbers.h"
 #include "tests/support/test_network.h"
 
-/* A network and its plan: built, but for T_P, shape, solver and what is saved. What the network was before is ended; it
- * may be all zero. */
+/* Makes a network and its plan. The plan is complete except T_P, shape, solver and `saving`. Ends
+ * the previous network; a zeroed one is allowed. */
 void tl_test_random_network(tl_test_network *network, tl_test_plan *plan, tl_test_log *log, tl_test_random *random,
                             bool exact);
 
-/* A value for a variable of the network that is adjusted: often one that is the same as another. */
+/* Returns a random value for an adjusted variable of the network: a Boolean, or a number that is
+ * often 0, −0 or 1. */
 double tl_test_random_value(const tl_test_network *network, tl_test_random *random);
 
 #endif

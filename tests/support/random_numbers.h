@@ -1,4 +1,5 @@
-/* Random numbers that are the same everywhere: a test that fails names its seed, and fails again with it.
+/* Random numbers that are equal on every machine, so that a failed test can be repeated with its
+ * seed.
  *
  * Source:  splitmix64 (Steele, Lea, Flood 2014).
  * Thread:  a generator belongs to one thread at a time.
@@ -15,7 +16,7 @@ typedef struct tl_test_random {
     uint64_t state;
 } tl_test_random;
 
-/* All 64 bits of a number, mixed. */
+/* Returns a hash of `bits`. */
 uint64_t tl_test_mix(uint64_t bits);
 
 uint64_t tl_test_random_bits(tl_test_random *random);
@@ -23,20 +24,21 @@ uint64_t tl_test_random_bits(tl_test_random *random);
 /* 0 … limit − 1; limit ≥ 1. */
 size_t tl_test_random_below(tl_test_random *random, size_t limit);
 
-/* Between the two, both included. */
+/* least … most, both included. */
 size_t tl_test_random_between(tl_test_random *random, size_t least, size_t most);
 
-/* True in so many of a hundred cases. */
+/* True with a probability of `percent` / 100. */
 bool tl_test_random_chance(tl_test_random *random, size_t percent);
 
 /* least ≤ number < most. */
 double tl_test_random_number(tl_test_random *random, double least, double most);
 
-/* Of a state of 32 bits, which is the number that a test names: 0 … below − 1, and −1 … 1. */
+/* The same with a 32-bit state, which is the seed: 0 … below − 1, and −1 … 1. */
 uint32_t tl_test_any(uint32_t *seed, uint32_t below);
 double tl_test_noise(uint32_t *seed);
 
-/* How long a campaign is: what the environment variable says, else `usual`. */
+/* Returns the length of a campaign: the number in the environment variable; `usual` if it is unset
+ * or 0. */
 size_t tl_test_campaign(const char *variable, size_t usual);
 
 #endif

@@ -1,4 +1,4 @@
-/* Real time, for tests of what happens beside them: threads, devices, processes.
+/* Real time, for tests with threads, devices and processes that run at the same time.
  *
  * Thread: any.
  */

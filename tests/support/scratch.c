@@ -22,7 +22,7 @@ const char *tl_scratch_path(tl_scratch *scratch, const char *name) {
     return scratch->path;
 }
 
-/* Counts the files, and removes them where that is wanted. */
+/* Returns the number of files, and calls `visit` for each. NULL: only counts. */
 static int walk(const char *folder, int (*visit)(const char *path)) {
     char path[PATH_MAX];
     int count = 0;

@@ -12,21 +12,21 @@ typedef struct tl_scratch {
     char path[PATH_MAX]; /* of the last tl_scratch_path() */
 } tl_scratch;
 
-/* Makes `parent`/`name`_XXXXXX; ends the program where that is not possible. */
+/* Creates the folder `parent`/`name`_XXXXXX. Ends the program if that fails. */
 void tl_scratch_make(tl_scratch *scratch, const char *parent, const char *name);
 
-/* The path of a file in the folder; valid until the next call. */
+/* Returns the path of a file in the folder; valid until the next call. */
 const char *tl_scratch_path(tl_scratch *scratch, const char *name);
 
 /* Removes the files in the folder; the folder stays. */
 void tl_scratch_empty(tl_scratch *scratch);
 
-/* The number of files in it. */
+/* Returns the number of files in the folder; −1 if it cannot be read. */
 int tl_scratch_count(const tl_scratch *scratch);
 
 void tl_scratch_remove(tl_scratch *scratch);
 
-/* The same as the last of main(): returns `failures`, what UNITY_END() said. */
+/* As tl_scratch_remove(), for the end of main(): returns `failures`, the result of UNITY_END(). */
 int tl_scratch_finish(tl_scratch *scratch, int failures);
 
 #endif

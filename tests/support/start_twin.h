@@ -1,4 +1,5 @@
-/* The twin of a configuration in a process of its own, as verbs start one: the test's program, executed again. */
+/* Starts the twin of a configuration in a separate process, as the commands do. That process
+ * executes the test's program again. */
 #ifndef TL_TESTS_SUPPORT_START_TWIN_H
 #define TL_TESTS_SUPPORT_START_TWIN_H
 
@@ -11,7 +12,7 @@
 #include "firmware/twin/twin_child.h"
 #include "firmware/twin/twin_role.h"
 
-/* First in main(): does not return in such a process. */
+/* First call of main(): does not return in the process of a twin. */
 static inline void tl_test_be_twin(char *const *argv) {
     static const tl_twin_role_tasks tasks = {.print_page = NULL};
     if (tl_role_begin(argv) != NULL) {
@@ -19,7 +20,7 @@ static inline void tl_test_be_twin(char *const *argv) {
     }
 }
 
-/* It is built. `config` must stay until it is closed. */
+/* Starts the process and builds the twin. `config` must outlive the child. */
 static inline tl_twin_child *tl_test_start_twin(const tl_config *config, tl_twin_tells tells, tl_account *account) {
     static tl_twin_job job;
     const tl_twin_child_settings settings = {.job = &job, .config = config};

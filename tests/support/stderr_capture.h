@@ -1,4 +1,4 @@
-/* Catches what a test makes the program write to stderr.
+/* Captures what the test program writes to stderr.
  *
  * Thread: one capture at a time in a process.
  */
@@ -8,19 +8,21 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* From now on stderr goes to a file of its own. false where that fails. */
+/* From now on stderr goes to a temporary file. Returns false if that fails. */
 bool tl_stderr_capture_begin(void);
 
-/* stderr is as it was; the result is what was written, free() it. NULL where there was no capture. */
+/* Restores stderr and returns the captured text, which the caller frees. NULL: there was no
+ * capture. */
 char *tl_stderr_capture_end(void);
 
-/* The end of a capture that has caught just that text; else the test fails. */
+/* Ends the capture. The test fails unless the captured text is `expected`. */
 void tl_stderr_expect(const char *expected);
 
-/* The end of a capture that has caught `count` lines, each with its list of parts (message.h); else the test fails. */
+/* Ends the capture. The test fails unless it has `count` lines, and each line has all its parts
+ * (message.h). */
 void tl_stderr_expect_lines(const char *const *parts, size_t count);
 
-/* How many lines there are in a text. */
+/* Returns the number of lines of a text. */
 size_t tl_test_count_lines(const char *text);
 
 #endif

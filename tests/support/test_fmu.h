@@ -1,28 +1,31 @@
 /* FMUs inside the test process: a tl_model and a tl_fmi2 in C, whose faults the test sets.
  *
- * Purpose: the master under test calls them like loaded FMI 2.0 binaries. An FMU can fail at a chosen
- *          call, restore a wrong state, feed through during initialisation, and cost time on a fake
- *          clock. It records each call with its arguments, and checks it against the state machine of
- *          the standard. A call that FMI 2.0 forbids is a violation; tests assert that there is none.
- * Model:   per channel c: drive = gain·u[c] + offset. A step of h sets y[c] to drive if `lag` is 0, and
- *          else adds h/lag·(drive − y[c]). `sum` is the sum of all y. A step copies Integers, Booleans
- *          and the enumeration to outputs. Before the first step y[c] is `start`, or drive if the FMU
- *          feeds through. With `telling`, a step adds a little to each y and gives a `count_out`, which
- *          depend on every bit of all inputs of all steps, and a true `flag` raises the drives by 0.25.
- *          With `ends`, `flag_out` shows whether y[0] has reached a limit.
+ * Purpose: the master under test calls them like loaded FMI 2.0 binaries. An FMU can fail at a
+ *          chosen call, restore a wrong state, feed through during initialisation, and cost time on
+ *          a fake clock. It records each call with its arguments, and checks it against the state
+ *          machine of the standard. A call that FMI 2.0 forbids is a violation; tests assert that
+ *          there is none.
+ * Model:   per channel c: drive = gain·u[c] + offset. A step of h sets y[c] to drive if `lag` is 0,
+ *          and else adds h/lag·(drive − y[c]). `sum` is the sum of all y. A step copies Integers,
+ *          Booleans and the enumeration to outputs. Before the first step y[c] is `start`, or drive
+ *          if the FMU feeds through. With `telling`, a step adds a small value to each y and sets
+ *          `count_out`. Both depend on every bit of all inputs of all steps. A true `flag` then
+ *          raises the drives by 0.25. With `ends`, `flag_out` is true if y[0] has reached a limit.
  *            u0 … u3      Real input           y0 … y3, sum  Real output
  *            gain, offset Real parameter, tunable            lag, start  Real parameter, fixed
- *            and if `discrete`: count, mode, flag (Integer, Enumeration, Boolean inputs), count_out,
- *            mode_out, flag_out (outputs), label (String parameter), label_out (String output)
+ *            and if `discrete`: count, mode, flag (Integer, Enumeration, Boolean inputs),
+ *            count_out, mode_out, flag_out (outputs), label (String parameter), label_out (String
+ *            output)
  *          Value references start at 0 for each base type, to detect a wrong type.
- * Checked: each call is legal in the state of its instance; no call follows fmi2Fatal on any instance
- *          of the FMU; only inputs and tunable parameters are set between steps; a step lies between
- *          Set and Get; communication points are continuous; all inputs are set again after
- *          fmi2SetFMUstate; no restored state is before a final point or before a reset; state handles
- *          belong to the instance and do not leak, also over a reset; the GUID is right.
+ * Checked: each call is legal in the state of its instance; no call follows fmi2Fatal on any
+ *          instance of the FMU; only inputs and tunable parameters are set between steps; a step
+ *          lies between Set and Get; communication points are continuous; all inputs are set again
+ *          after fmi2SetFMUstate; no restored state lies before the start of a final step, or before
+ *          a reset; state handles belong to the instance and do not leak, also over a reset; the
+ *          GUID is right.
  * Source:  FMI 2.0.4, sections 2.1 and 4.2.4.
- * Owner:   the caller owns all structures. An instance allocates memory, and frees it with the instance
- *          or by tl_test_fmu_end().
+ * Owner:   the caller owns all structures. An instance allocates memory, and frees it with the
+ *          instance or by tl_test_fmu_end().
  * Thread:  one at a time for all FMUs of one log.
  */
 #ifndef TL_TESTS_SUPPORT_TEST_FMU_H
@@ -137,8 +140,8 @@ struct tl_test_fmu {
     struct tl_test_instance *alive; /* newest first */
 };
 
-/* Makes an FMU with `width` channels (1 … TL_TEST_WIDTH), with or without the discrete variables. It
- * records its calls in `log`. */
+/* Makes an FMU with `width` channels (1 … TL_TEST_WIDTH), with or without the discrete variables.
+ * It records its calls in `log`. */
 void tl_test_fmu_init(tl_test_fmu *fmu, size_t width, bool discrete, tl_test_log *log);
 
 /* Frees the instances and states that the caller could not free after fmi2Fatal. */

@@ -31,7 +31,7 @@ void tl_test_plan_init(tl_test_plan *plan, tl_time step) {
     plan->plan.algorithm = "nelder-mead";
 }
 
-/* "kind.name", kept. */
+/* Stores and returns "kind.name". */
 static const char *where_of(tl_test_plan *plan, const char *kind, const char *name) {
     assert(plan->where_count < sizeof plan->where / sizeof plan->where[0]);
     char *where = plan->where[plan->where_count++];

@@ -1,4 +1,4 @@
-/* An outbox and its writer: see test_record_queue.h. */
+/* A record queue and its writer: see test_record_queue.h. */
 #include "tests/support/test_record_queue.h"
 
 #include <stdlib.h>

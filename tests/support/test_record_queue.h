@@ -1,6 +1,7 @@
-/* An outbox in memory of the test's own, and a writer that takes what is in it into a database: what a run has in two processes.
+/* A record queue and a writer that moves its entries into a database, in one process. A live run
+ * has them in two processes.
  *
- * Thread: one, but for the outbox's own rules.
+ * Thread: one, except that any thread may put events (record_queue.h).
  */
 #ifndef TL_TESTS_SUPPORT_TEST_RECORD_QUEUE_H
 #define TL_TESTS_SUPPORT_TEST_RECORD_QUEUE_H
@@ -8,7 +9,7 @@
 #include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_writer.h"
 
-/* Zeroed: none. */
+/* Zeroed: not open. */
 typedef struct tl_test_queue {
     tl_record_queue queue;
     tl_recorder_writer *writer;
@@ -18,16 +19,17 @@ typedef struct tl_test_queue {
     tl_recorder_settings record;
 } tl_test_queue;
 
-/* `record`: as for a recorder; its texts must stay. Fails the test if it cannot be. */
+/* Opens both. `record`: as for a recorder; its texts must outlive the queue. Fails the test on an
+ * error. */
 void tl_test_queue_open(tl_test_queue *made, const tl_recorder_settings *record, size_t checkpoint_bytes);
 
-/* Writes what is there. */
+/* Writes all present entries. */
 void tl_test_queue_write(tl_test_queue *made);
 
-/* Writes the rest, and closes all. A zeroed one is allowed. */
+/* Writes the remaining entries, and closes both. A zeroed queue is allowed. */
 void tl_test_queue_close(tl_test_queue *made);
 
-/* The same of a file that may not take it. */
+/* The same, if the file may be refused: returns the status of the writer. */
 tl_status tl_test_queue_try_close(tl_test_queue *made, tl_error *error);
 
 #endif

@@ -1,5 +1,5 @@
-/* What the benchmark's FMUs share: an instance and its states as plain memory, and the functions of FMI 2.0 that none of them
- * has a use for. */
+/* Shared code of the benchmark FMUs: instances and states as plain memory, and the FMI 2.0
+ * functions that these FMUs do not need. */
 #include "tests/bench/fmus/frame.h"
 
 #include <stdlib.h>

@@ -1,4 +1,5 @@
-/* What a benchmark FMU tells its frame: frame.c does the rest of FMI 2.0 with it. An instance is a plain block of memory. */
+/* Description of a benchmark FMU, with which frame.c implements the rest of FMI 2.0. An instance is
+ * a plain block of memory. */
 #ifndef TL_TESTS_BENCH_FMUS_FRAME_H
 #define TL_TESTS_BENCH_FMUS_FRAME_H
 
@@ -7,7 +8,7 @@
 typedef struct bench_model {
     const char *guid;
     size_t size;          /* of an instance */
-    const void *defaults; /* what it starts as; NULL: zeros */
+    const void *defaults; /* start content of an instance; NULL: zeros */
 } bench_model;
 
 extern const bench_model model;

@@ -1,4 +1,4 @@
-/* The number of a library that has it from another one. */
+/* A library that gets the number from another one. */
 #include "tests/fmu/copies/integral.h"
 
 double *tl_outer_integral(void);

@@ -1,5 +1,6 @@
-/* The number as a plain global; with -DUNIQUE as what C++ makes of a static variable of an inline function; with -DTLS=BYTES as one of a thread that
- * takes so many bytes of the memory that threads get at their start. */
+/* Defines the number as a plain global. -DUNIQUE: as a unique symbol, like a static variable in an
+ * inline C++ function. -DTLS=BYTES: as a thread-local variable in the static TLS block, with so
+ * many further bytes. */
 #include "tests/fmu/copies/integral.h"
 
 #if defined(UNIQUE)

@@ -1,4 +1,4 @@
-/* A lag, as fmus/lag is, whose state is a variable that tl_integral() gives: wherever KEPT says, never in the instance. */
+/* A lag like fmus/lag, whose state is not in the instance: it is the variable of tl_integral(). */
 #include "fmus/common/model.h"
 
 #include "description.h"

@@ -1,4 +1,5 @@
-/* The number of a library that is opened while the FMU runs, by the name OPENED: with a slash beside the library that this is in. */
+/* Gets the number from the library OPENED, which it opens while the FMU runs. If OPENED begins with
+ * a slash, that library is opened in the folder of this one. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <string.h>

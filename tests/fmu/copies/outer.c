@@ -1,4 +1,4 @@
-/* Between the FMU and the library that has the number. */
+/* A library between the FMU and the library that defines the number. */
 #include "tests/fmu/copies/integral.h"
 
 double *tl_outer_integral(void);

@@ -1,4 +1,5 @@
-/* Crashes, or hangs (HANGS), when the process ends: in its destructor, or in what it has registered for the end (AT_EXIT). */
+/* Crashes, or hangs (HANGS), when the process ends: in its destructor, or in an atexit() function
+ * (AT_EXIT). */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <stdio.h>

@@ -1,6 +1,6 @@
-/* Handles SIGFPE itself, as a virtual machine does: its handler is installed in fmi2Instantiate, and puts right what fmi2DoStep
- * then does. Where CALLS_PREVIOUS is defined it is one that tells of a crash and gives the signal to who had it before, as Python's
- * faulthandler does. */
+/* Handles SIGFPE itself, as a virtual machine does: fmi2Instantiate installs a handler, which
+ * catches the SIGFPE that each fmi2DoStep raises. With CALLS_PREVIOUS the handler reports a crash
+ * and passes the signal to the previous handler, as Python's faulthandler does. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* Ends the process in the function AT, the CALL-th time that it is called, by HOW, which is a statement. */
+/* Ends the process at the CALL-th call of the function AT. HOW is the statement that ends it. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <pthread.h>

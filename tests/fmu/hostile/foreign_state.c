@@ -1,8 +1,9 @@
-/* Its saved states hold places of its process's memory: a process that has saved none has nothing there. HOW says what comes of loading one there.
+/* An FMU whose serialised states can be loaded only in a process that has serialised one, as if
+ * they contained addresses. HOW: what fmi2DeSerializeFMUstate does in another process.
  *
- * "ends"     the process does; if nothing else is said
- * "refuses"  the function fails
- * "hangs"    it does not return
+ * "ends"     ends the process; the default
+ * "refuses"  fails
+ * "hangs"    does not return
  */
 #include "tests/fmu/hostile/hostile.h"
 

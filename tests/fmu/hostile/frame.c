@@ -1,4 +1,5 @@
-/* The FMI functions of a hostile FMU: what it does against its importer comes first, then the good FMU's own function. */
+/* FMI functions of a hostile FMU. Each first runs hostile_before(), and then the function of the
+ * good FMU. */
 #include <fmi2Functions.h>
 #include <stdlib.h>
 #include <string.h>
@@ -65,7 +66,7 @@ fmi2Status fmi2Terminate(fmi2Component component) {
     return hostile_before("fmi2Terminate") ? inner_terminate(component) : fmi2Error;
 }
 
-/* How it fails. */
+/* The status of a fmi2Reset that fails. */
 #ifndef RESET
 #define RESET fmi2Error
 #endif
@@ -84,7 +85,7 @@ fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference referen
     return hostile_before("fmi2SetReal") ? inner_set_real(component, references, count, values) : fmi2Error;
 }
 
-/* A state of the good FMU, and BALLAST bytes that nobody needs. */
+/* A state: that of the good FMU, and BALLAST unused bytes. */
 #ifndef BALLAST
 #define BALLAST 0
 #endif
@@ -94,7 +95,7 @@ typedef struct heavy_state {
     unsigned char ballast[BALLAST + 1];
 } heavy_state;
 
-/* The one that is there, or a new one whose memory is really there. */
+/* Returns the given state, or a new one. Writes all bytes of a new one, so that its pages exist. */
 static heavy_state *ready(fmi2FMUstate *state) {
     if (*state == NULL) {
         heavy_state *made = malloc(sizeof *made);

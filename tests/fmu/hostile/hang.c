@@ -1,5 +1,6 @@
-/* Never returns from the function AT, the CALL-th time that it is called, or only after so many SECONDS; before that it does what keeps others from ending it:
- * SIGTERM, SIGINT and SIGHUP are ignored (IGNORE), blocked in its thread (BLOCK), or swallowed by handlers of its own (HANDLE). */
+/* Hangs in the CALL-th call of the function AT, for ever or for SECONDS. Before, it makes SIGTERM,
+ * SIGINT and SIGHUP useless: it ignores them (IGNORE), blocks them in its thread (BLOCK), or
+ * handles them without effect (HANDLE). */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <signal.h>

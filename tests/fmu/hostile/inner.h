@@ -1,7 +1,8 @@
-/* The functions of fmus/common by other names: their sources are compiled with this header in front, so that frame.c can stand
- * before them.
+/* Included before the sources of fmus/common: renames their FMI functions (fmi2DoStep to
+ * inner_do_step).
  *
- * Purpose: a hostile FMU is a good one, fmus/lag, whose functions misbehave first.
+ * Purpose: frame.c defines the FMI functions of a hostile FMU. Each misbehaves first, and then
+ *          calls the renamed function of the good FMU fmus/lag.
  */
 #ifndef TL_TESTS_FMU_HOSTILE_INNER_H
 #define TL_TESTS_FMU_HOSTILE_INNER_H

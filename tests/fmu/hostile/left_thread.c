@@ -1,4 +1,5 @@
-/* Leaves a thread behind that works in its code, and holds stdin's lock, until the process is gone; or until it does HOW, a statement. */
+/* Starts a thread that never ends. The thread runs code of the FMU and holds the lock of stdin.
+ * HOW: a statement that the thread executes, for example to end the process. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <pthread.h>

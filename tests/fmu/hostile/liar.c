@@ -1,21 +1,22 @@
-/* Attacks who watches it, at the CALL-th fmi2DoStep, or function AT: HOW is
+/* Attacks the parent that monitors it, at the CALL-th call of the function AT (default:
+ * fmi2DoStep). "The block" is the shared memory that the FMU process writes. HOW is
  *
- * "hammer"     threads that ask for a socket without a pause, and this one that writes MEBIBYTES into its folder and never returns
- * "no call"    says in the memory that it shares that no FMU is being called, and never returns
- * "begun"      says there, all the time, that another call has begun, and never returns
- * "toggle"     says there that calls begin and end, and never returns
- * "bad name"   gives itself a name there that is no text, asks for a socket, and never returns
- * "bad error"  fails, with a text there that is none
- * "flood"      prints MEBIBYTES; HANGS: and never returns
- * "page"       prints so many into the page of a check
- * "no page"    closes it
- * "signal"     sends itself NUMBER
- * "levels"     prints lines with the levels of a journal
- * "pipes"      begins a thread by clone() with NUMBER among its flags, which fills pipes
- * "environment" prints what it finds there
+ * "hammer"     threads request sockets without a pause; writes MEBIBYTES into its folder and hangs
+ * "no call"    writes into the block that no FMU is being called, and hangs
+ * "begun"      writes into the block, again and again, that another call has begun, and hangs
+ * "toggle"     writes into the block that calls begin and end, and hangs
+ * "bad name"   writes an invalid text as its name into the block, requests a socket, and hangs
+ * "bad error"  fails, and writes an invalid text as the error into the block
+ * "flood"      prints MEBIBYTES; with HANGS it then hangs
+ * "page"       prints MEBIBYTES into the page of a check
+ * "no page"    closes the page of a check
+ * "signal"     sends the signal NUMBER to itself
+ * "levels"     prints lines with forged log levels
+ * "pipes"      starts a thread by clone() with the flags NUMBER; the thread fills pipes
+ * "environment" prints its environment variables
  * "read"       reads FILE_NAME
- * "unshare"    takes descriptors of its own by close_range()
- * "failed"     sends the message NUMBER of channel.h, which says that all has failed, and not why
+ * "unshare"    gets a descriptor table of its own by close_range()
+ * "failed"     sends the message NUMBER (channel.h) with the status TL_FMU_FAILED, without a reason
  */
 #include "tests/fmu/hostile/hostile.h"
 
@@ -52,7 +53,7 @@
 
 enum { OWN_BLOCK = 6, PAGE_DESCRIPTOR = 3, PIECE = 1 << 16, NAME = 64, NAMES = 128 };
 
-/* What firmware/process/fmu_call.h has in the block, as an enemy finds it. */
+/* Layout of the calls in the block (firmware/process/fmu_call.h), as an attacker knows it. */
 typedef struct account {
     volatile uint32_t begun;
     volatile uint32_t now;
@@ -72,7 +73,8 @@ static uint8_t *find_name(uint8_t *from, const uint8_t *end) {
     return memmem(from, (size_t)(end - from), name, sizeof name);
 }
 
-/* The account in the block that it writes: in front of the first name, or of the second. */
+/* Finds the account in the block: it lies before the FMU's name, which is the first or the
+ * second. */
 static account *find_account(void) {
     struct stat about;
     (void)fstat(OWN_BLOCK, &about);
@@ -150,7 +152,7 @@ static void give_bad_name(void) {
     hang();
 }
 
-/* Over and over, all that lies behind the account: the text of the error is a part of it. */
+/* Overwrites, again and again, each error text behind the account. */
 static void *write_errors(void *found) {
     uint8_t *from = (uint8_t *)found + sizeof(account);
     for (;;) {
@@ -256,7 +258,8 @@ static void read_file(void) {
     (void)fprintf(stderr, "has read %s\n", size > 0 ? got : "nothing");
 }
 
-/* Messages of ours that the parent has taken: in its block, as firmware/process/channel.c has it; those that were sent are at the beginning of ours. */
+/* Waits until the parent has taken all messages of this process. Its count of taken messages is in
+ * its block (firmware/process/channel.c); the count of sent ones is at the beginning of ours. */
 static void wait_until_taken(const uint32_t *sent) {
     enum { PARENTS_BLOCK = 5, TAKEN = 16, TIMES = 20000 };
     const uint32_t *theirs = mmap(NULL, PIECE, PROT_READ, MAP_SHARED, PARENTS_BLOCK, 0);
@@ -265,7 +268,8 @@ static void wait_until_taken(const uint32_t *sent) {
     }
 }
 
-/* In the slot that is next, whatever the size of one: they begin at lines of 64 bytes, and so does every line here. */
+/* Writes the message to each line of 64 bytes. Slots begin at such lines, so the next slot contains
+ * it, whatever the size of a slot is. */
 static void send_failed(void) {
     enum { SLOTS = 4096, LINE = 64, LINES = 256, FMU_FAILED = 4 };
     const uint32_t message[] = {NUMBER, sizeof(uint32_t), FMU_FAILED};

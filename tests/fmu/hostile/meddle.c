@@ -1,5 +1,5 @@
-/* Changes something of the whole process at the beginning of the function AT, and leaves it so: CHANGE is ROUNDING, FOLDER, UMASK or LOCALE
- * (of the thread: a decimal comma). */
+/* Changes a property of the process or thread in the function AT, and does not restore it. CHANGE
+ * is ROUNDING, FOLDER, UMASK, or LOCALE (of the thread: a decimal comma). */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <fenv.h>

@@ -1,4 +1,5 @@
-/* Refuses to be reset: the function fails, as RESET says (frame.c); so does what SECOND names, when it is called after that. */
+/* Refuses a reset: fmi2Reset fails with the status RESET (frame.c). After that, the function SECOND
+ * fails too. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <string.h>

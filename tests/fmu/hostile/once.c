@@ -1,5 +1,6 @@
-/* What a process can have once, although it does not say so, and not because of its own globals: its instances meet in the environment of the process. In the function AT
- * the second one of them does what HOW says: "crashes", "hangs" or "refuses". */
+/* An FMU that works only once in a process, although its description does not say so. Copies of its
+ * library do not help, because its instances find each other by an environment variable. In the
+ * function AT the second instance "crashes", "hangs" or "refuses" (HOW). */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <signal.h>

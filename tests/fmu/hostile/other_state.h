@@ -1,4 +1,5 @@
-/* Before fmus/common/state.c and values.c: functions that states.c has of its own get other names there. */
+/* Included before fmus/common/state.c and values.c: renames the functions that states.c defines
+ * itself, so that states.c can call them. */
 #ifndef TL_TESTS_FMU_HOSTILE_OTHER_STATE_H
 #define TL_TESTS_FMU_HOSTILE_OTHER_STATE_H
 

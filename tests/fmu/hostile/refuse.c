@@ -1,5 +1,6 @@
-/* The function AT fails from the CALL-th time on, and says so; not any more after UNTIL was called. With SPOILS, so does
- * fmi2ExitInitializationMode from then on, until there is another instance. */
+/* The function AT fails from the CALL-th call on, and logs it. After a call of UNTIL it succeeds
+ * until the next fmi2Instantiate. With SPOILS, fmi2ExitInitializationMode also fails after a
+ * failure of AT, until the next fmi2Instantiate. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Uses BYTES of stack in the function AT; without end where that is 0. */
+/* Uses BYTES of stack in the function AT; 0: without limit. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <stddef.h>

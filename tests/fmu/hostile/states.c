@@ -1,12 +1,13 @@
-/* An FMU whose states are wrong in one way, which LIE names. Its variables are those of fmus/lag, and so are its other functions.
+/* An FMU whose saved states are wrong in one way, which LIE names. Its variables and its other
+ * functions are those of fmus/lag.
  *
- * "parameters" what is set is not in them, and y goes by how that has changed
- * "events"     nor that u was above LEVEL once
- * "one"        there is one; to save another one overwrites it
- * "stranger"   as bytes they lack something that a process without bytes of its own does not have
- * "late"       from its inner step LATE on it refuses to be saved
+ * "parameters" a state does not contain u and T, and y depends on the last change of u
+ * "events"     a state does not contain whether u was ever above LEVEL; y depends on that
+ * "one"        there is only one state; a second save overwrites it
+ * "stranger"   y is wrong after a process loads serialised states before it has serialised one
+ * "late"       from inner step LATE on, saving fails
  *
- * From inner step OPENS on it has a file open, which no copy of its memory takes back.
+ * In inner step OPENS it opens a file, which a copy of its memory cannot undo.
  */
 #include <fcntl.h>
 #include <fmi2Functions.h>
@@ -43,7 +44,7 @@ typedef struct lag {
 } lag;
 
 static bool was_above;
-static bool has_bytes; /* of its own */
+static bool has_bytes; /* this process has serialised a state */
 static bool is_stranger;
 static long steps;
 static fmi2FMUstate only;

@@ -1,4 +1,4 @@
-/* Keeps what it needs in a thread-local variable: set in fmi2Instantiate, wanted in every other function. */
+/* Needs a thread-local variable in each function; fmi2Instantiate sets it. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <string.h>

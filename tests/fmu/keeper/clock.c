@@ -1,4 +1,5 @@
-/* An FMU that goes by the machine's clock from its step LATE on. Its variables are those of fmus/lag, and so are its functions. */
+/* An FMU whose y depends on the machine's clock from its step LATE on. Its variables and functions
+ * are those of fmus/lag. */
 #include <time.h>
 
 #include "description.h"

@@ -1,4 +1,5 @@
-/* An FMU whose solver begins anew whenever a state is restored, which from its step LATE on is of weight. Its variables are those of fmus/lag, and so are its other functions. */
+/* An FMU whose solver restarts after each restore of a state. From its step LATE on this changes y.
+ * Its variables and its other functions are those of fmus/lag. */
 #include <stdbool.h>
 
 #include <fmi2Functions.h>
@@ -7,7 +8,7 @@
 #include "fmus/common/model.h"
 #include "tests/fmu/keeper/touch.h"
 
-/* Our own FMUs', by the name that other_set_state.h gives it. */
+/* The function of fmus/common, renamed by other_set_state.h. */
 fmi2Status own_set_state(fmi2Component component, fmi2FMUstate state);
 
 typedef struct lag {

@@ -1,5 +1,5 @@
-/* An FMU whose states are exact, and whose y goes by whether it is told that no earlier state will be restored (noSetFMUStatePriorToCurrentPoint). Its variables are those of
- * fmus/lag, and so are its other functions. */
+/* An FMU whose states are exact, and whose y depends on noSetFMUStatePriorToCurrentPoint. Its
+ * variables and its other functions are those of fmus/lag. */
 #include <stdbool.h>
 
 #include <fmi2Functions.h>
@@ -7,7 +7,7 @@
 #include "description.h"
 #include "fmus/common/model.h"
 
-/* Our own FMUs', by the name that other_do_step.h gives it. */
+/* The function of fmus/common, renamed by other_do_step.h. */
 fmi2Status own_do_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior);
 
 typedef struct lag {

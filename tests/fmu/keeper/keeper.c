@@ -1,15 +1,22 @@
-/* An FMU that has no functions for its state, and keeps it wherever a program can: on the heap, which changes with each step, in globals, in
- * variables of its thread, in the random numbers and the exception flags of the machine. Its variables are those of fmus/lag.
+/* An FMU without state functions, whose state is in all kinds of memory: on the heap, which changes
+ * in each step; in globals; in thread-local variables; in the random numbers of the C library; in
+ * the floating-point exception flags. Its variables are those of fmus/lag.
  *
- * LARGE is a size, in bytes, of what it has besides on the heap, and as much again in globals; a step writes to one to DIRTY pages of it, here and there, and
- * what it has written there is in y.
- *
- * With EXCEPTIONS at 0 it does without the machine's exception flags, which others in its thread change, but where it is rolled back by its memory.
- *
- * From step LIBRARY on the C library is asked for what it keeps itself: environment, time zone, locales, what is to be called at the end, users.
- *
- * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
- * MAPPED, CHILD. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
+ * LARGE       bytes of further state on the heap, and in each of two global arrays. A step writes
+ * to
+ *             1 or DIRTY places in each; y depends on them.
+ * EXCEPTIONS  0: it does not use the exception flags, because other code in its thread changes
+ * them,
+ *             except with rollback by memory.
+ * LIBRARY     from this step on it uses state of the C library: environment, time zone, locales,
+ *             atexit() functions, users.
+ * THREAD, FILE_OPEN, MAPPED, CHILD
+ *             in this step it gets a thread, an open file, a shared mapping or a child process,
+ *             which a copy of its memory cannot undo.
+ * RESETS      it can reset its state, and then removes these four: 1: in fmi2Reset, 2: in
+ *             fmi2Instantiate.
+ * OWN_STATE   it has state functions, but their state contains only y.
+ */
 #include <fcntl.h>
 #include <fenv.h>
 #include <fmi2Functions.h>
@@ -76,13 +83,13 @@ typedef struct keeper {
 static int steps;             /* .bss */
 static double factor = 0.875; /* .data */
 static __thread double thread_sum = 0.125;
-static __thread double *thread_own; /* made in the third step */
-static double *late;                /* made in the fifth */
+static __thread double *thread_own; /* allocated in the third step */
+static double *late;                /* allocated in the fifth step */
 static volatile double seen;
 static double large_globals[LARGE / sizeof(double) + 1];
 static double large_values[LARGE / sizeof(double) + 1] = {1.0}; /* .data */
 
-/* ---- what no copy takes back ---- */
+/* ---- what a copy of the memory cannot undo ---- */
 
 static void *wait_for_ever(void *context) {
     for (;;) {
@@ -110,7 +117,7 @@ static void keep_more(void) {
     }
     if (steps == CHILD) {
         child = fork();
-        if (child == 0) { /* it stays as long as its parent, and never goes on as an FMU */
+        if (child == 0) { /* the child only waits, until its parent ends */
             (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
             (void)pause();
             _exit(0);
@@ -192,7 +199,7 @@ static void keep_late(void) {
 
 static void at_exit(void) {}
 
-/* The same value in each step, if the library finds what it has kept. */
+/* Uses the C library's state. The result is wrong if the variable KEEPER is lost. */
 static double ask_library(void) {
     time_t time = 1000000000;
     struct tm parts;
@@ -223,7 +230,7 @@ static double odd(void) {
     return result;
 }
 
-/* In one of 16 steps many pages, else two. */
+/* Writes to DIRTY places in one of 16 steps, else to one place: on the heap and in both arrays. */
 static double write_here_and_there(keeper *self) {
     const size_t count = LARGE / sizeof(double);
     double result = 0.0;
@@ -250,7 +257,7 @@ static void step(keeper *self) {
     keep_more();
 }
 
-/* ---- its beginning ---- */
+/* ---- start and reset ---- */
 
 static void forget_all(keeper *self) {
     while (self->first != NULL) {
@@ -264,7 +271,7 @@ static void forget_all(keeper *self) {
     self->y = 0.0;
 }
 
-/* All that is not the instance's, too. */
+/* Resets all state that is not in the instance. */
 static void begin_anew(void) {
     unsigned short first[3] = {1, 2, 3};
     end_proof();

@@ -1,5 +1,5 @@
-/* An FMU whose states are right until its step LATE, and wrong from then on: it begins to remember what they do not hold. Its variables are those of
- * fmus/lag, and so are its functions. */
+/* An FMU whose states are exact before its step LATE. From then on y also depends on a global that
+ * the states do not contain. Its variables and functions are those of fmus/lag. */
 #include "description.h"
 #include "fmus/common/model.h"
 #include "tests/fmu/keeper/touch.h"

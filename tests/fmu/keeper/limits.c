@@ -1,5 +1,6 @@
-/* An FMU with limits: with u above LIMIT a step returns the fmi2Status REFUSES (0: y is not a number), and from second NAN_FROM to NAN_TO y is not a number.
- * Its variables are those of fmus/lag, and so are its other functions. */
+/* An FMU with limits. If u is above LIMIT, a step returns the fmi2Status REFUSES (default 0), and y
+ * is NaN. From second NAN_FROM to NAN_TO y is NaN too. Its variables and its other functions are
+ * those of fmus/lag. */
 #include <math.h>
 #include <stdbool.h>
 
@@ -21,7 +22,7 @@
 #define NAN_TO 1e9
 #endif
 
-/* Our own FMUs', by the names that other_do_step.h and other_get_real.h give them. */
+/* The functions of fmus/common, renamed by other_do_step.h and other_get_real.h. */
 fmi2Status own_do_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior);
 fmi2Status own_get_real(fmi2Component component, const fmi2ValueReference references[], size_t count,
                         fmi2Real values[]);

@@ -1,5 +1,6 @@
-/* An FMU of which, from step FROM on, each instance of a process goes another way: they meet in the process's environment. With SEED each goes a way of its own wherever it is:
- * by the clock at its beginning. Its variables are those of fmus/lag, and so are its functions. */
+/* An FMU whose instances in one process have different results from step FROM on: an environment
+ * variable counts them. With SEED the results depend on the clock at loading, so that they differ
+ * in each process. Its variables and functions are those of fmus/lag. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -15,7 +16,7 @@ typedef struct lag {
     double steps; /* the inner ones too */
 } lag;
 
-static double offset; /* one for all instances that this library has */
+static double offset; /* the same for all instances of this copy of the library */
 
 __attribute__((constructor)) static void meet(void) {
     static const char MET[] = "TWINLOCK_TEST_MET";

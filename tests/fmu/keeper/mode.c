@@ -1,5 +1,5 @@
-/* An FMU whose states lack a mode: an input above LIMIT enters it, and it shows only above a tenth of that. Its variables are those of fmus/lag, and so are
- * its functions. */
+/* An FMU whose states do not contain a mode. The mode begins when u is above LIMIT, and changes y
+ * only while u is above a tenth of LIMIT. Its variables and functions are those of fmus/lag. */
 #include "description.h"
 #include "fmus/common/model.h"
 #include "tests/fmu/keeper/touch.h"

@@ -1,4 +1,5 @@
-/* Before fmus/common/life.c: its fmi2DoStep gets another name, for an FMU that does something besides. */
+/* Included before fmus/common/life.c: renames its fmi2DoStep to own_do_step. The test FMU defines
+ * fmi2DoStep, and calls own_do_step in it. */
 #ifndef TL_TESTS_FMU_KEEPER_OTHER_DO_STEP_H
 #define TL_TESTS_FMU_KEEPER_OTHER_DO_STEP_H
 

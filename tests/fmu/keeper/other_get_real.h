@@ -1,4 +1,5 @@
-/* Before fmus/common/values.c: its fmi2GetReal gets another name, for an FMU that does something besides. */
+/* Included before fmus/common/values.c: renames its fmi2GetReal to own_get_real. The test FMU
+ * defines fmi2GetReal, and calls own_get_real in it. */
 #ifndef TL_TESTS_FMU_KEEPER_OTHER_GET_REAL_H
 #define TL_TESTS_FMU_KEEPER_OTHER_GET_REAL_H
 

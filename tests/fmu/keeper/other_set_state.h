@@ -1,4 +1,5 @@
-/* Before fmus/common/state.c: its fmi2SetFMUstate gets another name, for an FMU that does something besides. */
+/* Included before fmus/common/state.c: renames its fmi2SetFMUstate to own_set_state. The test FMU
+ * defines fmi2SetFMUstate, and calls own_set_state in it. */
 #ifndef TL_TESTS_FMU_KEEPER_OTHER_SET_STATE_H
 #define TL_TESTS_FMU_KEEPER_OTHER_SET_STATE_H
 

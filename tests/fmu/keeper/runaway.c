@@ -1,4 +1,5 @@
-/* An FMU that cannot be held: from its second AT on y grows by GROWTH with each step, whatever its input is. Its variables are those of fmus/lag. */
+/* An FMU that no input can control: from its second AT on y grows by GROWTH with each step. Its
+ * variables are those of fmus/lag. */
 #include "description.h"
 #include "fmus/common/model.h"
 

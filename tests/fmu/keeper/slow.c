@@ -1,5 +1,10 @@
-/* An FMU whose own states are exact, and slow: to restore one takes PAUSE ns. From its step OUTSIDE on (0: never) its y goes by a number in the environment as well, which
- * its states bring back, and no copy of its memory does. In its step MAPS (0: never) it maps memory, which its states need not bring back. Its variables are those of fmus/lag, and so are its other functions. */
+/* An FMU whose own states are exact, but slow: a restore takes PAUSE ns. Its variables and its
+ * other functions are those of fmus/lag.
+ *
+ * OUTSIDE  from this step on (0: never) y also depends on an environment variable. A restore of a
+ *          state restores it; a restore of a memory copy does not.
+ * MAPS     in this step (0: never) it maps memory, which a restore need not undo.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -10,7 +15,7 @@
 #include "description.h"
 #include "fmus/common/instance.h"
 
-/* Our own FMUs', by the name that other_set_state.h gives it. */
+/* The function of fmus/common, renamed by other_set_state.h. */
 fmi2Status own_set_state(fmi2Component component, fmi2FMUstate state);
 
 #ifndef PAUSE
@@ -31,7 +36,7 @@ typedef struct lag {
     fmi2Real x_start, t_step;
     fmi2Real y;
     double steps;
-    double outside; /* what is in the environment */
+    double outside; /* value of the environment variable */
 } lag;
 
 static void put_outside(double number) {

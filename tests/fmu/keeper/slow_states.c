@@ -1,9 +1,9 @@
-/* What makes one of our own FMUs one whose states are exact, and slow: to restore one takes PAUSE ns. */
+/* Makes the states of one of our FMUs slow: a restore takes PAUSE ns. They stay exact. */
 #include <time.h>
 
 #include <fmi2Functions.h>
 
-/* Our own FMUs', by the name that other_set_state.h gives it. */
+/* The function of fmus/common, renamed by other_set_state.h. */
 fmi2Status own_set_state(fmi2Component component, fmi2FMUstate state);
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {

@@ -1,4 +1,5 @@
-/* Changes TOUCHES pages of memory in each step, so that a copy of the memory takes far longer than the FMU's own states. */
+/* Changes TOUCHES pages of memory in each step. A copy of the memory then takes far longer than a
+ * save by the FMU's own state functions. */
 #ifndef TL_TESTS_FMU_KEEPER_TOUCH_H
 #define TL_TESTS_FMU_KEEPER_TOUCH_H
 

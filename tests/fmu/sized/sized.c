@@ -1,5 +1,6 @@
-/* An FMU whose state has SIZE bytes, of which a step changes one in each of PAGES pages: for what it costs to save, restore and go on. Its variables are those
- * of fmus/lag. It has functions for its state, which copy all of it. */
+/* An FMU whose state has SIZE bytes; a step changes one byte in each of PAGES pages. For measuring
+ * the cost of save and restore. Its variables are those of fmus/lag. Its state functions copy the
+ * whole state. */
 #include <fmi2Functions.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Reads what to do, does it, and says how it went. */
+/* Reads attack.txt, carries out its attacks, and reports their results. */
 #include "tests/fmu/hostile/attack/attack.h"
 
 #include <dlfcn.h>

@@ -1,11 +1,14 @@
-/* What the attacker does: one function for each attack, in a file of its own for each kind.
+/* Attacks of a hostile FMU: one function per attack, one file per kind of attack.
  *
- * Purpose: the set of hostile FMUs that the confinement of FMUs is held against (tests/support/attacks.py, which has the table).
- * Use:     resources/attack.txt of the FMU says what to do, a line for each attack: WHERE, LABEL, NAME and arguments, with tabs between. WHERE is
- *          what hostile_before() is called with; "fmi2DoStep:50" is the fiftieth call, "fmi2DoStep@thread" a thread that is begun there.
- * Result:  a line "attack LABEL: succeeded", or the name of the error, on stderr. That is what the attacker believes; whether it reached
- *          anything, the test sees at the other end.
- * Bounds:  whatever grows has a bound in its arguments, and what is left behind ends by itself: nothing depends on the confinement.
+ * Purpose: tests of the confinement of FMUs. tests/support/attacks.py has the table of attacks.
+ * Use:     resources/attack.txt of the FMU has one line per attack, with tabs between the fields:
+ *          WHERE, LABEL, NAME and arguments. NAME is the attack's function. WHERE is the argument
+ *          of hostile_before() at which the attack runs. "fmi2DoStep:50": at the fiftieth call.
+ *          "fmi2DoStep@thread": in a thread that is started there.
+ * Result:  a line on stderr: "attack LABEL: succeeded", or the name of the error. This is only the
+ *          attacker's report; the test checks whether the attack had an effect.
+ * Bounds:  arguments limit everything that grows, and processes and threads that remain end on
+ *          their own. Both hold also without confinement.
  */
 #ifndef TL_TESTS_FMU_HOSTILE_ATTACK_ATTACK_H
 #define TL_TESTS_FMU_HOSTILE_ATTACK_ATTACK_H
@@ -14,7 +17,8 @@
 
 enum { ATTACK_WORDS = 8, ATTACK_PATH = 4200 };
 
-/* Takes its arguments, which are "" if they are not given. Returns 0 if it has succeeded, else the error's number. */
+/* Carries out an attack. Missing arguments are "". Returns 0 if it has succeeded, else the
+ * errno. */
 typedef int attack_function(char *const words[]);
 
 typedef struct attack {
@@ -22,7 +26,7 @@ typedef struct attack {
     attack_function *run;
 } attack;
 
-/* Each ends with a name that is NULL. */
+/* Each table ends with an entry whose name is NULL. */
 extern const attack attack_network[];
 extern const attack attack_files[];
 extern const attack attack_processes[];
@@ -31,19 +35,20 @@ extern const attack attack_bombs[];
 extern const attack attack_inside[];
 extern const attack attack_kernel[];
 
-/* 0, or errno if the result of a call is negative. */
+/* Returns errno if `result`, that of a call, is negative; else 0. */
 int attack_errno(long result);
 
-/* What a file at `path` gives for `flags` (of open()) after `text` is written to it, if that is not NULL. */
+/* Opens the file at `path` with `flags`, and writes `text` to it (NULL: nothing). Returns 0 or the
+ * errno. */
 int attack_open(const char *path, int flags, const char *text);
 
-/* Where resources/attack.txt is: two folders above the library. */
+/* Writes the path of resources/attack.txt, found from the path of this library. */
 void attack_orders_path(char path[ATTACK_PATH]);
 
-/* A process: its number, or "parent". */
+/* Returns the process ID that `word` names: a number, or "parent". */
 pid_t attack_pid(const char *word);
 
-/* Waits for a short time, so that others may take notice. */
+/* Waits, so that other processes can react. */
 void attack_pause(unsigned milliseconds);
 
 #endif

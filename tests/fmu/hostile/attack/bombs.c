@@ -1,4 +1,4 @@
-/* Takes more than its share: processes, threads, memory, disk, and the reader's patience. All with bounds of their own. */
+/* Attacks by excess: processes, threads, memory, disk and output. Each has a limit. */
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -23,7 +23,8 @@ static size_t number(const char *word) {
     return strtoul(word, NULL, 10);
 }
 
-/* What is left behind has a name by which the test finds it, and does not live long. Nothing of its parent's is kept open. */
+/* A remaining process: has a name by which the test finds it, ends after LIFE_S, and keeps no
+ * descriptor of its parent open. */
 static void linger(void) {
     (void)prctl(PR_SET_NAME, "attack-left");
     (void)alarm(LIFE_S);
@@ -35,7 +36,7 @@ static void linger(void) {
     }
 }
 
-/* COUNT processes that stay. They have their name from birth, however long they wait for a processor. */
+/* COUNT: starts processes that remain. They inherit their name, so that they have it at once. */
 static int processes(char *const words[]) {
     char name[16] = "";
     size_t wanted = number(words[0]);
@@ -53,7 +54,7 @@ static int processes(char *const words[]) {
     return failure;
 }
 
-/* One that no longer has anything to do with who began it. */
+/* Starts a daemon: a process in another session, whose parent has ended. */
 static int daemon_process(char *const words[]) {
     int status = 0;
     (void)words;
@@ -78,7 +79,7 @@ static void *wait_in_thread(void *unused) {
     return unused;
 }
 
-/* COUNT threads that stay. */
+/* COUNT: starts threads that remain. */
 static int threads(char *const words[]) {
     pthread_attr_t attributes;
     int error = 0;
@@ -93,7 +94,7 @@ static int threads(char *const words[]) {
     return error;
 }
 
-/* MEBIBYTES, a piece at a time; the bytes are really there. */
+/* MEBIBYTES: maps shared memory in pieces, and writes to each page, so that it exists. */
 static int shared_memory(char *const words[]) {
     enum { PIECE = 64 };
     for (size_t taken = 0, wanted = number(words[0]); taken < wanted; taken += PIECE) {
@@ -119,7 +120,8 @@ static int heap_memory(char *const words[]) {
     return 0;
 }
 
-/* MEBIBYTES of page tables: one page for each 2 MiB that are looked at, of memory that is never written and so is nobody's data. */
+/* MEBIBYTES: makes the kernel allocate page tables. Reads one byte in each 2 MiB of a mapping,
+ * which allocates a page of tables and no data page. */
 static int page_tables(char *const words[]) {
     const size_t pages = number(words[0]) * (MEBI / 4096);
     const size_t piece = (size_t)64 * 1024 * MEBI;
@@ -136,7 +138,7 @@ static int page_tables(char *const words[]) {
     return 0;
 }
 
-/* COUNT timers, each of which is one of the signals that all processes of a user may have waiting. */
+/* COUNT: makes timers. Each counts as a pending signal of the user, whose number is limited. */
 static int timers(char *const words[]) {
     struct sigevent event = {.sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGURG};
     for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
@@ -160,7 +162,7 @@ static int fill(int file, size_t mebibytes) {
     return 0;
 }
 
-/* A file in memory is nobody's memory. */
+/* MEBIBYTES: fills a file in memory, which does not count as memory of a process. */
 static int file_memory(char *const words[]) {
     int memory = memfd_create("attack", MFD_CLOEXEC);
     if (memory < 0) {
@@ -171,7 +173,7 @@ static int file_memory(char *const words[]) {
     return error;
 }
 
-/* Memory that outlives who made it: KEY. */
+/* KEY: makes System V shared memory, which outlives its process. */
 static int system_v_memory(char *const words[]) {
     return attack_errno(shmget((key_t)number(words[0]), 4096, IPC_CREAT | 0600));
 }
@@ -185,7 +187,7 @@ static void *use_stack(void *mebibytes) {
     return NULL;
 }
 
-/* A thread with a stack of so many MEBIBYTES, used. */
+/* MEBIBYTES: starts a thread with a stack of this size, and uses it. */
 static int stack_memory(char *const words[]) {
     pthread_attr_t attributes;
     pthread_t thread;
@@ -197,7 +199,7 @@ static int stack_memory(char *const words[]) {
     return error != 0 ? error : pthread_join(thread, NULL);
 }
 
-/* Where a file named `name` in `folder` is, if that is not "": else in $TMPDIR. */
+/* Creates the file `name` in `folder`, or in $TMPDIR if `folder` is "". */
 static int create_in(const char *folder, const char *name) {
     char path[4096];
     const char *temporary = getenv("TMPDIR");
@@ -206,7 +208,7 @@ static int create_in(const char *folder, const char *name) {
     return open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
 }
 
-/* MEBIBYTES [FOLDER] */
+/* MEBIBYTES [FOLDER]: fills a file. */
 static int fill_disk(char *const words[]) {
     int file = create_in(words[1], "attack.fill");
     if (file < 0) {
@@ -217,7 +219,7 @@ static int fill_disk(char *const words[]) {
     return error;
 }
 
-/* Takes the room without writing. */
+/* MEBIBYTES [FOLDER]: reserves disk space without writing. */
 static int reserve_disk(char *const words[]) {
     int file = create_in(words[1], "attack.reserve");
     if (file < 0) {
@@ -228,7 +230,7 @@ static int reserve_disk(char *const words[]) {
     return error;
 }
 
-/* MEBIBYTES in files that have no name any more, 32 each. */
+/* MEBIBYTES: fills removed files that are still open, 32 MiB each. */
 static int fill_removed(char *const words[]) {
     for (size_t written = 0, wanted = number(words[0]); written < wanted; written += 32) {
         int file = create_in("", "attack.removed");
@@ -247,7 +249,7 @@ static int fill_removed(char *const words[]) {
     return 0;
 }
 
-/* COUNT [FOLDER] */
+/* COUNT [FOLDER]: creates empty files. */
 static int many_files(char *const words[]) {
     char name[32];
     for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
@@ -261,7 +263,7 @@ static int many_files(char *const words[]) {
     return 0;
 }
 
-/* COUNT descriptors that stay open. */
+/* COUNT: makes descriptors that remain open. */
 static int many_descriptors(char *const words[]) {
     for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
         if (fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 64) < 0) {
@@ -271,7 +273,7 @@ static int many_descriptors(char *const words[]) {
     return 0;
 }
 
-/* BYTES on the standard output, with newlines. */
+/* BYTES: writes lines to standard output. */
 static int flood_output(char *const words[]) {
     static char line[65536];
     memset(line, 'f', sizeof line);

@@ -1,4 +1,4 @@
-/* Files that are not its own: their contents, their names and what the file system keeps of them. */
+/* Attacks on files of others: their content, their names and their attributes. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -17,7 +17,7 @@
 
 #include "tests/fmu/hostile/attack/attack.h"
 
-/* A terminal's reader may be behind. */
+/* Writes, and retries for 5 s if a terminal is full because its reader is slow. */
 static int write_soon(int file, const char *text) {
     struct pollfd ready = {.fd = file, .events = POLLOUT};
     int error = 0;
@@ -55,7 +55,7 @@ static int open_truncating(char *const words[]) {
     return attack_open(words[0], O_RDONLY | O_TRUNC, NULL);
 }
 
-/* By the newer call, whose flags lie in memory that no filter sees. */
+/* Uses openat2(), whose flags are in memory, where a seccomp filter cannot see them. */
 static int open_by_structure(char *const words[]) {
     struct open_how how = {.flags = O_RDONLY | O_TRUNC | O_CLOEXEC};
     long file = syscall(SYS_openat2, AT_FDCWD, words[0], &how, sizeof how);
@@ -85,7 +85,8 @@ static int setxattr_file(char *const words[]) {
     return attack_errno(setxattr(words[0], "user.attack", "attack", 6, 0));
 }
 
-/* Through a descriptor that only reads; "resources": a file of its own, which it may read. */
+/* Changes a file through a read-only descriptor. "resources": a file of this FMU, which it may
+ * read. */
 static int by_descriptor(const char *path, int (*change)(int)) {
     char own[ATTACK_PATH];
     attack_orders_path(own);
@@ -127,7 +128,7 @@ static int rename_file(char *const words[]) {
     return attack_errno(rename(words[0], words[1]));
 }
 
-/* Puts a file of its own in the place of another one. */
+/* Replaces a file by renaming an own file over it. */
 static int rename_over(char *const words[]) {
     int error = attack_open("attack.own", O_WRONLY | O_CREAT, "attack");
     return error != 0 ? error : attack_errno(rename("attack.own", words[0]));
@@ -137,7 +138,7 @@ static int unlink_file(char *const words[]) {
     return attack_errno(unlink(words[0]));
 }
 
-/* A second name, in its own folder, to write by. */
+/* Makes a hard link in its own folder, and writes through it. */
 static int link_file(char *const words[]) {
     if (link(words[0], "attack.link") != 0) {
         return errno;
@@ -160,7 +161,7 @@ static int make_folder(char *const words[]) {
     return attack_errno(mkdir(words[0], 0777));
 }
 
-/* Prints what it has read: whoever finds that knows that it was read. */
+/* Prints the content, so that the test can see that it was read. */
 static int read_file(char *const words[]) {
     char got[8192];
     int file = open(words[0], O_RDONLY | O_CLOEXEC);
@@ -190,12 +191,12 @@ static int list_folder(char *const words[]) {
     return 0;
 }
 
-/* PATH TEXT: a serial line, a GPIO chip, a log of the kernel's. Without a text it is only opened. */
+/* PATH TEXT: writes to a device, for example a serial line. Without a text it is only opened. */
 static int write_device(char *const words[]) {
     return attack_open(words[0], O_RDWR, words[1][0] != '\0' ? words[1] : NULL);
 }
 
-/* MAJOR MINOR TEXT: a name of its own for a device. */
+/* MAJOR MINOR TEXT: makes an own device file, and writes to it. */
 static int make_device(char *const words[]) {
     dev_t device = makedev((unsigned)strtoul(words[0], NULL, 10), (unsigned)strtoul(words[1], NULL, 10));
     if (mknod("attack.device", S_IFCHR | 0666, device) != 0) {

@@ -1,4 +1,4 @@
-/* What it was given without having asked: descriptors, the terminal, memory that others share with it. */
+/* Attacks through what the process has from its start: descriptors, the terminal, shared memory. */
 #include <errno.h>
 #include <fcntl.h>
 #include <fmi2FunctionTypes.h>
@@ -19,7 +19,8 @@
 #include "tests/fmu/hostile/attack/attack.h"
 #include "tests/fmu/hostile/hostile.h"
 
-/* WORD: as the title and for the clipboard, a question that the terminal answers by typing, colours, and the same by the single bytes of C1. */
+/* Returns terminal escapes with WORD: window title, clipboard, a query that the terminal answers as
+ * if it were typed, colours, and the same as C1 control characters. */
 static const char *escapes(const char *word) {
     static char made[512];
     (void)snprintf(made, sizeof made,
@@ -43,7 +44,7 @@ static int log_escapes(char *const words[]) {
     return 0;
 }
 
-/* TEXT TERMINAL: as if it had been typed. */
+/* TEXT TERMINAL: puts the text into the input of the terminal, as if it had been typed. */
 static int type_text(char *const words[]) {
     int terminal = open(words[1], O_RDWR | O_CLOEXEC | O_NOCTTY);
     int error = terminal < 0 ? errno : 0;
@@ -55,7 +56,7 @@ static int type_text(char *const words[]) {
     return error;
 }
 
-/* TEXT, by whatever descriptor is a terminal. */
+/* TEXT: the same, through any open descriptor that is a terminal. */
 static int type_by_descriptor(char *const words[]) {
     for (int i = 0; i < 256; i++) {
         if (isatty(i) == 1) {
@@ -74,12 +75,13 @@ static int print_to_terminal(char *const words[]) {
     return attack_open(words[1], O_WRONLY, escapes(words[0]));
 }
 
-/* The pipe that it speaks by, opened anew. */
+/* Opens its own log pipe again. */
 static int open_own_pipe(int way) {
     return open("/proc/self/fd/2", way | O_NONBLOCK | O_CLOEXEC);
 }
 
-/* WORD: escapes by each way into its own pipe, by packets and spliced; then the pipe is as it was. Whoever reads it is all that it leads to. */
+/* WORD: writes escapes to its own log pipe through each descriptor, also as packets and by
+ * splice(); then restores the pipe. Returns ENOTTY, because a pipe is no terminal. */
 static int write_own_pipe(char *const words[]) {
     const int ways[] = {STDERR_FILENO, open_own_pipe(O_WRONLY), open_own_pipe(O_RDWR)};
     const char *made = escapes(words[0]);
@@ -103,11 +105,12 @@ static int write_own_pipe(char *const words[]) {
     return ENOTTY;
 }
 
-/* For a tenth of a second all that comes by its own pipe; then it asks for what is refused, which others say. */
+/* Reads from its own log pipe for a tenth of a second. Then requests a socket: the parent must
+ * still log that this was denied. */
 static int read_own_pipe(char *const words[]) {
     char taken[4096];
     int pipe = open_own_pipe(O_RDONLY);
-    int error = pipe < 0 ? errno : EBADMSG; /* it was not told anything of others */
+    int error = pipe < 0 ? errno : EBADMSG; /* it has read nothing of other processes */
     (void)words;
     for (int i = 0; i < 100; i++) {
         (void)dprintf(STDERR_FILENO, "line %d, which is taken or not\n", i);
@@ -120,7 +123,7 @@ static int read_own_pipe(char *const words[]) {
     return error;
 }
 
-/* Everything that is open, but what it speaks by: moved, written to, cut. Succeeds if one of them let itself be written. */
+/* Seeks, writes and truncates all open descriptors except 0 to 2. Succeeds if a write succeeds. */
 static int write_descriptors(char *const words[]) {
     int error = EBADF;
     (void)words;
@@ -135,7 +138,7 @@ static int write_descriptors(char *const words[]) {
     return error;
 }
 
-/* FIRST: this descriptor and all behind it, so that it can still speak or not. */
+/* FIRST: closes this descriptor and all higher ones. */
 static int close_descriptors(char *const words[]) {
     for (int i = (int)strtol(words[0], NULL, 10); i < 1024; i++) {
         (void)close(i);
@@ -156,7 +159,8 @@ static void scribble(uint8_t *bytes, size_t size, void *state) {
     }
 }
 
-/* Whatever is open, as it is and opened anew: what was given to be read may let itself be opened for more. Gives how many could be shared. */
+/* Writes random bytes to each open file, through its descriptor and through the file opened again
+ * for writing. Returns the number of successful mappings. */
 static size_t scribble_over_descriptors(uint32_t *state) {
     size_t found = 0;
     for (int i = 0; i < 256; i++) {
@@ -180,7 +184,7 @@ static size_t scribble_over_descriptors(uint32_t *state) {
     return found;
 }
 
-/* All memory that it shares, and may write. Gives how many pieces. */
+/* Calls `write_over` for each writable shared mapping. Returns their number. */
 static size_t for_each_shared(void (*write_over)(uint8_t *bytes, size_t size, void *with), void *with) {
     FILE *maps = fopen("/proc/self/maps", "re");
     size_t found = 0;
@@ -200,7 +204,7 @@ static size_t for_each_shared(void (*write_over)(uint8_t *bytes, size_t size, vo
     return found;
 }
 
-/* SEED: random bytes over all memory that it shares with others. */
+/* SEED: writes random bytes over all shared memory. */
 static int scribble_over_shared(char *const words[]) {
     uint32_t state = (uint32_t)strtoul(words[0], NULL, 10) | 1;
     size_t found = for_each_shared(scribble, &state);
@@ -216,7 +220,7 @@ static void fill(uint8_t *bytes, size_t size, void *pattern) {
     }
 }
 
-/* PATTERN: what numbers and texts are not made of, over the same. */
+/* PATTERN: writes NaN ("NaN"), or invalid text, over all shared memory. */
 static int fill_shared(char *const words[]) {
     static const double no_numbers[] = {NAN, NAN};
     char pattern[PATTERN] = "\033]0;x\007\033[2J\n\302\233";
@@ -228,7 +232,8 @@ static int fill_shared(char *const words[]) {
 
 enum { PARENTS_BLOCK = 5, OWN_BLOCK, WORDS = 1024, EACH = 16, ELSEWHERE = 1000 };
 
-/* Whoever sleeps on the first page of a block that it shares, moved to where nobody wakes him. */
+/* Moves each waiter on a futex in the first page of a shared block to another futex, which no
+ * process wakes. */
 static void *move_on(void *unused) {
     for (;;) {
         for (int block = PARENTS_BLOCK; block <= OWN_BLOCK; block++) {
@@ -242,7 +247,7 @@ static void *move_on(void *unused) {
     return unused;
 }
 
-/* For as long as it lives. */
+/* Does this in a thread, as long as the process lives. */
 static int move_sleepers(char *const words[]) {
     pthread_t thread;
     (void)words;

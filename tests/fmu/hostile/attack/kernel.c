@@ -1,4 +1,4 @@
-/* What kernels offer besides files, sockets and processes: each call is made so that it would leave nothing behind. */
+/* Attacks by other services of the kernel. Each call leaves nothing behind if it succeeds. */
 #include <errno.h>
 #include <fcntl.h>
 #include <mqueue.h>
@@ -17,7 +17,7 @@
 
 enum { THREAD_KEYRING = -1, USER_MODE_ONLY = 1 };
 
-/* Goes with the thread. */
+/* Adds a key to the keyring of the thread, which ends with the thread. */
 static int keep_key(char *const words[]) {
     (void)words;
     return attack_errno(syscall(SYS_add_key, "user", "attack", "attack", 6L, (long)THREAD_KEYRING));
@@ -43,7 +43,7 @@ static int make_semaphores(char *const words[]) {
     return error;
 }
 
-/* FOLDER: who comes and goes there. */
+/* FOLDER: watches changes in this folder. */
 static int watch_folder(char *const words[]) {
     int watcher = inotify_init1(IN_CLOEXEC);
     int error = watcher < 0 ? errno : attack_errno(inotify_add_watch(watcher, words[0], IN_ALL_EVENTS));
@@ -59,7 +59,7 @@ static int handle_faults(char *const words[]) {
     return error;
 }
 
-/* PID: its standard input. */
+/* PID: takes the standard input of this process. */
 static int take_descriptor(char *const words[]) {
     int process = (int)syscall(SYS_pidfd_open, attack_pid(words[0]), 0);
     int taken = process < 0 ? -1 : (int)syscall(SYS_pidfd_getfd, process, 0, 0);
@@ -69,7 +69,7 @@ static int take_descriptor(char *const words[]) {
     return error;
 }
 
-/* So that others of its user could look into its memory; and it itself by /proc. */
+/* Lets processes of the same user read its memory, and itself through /proc. */
 static int be_dumpable(char *const words[]) {
     (void)words;
     return attack_errno(prctl(PR_SET_DUMPABLE, 1L, 0L, 0L, 0L));
@@ -80,7 +80,8 @@ static int change_personality(char *const words[]) {
     return attack_errno(personality(ADDR_NO_RANDOMIZE));
 }
 
-/* Of a probe in a program's code, which no filter sees (Linux 6.14): elsewhere the kernel answers it by SIGILL. */
+/* Calls uretprobe() (Linux 6.14), which is meant only for a probe in a program's code and passes
+ * seccomp filters. Without a probe the kernel sends SIGILL. */
 static int call_uretprobe(char *const words[]) {
     (void)words;
 #if defined(__x86_64__)

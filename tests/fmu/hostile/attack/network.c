@@ -1,4 +1,4 @@
-/* Sockets of every kind that a plant, or a helper on the same machine, could listen at. */
+/* Attacks by sockets of each kind at which a plant or a local server could listen. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <linux/can.h>
@@ -43,7 +43,7 @@ static socklen_t internet(address *to, const char *host, const char *port) {
     return sizeof to->four;
 }
 
-/* A path, or an abstract name after "@". */
+/* Fills a local address from a path, or from "@" and an abstract name. */
 static socklen_t local(address *to, const char *name) {
     memset(to, 0, sizeof *to);
     to->local.sun_family = AF_UNIX;
@@ -107,7 +107,7 @@ static int pair_socket(char *const words[]) {
     return error;
 }
 
-/* INTERFACE: a frame with the id 123. */
+/* INTERFACE: sends a CAN frame with the id 0x123. */
 static int can_frame(char *const words[]) {
     struct can_frame frame = {.can_id = 0x123, .can_dlc = 2, .data = {0x47, 0x11}};
     address to = {.can = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(words[0])}};
@@ -120,7 +120,8 @@ static int can_frame(char *const words[]) {
     return error;
 }
 
-/* INDEX of an interface, WORD: an Ethernet frame of the type for local experiments, with the word in it, since others may listen to the same interface. */
+/* INDEX WORD: sends an Ethernet frame of the type for local experiments on the interface with this
+ * index. The word tells it apart from other frames. */
 static int ethernet_frame(char *const words[]) {
     uint8_t frame[64] = {[12] = 0x88, 0xB5};
     address to = {.link = {.sll_family = AF_PACKET, .sll_ifindex = (int)strtol(words[0], NULL, 10), .sll_halen = 6}};

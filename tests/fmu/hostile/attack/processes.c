@@ -1,4 +1,4 @@
-/* Other processes: signals, their memory, what the kernel grants them. */
+/* Attacks on other processes: signals, memory, priorities and limits. */
 #include <errno.h>
 #include <fcntl.h>
 #include <sched.h>
@@ -57,7 +57,7 @@ static int send_by_pidfd(char *const words[]) {
     return error;
 }
 
-/* The kernel sends it, when something can be read from a pipe: to whom fcntl() says. */
+/* Lets the kernel send the signal when a pipe becomes readable; fcntl() sets the receiver. */
 static int send_by_pipe(char *const words[]) {
     int ends[2];
     if (pipe2(ends, O_CLOEXEC) != 0) {
@@ -72,7 +72,7 @@ static int send_by_pipe(char *const words[]) {
     return error;
 }
 
-/* PID PLACE: writes a word there. */
+/* PID PLACE: attaches by ptrace(), and writes a word to this address. */
 static int trace(char *const words[]) {
     pid_t pid = attack_pid(words[0]);
     if (ptrace(PTRACE_ATTACH, pid, NULL, NULL) != 0) {
@@ -128,7 +128,7 @@ static int read_by_file(char *const words[]) {
     return error;
 }
 
-/* A file of another process in /proc: PID NAME WORD. Prints what begins with the word there. */
+/* PID NAME WORD: reads a file of another process in /proc, and prints it from the word on. */
 static int read_of_process(char *const words[]) {
     char path[64];
     static char got[65536];
@@ -152,7 +152,7 @@ static int set_limit(char *const words[]) {
     return attack_errno(prlimit(attack_pid(words[0]), RLIMIT_MSGQUEUE, &limit, NULL));
 }
 
-/* The first processor that it may have itself, and no other. */
+/* PID: restricts the process to the first processor that the attacker may use. */
 static int set_affinity(char *const words[]) {
     cpu_set_t own;
     cpu_set_t one;

@@ -1,4 +1,4 @@
-/* Other programs, and other ways into the kernel than the usual calls of this machine. */
+/* Attacks by starting programs, and by unusual kinds of system calls. */
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/io_uring.h>
@@ -37,7 +37,7 @@ static int ended_child(pid_t child) {
     return waitpid(child, &status, __WALL) == child ? ended(status) : errno;
 }
 
-/* There is no way back: the attacker itself becomes the program. */
+/* Replaces the attacker by the program. */
 static int replace_itself(char *const words[]) {
     return attack_errno(execv("/bin/sh", shell(words[0])));
 }
@@ -69,7 +69,7 @@ static int call_fork(char *const words[]) {
     return ended_child(child);
 }
 
-/* Without the C library, which would choose a newer call. */
+/* Uses clone(), where the C library might choose a newer system call. */
 static int call_raw_fork(char *const words[]) {
     pid_t child = (pid_t)syscall(SYS_clone, SIGCHLD, 0, 0, 0, 0);
     if (child == 0) {
@@ -92,7 +92,7 @@ static int copy_into(int to, const char *path) {
     return error;
 }
 
-/* A program in memory, which has no path. */
+/* Executes a program from a file in memory, which has no path. */
 static int execute_memory(char *const words[]) {
     static char *const none[] = {NULL};
     int memory = memfd_create("attack", MFD_CLOEXEC);
@@ -110,7 +110,7 @@ static int execute_memory(char *const words[]) {
     return error;
 }
 
-/* Code that came from a file in memory: returns 42. */
+/* Maps machine code from a file in memory, and executes it; the code returns 42. */
 static int map_memory(char *const words[]) {
 #if defined(__x86_64__)
     static const uint8_t code[] = {0xB8, 42, 0, 0, 0, 0xC3};
@@ -136,7 +136,7 @@ static int map_memory(char *const words[]) {
     return error;
 }
 
-/* The table of calls of 32-bit programs: creat() is its number 8. */
+/* Uses the system calls of 32-bit programs, where creat() is number 8. */
 static int call_32_bits(char *const words[]) {
 #if defined(__x86_64__)
     char *path = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_32BIT, -1, 0);
@@ -157,7 +157,7 @@ static int call_32_bits(char *const words[]) {
 #endif
 }
 
-/* The table of calls of x32. */
+/* Uses the system calls of x32. */
 static int call_x32(char *const words[]) {
 #if defined(__x86_64__)
     long file = syscall(0x40000000L | SYS_open, words[0], O_CREAT | O_WRONLY, 0666);
@@ -168,7 +168,7 @@ static int call_x32(char *const words[]) {
 #endif
 }
 
-/* The two rings are one mapping since Linux 5.4. */
+/* Submits one order. Both rings are one mapping since Linux 5.4. */
 static int submit(int ring, const struct io_uring_params *made, const struct io_uring_sqe *order) {
     size_t size = made->cq_off.cqes + made->cq_entries * sizeof(struct io_uring_cqe);
     char *rings = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, ring, IORING_OFF_SQ_RING);
@@ -186,7 +186,7 @@ static int submit(int ring, const struct io_uring_params *made, const struct io_
     return result->res < 0 ? -result->res : 0;
 }
 
-/* Makes a file without ever calling open(). */
+/* Creates a file by io_uring, without a call of open(). */
 static int create_by_ring(char *const words[]) {
     struct io_uring_params made = {.flags = 0};
     struct io_uring_sqe order = {

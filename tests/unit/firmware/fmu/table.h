@@ -1,14 +1,14 @@
-/* Of the libraries that test_own_copies makes copies of: one that counts, and one that asks it.
+/* Two libraries that test_own_copies copies: table counts its calls, and model calls table.
  *
- * Owner: the count is the library's, so of each copy of it. Thread: one.
+ * Owner: each copy of table has its own count. Thread: one.
  */
 #ifndef TL_TESTS_UNIT_FIRMWARE_FMU_TABLE_H
 #define TL_TESTS_UNIT_FIRMWARE_FMU_TABLE_H
 
-/* How often it was called. */
+/* In table: returns the number of its calls, this one included. */
 int table_count(void);
 
-/* The same, by way of the library that needs it. */
+/* In model: calls table_count() and returns its result. */
 int model_count(void);
 
 #endif
