@@ -83,7 +83,8 @@ tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sa
     return warm_up(assembly, ticks, sample, NULL, error);
 }
 
-/* Steps of at most `most` that leave a part of those before the stop time to the late verification. */
+/* At most `most` steps, and at most this part of those before the stop time: the late verification
+ * needs some. */
 static int64_t limit_steps(const tl_assembly *assembly, int64_t most, double part) {
     int64_t limit = (int64_t)(part * (double)tl_assembly_steps_to_stop(assembly));
     return limit < 1 ? 1 : limit < most ? limit : most;

@@ -95,15 +95,13 @@ static size_t count_loaded(void) {
 }
 
 tl_status tl_library_open(const char *path, tl_error *error) {
-    size_t before = count_loaded();
+    (void)count_loaded();
     void *opened = dlopen(path, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
     if (opened == NULL) {
         return fail_open(path, dlerror(), error);
     }
     tl_process_run_exit_handlers();
-    if (python_version(opened) == NULL) {
-        tl_fmu_regions_exclude(before);
-    } else { /* its threads would prevent rollback by memory */
+    if (python_version(opened) != NULL) { /* its threads would prevent rollback by memory */
         (void)setenv("OPENBLAS_NUM_THREADS", "1", 0);
     }
     return check_python(path, opened, error);

@@ -613,6 +613,8 @@ void tl_fmu_guard_choose_method(tl_fmu_guard *guard) {
                                               .prefer_copy = prefer_copy};
     bool by_memory = guard->by_memory;
     roll_back_by(guard, &guard->by_states);
+    /* A script's states contain what its author has registered; often that is not all. */
+    guard->functions.prefers_copies = guard->memory != NULL && guard->memory != &guard->own_memory;
     guard->functions.fallback = NULL;
     guard->functions.replay.most = 0;
     if (by_memory) {

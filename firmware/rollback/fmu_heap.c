@@ -1,9 +1,11 @@
 /* The heap of an FMU, see fmu_heap.h. */
 #include "firmware/rollback/fmu_heap.h"
 
+#include <dirent.h>
 #include <dlfcn.h>
 #include <elf.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <grp.h>
 #include <iconv.h>
 #include <libintl.h>
@@ -21,6 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/auxv.h>
+#include <sys/eventfd.h>
 #include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
@@ -471,6 +474,17 @@ uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
     return 0;
 }
 
+void tl_fmu_heap_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]) {
+    (void)heap;
+    (void)values;
+}
+
+void tl_fmu_heap_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KEYS], uint32_t count) {
+    (void)heap;
+    (void)values;
+    (void)count;
+}
+
 #else
 
 /* The C library's own allocator under its second names. */
@@ -730,6 +744,20 @@ NEXT(void *, mremap, (void *, size_t, size_t, int, ...))
 NEXT(int, mprotect, (void *, size_t, int))
 NEXT(int, madvise, (void *, size_t, int))
 NEXT(void *, dlopen, (const char *, int))
+NEXT(int, pthread_key_create, (pthread_key_t *, void (*)(void *)))
+NEXT(int, pthread_key_delete, (pthread_key_t))
+NEXT(int, open, (const char *, int, ...))
+NEXT(int, open64, (const char *, int, ...))
+NEXT(int, openat, (int, const char *, int, ...))
+NEXT(int, openat64, (int, const char *, int, ...))
+NEXT(FILE *, fopen, (const char *, const char *))
+NEXT(FILE *, fopen64, (const char *, const char *))
+NEXT(DIR *, opendir, (const char *))
+NEXT(int, pipe, (int *))
+NEXT(int, pipe2, (int *, int))
+NEXT(int, dup, (int))
+NEXT(int, memfd_create, (const char *, unsigned))
+NEXT(int, eventfd, (unsigned, int))
 NEXT(void, tzset, (void))
 
 size_t malloc_usable_size(void *block) {
@@ -814,6 +842,151 @@ uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
         alive += heap->threads[i].ran != THREAD_ENDED ? 1 : 0;
     }
     return alive;
+}
+
+/* ---- thread-specific values ---- */
+
+int pthread_key_create(pthread_key_t *key, void (*destructor)(void *)) {
+    find_pthread_key_create();
+    tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    int failed = own_pthread_key_create(key, destructor);
+    if (failed == 0 && heap != NULL && heap->key_count < TL_FMU_HEAP_KEYS) {
+        heap->keys[heap->key_count++] = *key;
+    } else if (failed == 0 && heap != NULL) {
+        heap->has_outside_memory = true;
+    }
+    return failed;
+}
+
+int pthread_key_delete(pthread_key_t key) {
+    find_pthread_key_delete();
+    tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    for (uint32_t i = 0; heap != NULL && i < heap->key_count; i++) {
+        if (heap->keys[i] == key) {
+            heap->has_outside_memory = true; /* a restore cannot create the same key again */
+        }
+    }
+    return own_pthread_key_delete(key);
+}
+
+void tl_fmu_heap_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]) {
+    for (uint32_t i = 0; i < heap->key_count; i++) {
+        values[i] = pthread_getspecific(heap->keys[i]);
+    }
+}
+
+void tl_fmu_heap_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KEYS], uint32_t count) {
+    for (uint32_t i = 0; i < count && i < heap->key_count; i++) {
+        if (pthread_getspecific(heap->keys[i]) != values[i]) {
+            (void)pthread_setspecific(heap->keys[i], values[i]);
+        }
+    }
+    while (heap->key_count > count) {
+        (void)own_pthread_key_delete(heap->keys[--heap->key_count]);
+    }
+}
+
+/* ---- descriptors ---- */
+
+static int note_descriptor(int opened) {
+    tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    if (heap != NULL && opened >= 0 && opened < TL_FMU_HEAP_DESCRIPTORS) {
+        heap->is_opened[opened] = true;
+        heap->has_opened = true;
+    }
+    return opened;
+}
+
+/* Functions with names of their own, because the headers rename open() on some machines. */
+int tl_noted_open(const char *path, int flags, ...) __asm__("open");
+int tl_noted_open64(const char *path, int flags, ...) __asm__("open64");
+int tl_noted_openat(int folder, const char *path, int flags, ...) __asm__("openat");
+int tl_noted_openat64(int folder, const char *path, int flags, ...) __asm__("openat64");
+FILE *tl_noted_fopen(const char *path, const char *mode) __asm__("fopen");
+FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
+
+/* Without O_CREAT the mode is not given, and not used. */
+#define MODE_AFTER(last, mode)                                                                                         \
+    va_list arguments;                                                                                                 \
+    va_start(arguments, last);                                                                                         \
+    const mode_t mode = ((last) & (O_CREAT | O_TMPFILE)) != 0 ? va_arg(arguments, mode_t) : 0;                         \
+    va_end(arguments)
+
+int tl_noted_open(const char *path, int flags, ...) {
+    find_open();
+    MODE_AFTER(flags, mode);
+    return note_descriptor(own_open(path, flags, mode));
+}
+
+int tl_noted_open64(const char *path, int flags, ...) {
+    find_open64();
+    MODE_AFTER(flags, mode);
+    return note_descriptor(own_open64(path, flags, mode));
+}
+
+int tl_noted_openat(int folder, const char *path, int flags, ...) {
+    find_openat();
+    MODE_AFTER(flags, mode);
+    return note_descriptor(own_openat(folder, path, flags, mode));
+}
+
+int tl_noted_openat64(int folder, const char *path, int flags, ...) {
+    find_openat64();
+    MODE_AFTER(flags, mode);
+    return note_descriptor(own_openat64(folder, path, flags, mode));
+}
+
+static FILE *note_file(FILE *opened) {
+    (void)note_descriptor(opened != NULL ? fileno(opened) : -1);
+    return opened;
+}
+
+FILE *tl_noted_fopen(const char *path, const char *mode) {
+    find_fopen();
+    return note_file(own_fopen(path, mode));
+}
+
+FILE *tl_noted_fopen64(const char *path, const char *mode) {
+    find_fopen64();
+    return note_file(own_fopen64(path, mode));
+}
+
+DIR *opendir(const char *path) {
+    find_opendir();
+    DIR *opened = own_opendir(path);
+    (void)note_descriptor(opened != NULL ? dirfd(opened) : -1);
+    return opened;
+}
+
+static int note_pipe(int failed, const int ends[2]) {
+    (void)note_descriptor(failed == 0 ? ends[0] : -1);
+    (void)note_descriptor(failed == 0 ? ends[1] : -1);
+    return failed;
+}
+
+int pipe(int ends[2]) {
+    find_pipe();
+    return note_pipe(own_pipe(ends), ends);
+}
+
+int pipe2(int ends[2], int flags) {
+    find_pipe2();
+    return note_pipe(own_pipe2(ends, flags), ends);
+}
+
+int dup(int descriptor) {
+    find_dup();
+    return note_descriptor(own_dup(descriptor));
+}
+
+int memfd_create(const char *name, unsigned flags) {
+    find_memfd_create();
+    return note_descriptor(own_memfd_create(name, flags));
+}
+
+int eventfd(unsigned count, int flags) {
+    find_eventfd();
+    return note_descriptor(own_eventfd(count, flags));
 }
 
 /* ---- libraries ---- */

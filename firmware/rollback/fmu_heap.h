@@ -5,6 +5,7 @@
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
 #define TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
 
+#include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -31,8 +32,9 @@
  * Thread:  any thread may allocate and free blocks; all other functions: one thread at a time.
  */
 
-/* Most threads of an FMU that are watched. */
-enum { TL_FMU_HEAP_THREADS = 16 };
+/* Most threads of an FMU that are watched, most keys of thread-specific values, and most
+ * descriptors. */
+enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024 };
 
 typedef struct tl_fmu_heap_thread {
     clockid_t clock; /* of its processor time */
@@ -61,6 +63,10 @@ typedef struct tl_fmu_heap {
     uint32_t threads_begun;                 /* those of them that run by now */
     uint32_t thread_count;                  /* used entries of `threads`; may exceed their number */
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
+    uint32_t key_count;                      /* keys that calls have created and not deleted */
+    pthread_key_t keys[TL_FMU_HEAP_KEYS];    /* in order of creation */
+    bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
+    bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */
     bool is_taken;    /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
@@ -95,6 +101,11 @@ bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap);
 /* Number of allowed threads that had not ended at the last call of that function. */
 uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap);
 
+/* The values that the present thread has stored under the keys. The second function also deletes
+ * the keys that were created since `count` values were read. Do nothing with a sanitizer. */
+void tl_fmu_heap_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]);
+void tl_fmu_heap_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KEYS], uint32_t count);
+
 /* Bytes from the beginning of the range that contain its whole state. */
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap);
 
@@ -118,6 +129,11 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  *          notes both, because a copy of the heap is then incomplete.
  * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
  *          before the call does.
+ * Keys:    thread-specific values (pthread_setspecific()) lie in the C library. The heap notes the
+ *          keys that a call creates, so that fmu_memory.h can save the values of the thread that
+ *          calls the FMU.
+ * Files:   the heap notes the descriptors that a call opens by functions of the C library, because
+ *          a file that stays open is not part of a copy.
  * Outside: functions of the C library that store data in the library run outside of the heap. These
  *          are functions for environment, locales, time zones, exit handlers and users. If this
  *          data were in the heap, the library would find old contents after a restore. So the data

@@ -36,6 +36,8 @@ typedef struct tl_fmu_memory_state {
     tl_fmu_version version;
     int raised; /* as in tl_fmu_memory */
     fexcept_t flags;
+    uint32_t key_count;
+    void *keys[TL_FMU_HEAP_KEYS]; /* values of the heap's keys */
     unsigned char bytes[];
 } memory_state;
 
@@ -136,6 +138,16 @@ void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     memory->watched--;
     if (memory->left[0] == '\0') {
         (void)find_new(&memory->before, &after, memory->left);
+    }
+}
+
+void tl_fmu_memory_check_opened(tl_fmu_memory *memory) {
+    memory->heap->has_opened = false;
+    for (unsigned i = 0; i < TL_FMU_HEAP_DESCRIPTORS; i++) {
+        if (memory->heap->is_opened[i] && memory->left[0] == '\0' && fcntl((int)i, F_GETFD) >= 0) {
+            describe_descriptor(i, memory->left);
+        }
+        memory->heap->is_opened[i] = false;
     }
 }
 
@@ -373,6 +385,8 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     kept->regions = memory->places.count;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
+    kept->key_count = memory->heap->key_count;
+    tl_fmu_heap_read_keys(memory->heap, kept->keys);
     return TL_OK;
 }
 
@@ -470,6 +484,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;
     memory->flags = kept->flags;
+    tl_fmu_heap_write_keys(memory->heap, kept->keys, kept->key_count);
 }
 
 void tl_fmu_memory_forget(void *state) {

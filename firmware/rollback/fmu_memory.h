@@ -52,7 +52,8 @@ void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
 
 /* ---- the memory ---- */
 
-/* Number of calls, from the FMU's first one on, that are checked for side effects. */
+/* Number of calls, from the FMU's first one on, that are checked for side effects. In later calls
+ * the heap only notes threads, and descriptors that the C library opens. */
 enum { TL_FMU_MEMORY_WATCHED = 24 };
 
 /* An FMU with at least so many bytes is large: a copy of everything takes longer than a query for
@@ -147,8 +148,10 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 
 /* ---- inline ---- */
 
-/* Private: checks for side effects after a call; saves exception flags that have changed. */
+/* Private: checks for side effects after a call; only for descriptors that the call has opened by
+ * the C library; saves exception flags that have changed. */
 void tl_fmu_memory_watched(tl_fmu_memory *memory);
+void tl_fmu_memory_check_opened(tl_fmu_memory *memory);
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
@@ -170,6 +173,9 @@ static inline void tl_fmu_memory_leave(tl_fmu_memory *memory) {
     }
     if (memory->watched > 0) {
         tl_fmu_memory_watched(memory);
+    }
+    if (memory->heap->has_opened) {
+        tl_fmu_memory_check_opened(memory);
     }
 }
 

@@ -360,13 +360,24 @@ size_t tl_fmu_regions_loaded(void) {
     return count;
 }
 
+/* Libraries of the program that modules of Python use too. A process with FMUs does not call them
+ * otherwise, so what they store belongs to the FMUs. */
+static bool is_for_scripts(const char *name) {
+    static const char *const libraries[] = {"/libcrypto.so", "/libssl.so", "/libsqlite3.so"};
+    bool is_found = false;
+    for (size_t i = 0; i < sizeof libraries / sizeof libraries[0]; i++) {
+        is_found = is_found || strstr(name, libraries[i]) != NULL;
+    }
+    return is_found;
+}
+
 /* `context`: objects that are still to be skipped. The loader lists them in order of opening. */
 static int exclude_object(struct dl_phdr_info *object, size_t size, void *context) {
     size_t *skipped = context;
     (void)size;
     if (*skipped > 0) {
         --*skipped;
-    } else if (excluded_count < EXCLUDED && !is_excluded(object->dlpi_addr)) {
+    } else if (excluded_count < EXCLUDED && !is_excluded(object->dlpi_addr) && !is_for_scripts(object->dlpi_name)) {
         excluded[excluded_count++] = object->dlpi_addr;
     }
     return 0;

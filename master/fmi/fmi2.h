@@ -116,6 +116,7 @@ typedef struct tl_fmi2 {
     const tl_fmi2_fallback *fallback; /* NULL: there is no other method */
     tl_fmi2_note_ports *know_ports;   /* NULL: not needed */
     tl_fmi2_replay replay;
+    bool prefers_copies;                    /* copies of its memory are chosen, also if its own states are faster */
     bool always_final;                      /* rollback by copy or replay: every step is marked as final */
     tl_fmi2_state_size *state_size;         /* NULL: the size is not known */
     tl_fmi2_reserve_states *reserve_states; /* NULL: each state is allocated when it is saved */

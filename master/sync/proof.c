@@ -119,7 +119,8 @@ static tl_status choose_faster(speed_test *self, bool *taken) {
     tl_fmi2_times times = {0};
     tl_snapshot_forget(&self->exchange->home, self->index);
     tl_status status = measure_both(self, &times);
-    if (status == TL_OK && is_copy_preferred(&times)) {
+    bool is_preferred = is_copy_preferred(&times) || (times.by_copy > 0 && self->component->fmi->prefers_copies);
+    if (status == TL_OK && is_preferred) {
         *taken = tl_component_prefer_copy(self->component, &times) || *taken;
     }
     return status;
@@ -196,8 +197,8 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
     return TL_OK;
 }
 
-/* After `steps` steps from a state: notes the hashes, or compares them with the noted ones. Only own
- * states can lack an internal variable. `hashes`: one per component. */
+/* After `steps` steps from a state: notes the hashes, or compares them with the noted ones. Only
+ * own states can lack an internal variable. `hashes`: one per component. */
 static tl_status note_or_compare_hashes(const tl_exchange *exchange, uint64_t *hashes, bool *is_hashed, int steps,
                                         size_t *culprit, tl_error *error) {
     bool is_noted = *is_hashed;
@@ -441,8 +442,8 @@ static tl_status restore_middle(proof_attempt *self, tl_error *error) {
     return status == TL_OK ? note_culprit(self, tl_snapshot_restore(&self->proof->midst, error)) : status;
 }
 
-/* An excursion from the start, `is_interrupted`: with a save and a restore in its middle. An FMU may
- * reject it, as any candidate. */
+/* An excursion from the start. `is_interrupted`: with a save and a restore in its middle. An FMU
+ * may reject it, as any candidate. */
 static tl_status make_excursion(proof_attempt *self, size_t excursion, bool is_interrupted, tl_error *error) {
     tl_proof *proof = self->proof;
     tl_proof_excursion *one = &proof->excursions[excursion];

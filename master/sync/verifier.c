@@ -386,8 +386,8 @@ static tl_status interrupt(const tl_verifier *verifier, tl_error *error) {
 
 typedef enum run_kind { NOTES, COMPARES, COMPARES_INTERRUPTED } run_kind;
 
-/* Executes steps from the earlier state, with the inputs and outputs from entry `from` on. Notes the
- * outputs; or a difference is a finding. */
+/* Executes steps from the earlier state, with the inputs and outputs from entry `from` on. Notes
+ * the outputs; or a difference is a finding. */
 static tl_status execute_from(tl_verifier *verifier, size_t from, run_kind kind, tl_verifier_finding *finding,
                               bool *found, tl_error *error) {
     tl_component *component = present_component(verifier);

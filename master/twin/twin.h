@@ -163,7 +163,7 @@ typedef enum tl_twin_mended {
 /* A finding of tl_twin_verify(): the rollback of an FMU is not exact. */
 typedef struct tl_twin_finding {
     const char *component;
-    const char *variable;   /* the output that differs; NULL: an internal one, or the FMU failed (TL_CAUSE_REFUSES) */
+    const char *variable;   /* the output that differs; NULL: an internal one, or the FMU failed */
     const char *unit;       /* of the output; "": none is declared */
     int64_t step;           /* the step that was executed again */
     unsigned after;         /* number of steps since the restored state */
