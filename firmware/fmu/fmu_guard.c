@@ -134,6 +134,12 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     if (side_effect != NULL) {
         return reject_copy(self, side_effect);
     }
+    if (self->guard->memory->heap->writes_files && !self->guard->was_writing_reported) {
+        tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING,
+                          "writes a file in its steps: a rollback does not restore it, so it also contains what "
+                          "candidates wrote; if the FMU reads it again, its results may be wrong");
+        self->guard->was_writing_reported = true;
+    }
     if (tl_fmu_memory_save(self->guard->memory, state, &error) != TL_OK) {
         log_failure(self, error.text);
         return fmi2Error;
@@ -392,6 +398,9 @@ static bool save_first(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
     bool is_first = !guard->memory->heap->opens_outside;
     guard->memory->heap->opens_outside = true;
+    if (!guard->was_proved) {
+        guard->memory->heap->writes_files = false; /* before the first state it is harmless */
+    }
     if (is_first && guard->instantiated != NULL && tl_fmu_memory_has_new_library(guard->memory, guard->instantiated)) {
         forget_instantiated(guard);
         tl_fmu_memory_restart_storage(guard->memory);
@@ -1006,10 +1015,18 @@ static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status 
     tl_fmu_replay_note_step(self->replay, step, status);
 }
 
+/* PythonFMU returns fmi2Fatal if a script raises an exception. A restore of its memory undoes this
+ * too, so only the step has failed. */
+static inline fmi2Status step_status(const guarded *self, fmi2Status status) {
+    bool is_undone = self->guard->by_memory && self->guard->functions.prefers_copies;
+    return status == fmi2Fatal && is_undone ? fmi2Error : status;
+}
+
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
     fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now - self->shift, step, final));
+    status = step_status(self, status);
     const tl_fmi2_step made = {.now = now, .size = step, .final = final};
     note_step(self, &made, status);
     return status;
@@ -1052,7 +1069,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     if (status <= fmi2Warning) {
         *done = 1;
         tl_fmu_call_continue(self->name, TL_FMU_DO_STEP);
-        status = self->do_step(instance, step->now - self->shift, step->size, step->final);
+        status = step_status(self, self->do_step(instance, step->now - self->shift, step->size, step->final));
     }
     if (status <= fmi2Warning) {
         *done = 2;

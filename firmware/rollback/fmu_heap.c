@@ -897,6 +897,13 @@ static int note_descriptor(int opened) {
     return opened;
 }
 
+/* `path`: of a file that is opened for writing. */
+static void note_writing(const char *path) {
+    if (tl_fmu_allocation_heap != NULL && strncmp(path, "/dev/", 5) != 0) {
+        tl_fmu_allocation_heap->writes_files = true;
+    }
+}
+
 /* Functions with names of their own, because the headers rename open() on some machines. */
 int tl_noted_open(const char *path, int flags, ...) __asm__("open");
 int tl_noted_open64(const char *path, int flags, ...) __asm__("open64");
@@ -910,45 +917,51 @@ FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
     va_list arguments;                                                                                                 \
     va_start(arguments, last);                                                                                         \
     const mode_t mode = ((last) & (O_CREAT | O_TMPFILE)) != 0 ? va_arg(arguments, mode_t) : 0;                         \
-    va_end(arguments)
+    va_end(arguments);                                                                                                 \
+    if (((last)&O_ACCMODE) != O_RDONLY) {                                                                              \
+        note_writing(path);                                                                                            \
+    }
 
 int tl_noted_open(const char *path, int flags, ...) {
     find_open();
-    MODE_AFTER(flags, mode);
+    MODE_AFTER(flags, mode)
     return note_descriptor(own_open(path, flags, mode));
 }
 
 int tl_noted_open64(const char *path, int flags, ...) {
     find_open64();
-    MODE_AFTER(flags, mode);
+    MODE_AFTER(flags, mode)
     return note_descriptor(own_open64(path, flags, mode));
 }
 
 int tl_noted_openat(int folder, const char *path, int flags, ...) {
     find_openat();
-    MODE_AFTER(flags, mode);
+    MODE_AFTER(flags, mode)
     return note_descriptor(own_openat(folder, path, flags, mode));
 }
 
 int tl_noted_openat64(int folder, const char *path, int flags, ...) {
     find_openat64();
-    MODE_AFTER(flags, mode);
+    MODE_AFTER(flags, mode)
     return note_descriptor(own_openat64(folder, path, flags, mode));
 }
 
-static FILE *note_file(FILE *opened) {
+static FILE *note_file(FILE *opened, const char *path, const char *mode) {
+    if (opened != NULL && strpbrk(mode, "wa+") != NULL) {
+        note_writing(path);
+    }
     (void)note_descriptor(opened != NULL ? fileno(opened) : -1);
     return opened;
 }
 
 FILE *tl_noted_fopen(const char *path, const char *mode) {
     find_fopen();
-    return note_file(own_fopen(path, mode));
+    return note_file(own_fopen(path, mode), path, mode);
 }
 
 FILE *tl_noted_fopen64(const char *path, const char *mode) {
     find_fopen64();
-    return note_file(own_fopen64(path, mode));
+    return note_file(own_fopen64(path, mode), path, mode);
 }
 
 DIR *opendir(const char *path) {

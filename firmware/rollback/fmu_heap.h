@@ -65,6 +65,7 @@ typedef struct tl_fmu_heap {
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
     uint32_t key_count;                      /* keys that calls have created and not deleted */
     pthread_key_t keys[TL_FMU_HEAP_KEYS];    /* in order of creation */
+    bool writes_files;                       /* a call has opened a file for writing */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */

@@ -179,10 +179,76 @@ static bool is_in_pages(const tl_fmu_memory *memory, size_t region) {
     return region < memory->paged && one->has_pages && one->size >= PAGED_REGION;
 }
 
+/* ---- libraries that were opened after the page storage was created ---- */
+
+/* A state contains only those pages of such a region that have changed since the library was
+ * opened: their number, then the number and contents of each. */
+static bool is_late(const tl_fmu_memory *memory, size_t region) {
+    return memory->pages != NULL && region >= memory->paged && memory->opened_as[region] != NULL &&
+           memory->places.place[region].size >= PAGED_REGION;
+}
+
+static size_t page_size_at(const tl_fmu_region *region, size_t at) {
+    return region->size - at < TL_FMU_PAGE ? region->size - at : TL_FMU_PAGE;
+}
+
+/* Returns the number of bytes. `bytes` NULL: only this. */
+static size_t save_late(const tl_fmu_memory *memory, size_t number, unsigned char *bytes) {
+    const tl_fmu_region *region = &memory->places.place[number];
+    uint32_t count = 0;
+    size_t used = sizeof count;
+    for (size_t at = 0; at < region->size; at += TL_FMU_PAGE) {
+        const uint32_t page = (uint32_t)(at / TL_FMU_PAGE);
+        size_t size = page_size_at(region, at);
+        if (memcmp(region->begin + at, memory->opened_as[number] + at, size) == 0) {
+            continue;
+        }
+        if (bytes != NULL) {
+            memcpy(bytes + used, &page, sizeof page);
+            memcpy(bytes + used + sizeof page, region->begin + at, size);
+        }
+        used += sizeof page + size;
+        count++;
+    }
+    if (bytes != NULL) {
+        memcpy(bytes, &count, sizeof count);
+    }
+    return used;
+}
+
+/* Returns the number of bytes. `bytes` NULL: the library had not been opened yet. */
+static size_t restore_late(const tl_fmu_memory *memory, size_t number, const unsigned char *bytes) {
+    const tl_fmu_region *region = &memory->places.place[number];
+    uint32_t left = 0;
+    uint32_t page = 0;
+    size_t used = sizeof left;
+    if (bytes != NULL) {
+        memcpy(&left, bytes, sizeof left);
+    }
+    for (size_t at = 0; at < region->size; at += TL_FMU_PAGE) {
+        const unsigned char *from = memory->opened_as[number] + at;
+        size_t size = page_size_at(region, at);
+        if (left > 0) {
+            memcpy(&page, bytes + used, sizeof page);
+        }
+        if (left > 0 && page == at / TL_FMU_PAGE) {
+            from = bytes + used + sizeof page;
+            used += sizeof page + size;
+            left--;
+        }
+        if (memcmp(region->begin + at, from, size) != 0) {
+            memcpy(region->begin + at, from, size);
+        }
+    }
+    return used;
+}
+
 static size_t bytes_outside_pages(const tl_fmu_memory *memory) {
     size_t sum = 0;
     for (size_t i = 0; i < memory->places.count; i++) {
-        sum += is_in_pages(memory, i) ? 0 : memory->places.place[i].size;
+        sum += is_in_pages(memory, i) ? 0
+               : is_late(memory, i)   ? save_late(memory, i, NULL)
+                                      : memory->places.place[i].size;
     }
     return sum;
 }
@@ -319,7 +385,9 @@ static bool are_threads_asleep(tl_fmu_memory *memory) {
 static void copy_regions(const tl_fmu_memory *memory, size_t count, bool all, unsigned char *bytes, bool restore) {
     for (size_t i = 0; i < count; i++) {
         const tl_fmu_region *region = &memory->places.place[i];
-        if (all || !is_in_pages(memory, i)) {
+        if (!all && is_late(memory, i)) {
+            bytes += restore ? restore_late(memory, i, bytes) : save_late(memory, i, bytes);
+        } else if (all || !is_in_pages(memory, i)) {
             memcpy(restore ? region->begin : bytes, restore ? bytes : region->begin, region->size);
             bytes += region->size;
         }
@@ -476,7 +544,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     }
     copy_regions(memory, kept->regions, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
     for (size_t i = kept->regions; i < memory->places.count; i++) {
-        memcpy(memory->places.place[i].begin, memory->opened_as[i], memory->places.place[i].size);
+        (void)restore_late(memory, i, NULL);
     }
     if (is_complete && memory->pages != NULL) { /* the state was saved before the FMU became large */
         tl_fmu_pages_invalidate(memory->pages);

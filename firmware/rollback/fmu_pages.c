@@ -541,7 +541,7 @@ bool tl_fmu_written_serves(void) {
  *           large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN
  *           versions that differed, restores no longer count, because they contain the changes of
  *           several steps. */
-enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
+enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4, STOCKED = 16 };
 
 /* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
  * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
@@ -700,6 +700,15 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     version->pages = self->now.pages;
 }
 
+/* Later versions are expected to differ as much, but only the next STOCKED are reserved: a step that
+ * opens a library changes thousands of pages, and most later ones few. If memory is out now, it is
+ * requested again when it is needed. */
+static void stock_more(tl_fmu_pages *self) {
+    size_t all = self->most * self->versions;
+    size_t next = self->groups.contents.taken + STOCKED * self->most;
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, all < next ? all : next);
+}
+
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, tl_fmu_version *version,
                             tl_error *error) {
     size_t pages = self->before[self->count - 1] + pages_of(used);
@@ -736,9 +745,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, t
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
-    /* Later versions are expected to differ as much. If memory is out now, it is requested again
-     * when it is needed. */
-    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
+    stock_more(self);
     return TL_OK;
 }
 

@@ -7,6 +7,7 @@ import csv
 import functools
 import math
 import os
+import re
 import sqlite3
 import subprocess
 import sys
@@ -339,7 +340,7 @@ def expect_method(document, *methods, notices=()):
     need_memory()
     code, out, err = run(["check", write_config(document)])
     expect(code == 0, f"exit code {code}\n{out}{err}")
-    found = [line.split(" by ")[1].removeprefix("its ").split(":")[0] for line in out.splitlines() if "rolled back by " in line]
+    found = [re.split("[:,]", line.split(" by ")[1].removeprefix("its "))[0] for line in out.splitlines() if "rolled back by " in line]
     expect(found == list(methods), f"rolled back by {found}, wanted {methods}\n{out}{err}")
     for notice in notices:
         expect_line(err, notice)
@@ -546,6 +547,86 @@ def test_extension_modules_work_until_the_end():
     found = read_table(table)["slave.y"]
     expect(found == [0.25 + i / 100 for i in range(21)], f"numpy gave {found}")
     expect(err.count("stepped") == 21 and err.count("terminated") == 1 and "stepped" not in out, f"output of the FMU is lost or in the result\n{out}\n{err}")
+
+
+# ---- what steps do only after the proof ----
+
+def later(body, top="", **options):
+    """A twin of one FMU that executes this code from its step 25 on."""
+    return chain(lag(f"if self.k > 24: {body}", top, **options))
+
+
+def test_libraries_of_the_program_that_a_later_step_uses():
+    """hashlib and sqlite3 use libraries that the program has loaded too. Their data belong to the FMU."""
+    expect_exact(later("import hashlib; self.x += hashlib.sha256(str(self.x).encode()).digest()[0] * 1e-6"), "memory")
+    limit = "self.x += 1e-9 * c.execute('PRAGMA soft_heap_limit=' + str(90000 + self.k * int(100 * self.gain))).fetchone()[0]"
+    expect_exact(later(limit, "import sqlite3\nc = sqlite3.connect(':memory:')"), "memory")
+
+
+@with_packages
+def test_a_package_that_a_later_step_imports():
+    expect_exact(later("import numpy; self.x += 1e-6 * float(numpy.linalg.det(numpy.eye(9) * self.x))"), "memory")
+
+
+def test_a_library_of_the_configuration():
+    """Its variables belong to the state of the FMU, also if it is used only later."""
+    folder = scratch()
+    source = folder / "counter.c"
+    source.write_text("static double sum;\ndouble add(double x) { return sum += x; }\n", encoding="utf-8")
+    library = folder / "libcounter.so"
+    subprocess.run([os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", source, "-o", library], check=True)
+    top = """
+import ctypes
+
+def add(x):
+    function = ctypes.CDLL(None).add
+    function.argtypes, function.restype = [ctypes.c_double], ctypes.c_double
+    return function(x)
+"""
+    document = merge(later("self.x += 1e-4 * add(self.gain)", top), {"components": {"c0": {"libraries": [LIBRARY, str(library)]}}})
+    expect_method(document, "memory")
+    rows, alone_again = replay_csv(write_config(document)), replay_csv(write_config(merge(document, {"synchronise": {"verify_every": 1}})))
+    expect(rows == alone_again, "the results depend on verifications, which execute steps too")
+
+
+def test_states_of_a_script_at_rest():
+    """The FMU is at rest until step 30, so that the proof cannot see what its own states lack. Copies are preferred."""
+    path = scratch() / "rest.csv"
+    table = read_table(recording())
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time", "ref", "y"])
+        writer.writerows([time, 0.0 if i < 30 else 0.2, y] for i, (time, y) in enumerate(zip(table["time"], table["y"])))
+    document = chain(lag("self.x += 1e-3 * self.k if self.u else 0.0", states=True))
+    expect_exact(merge(document, {"recording": {"file": str(path)}}), "memory")
+
+
+def test_a_file_that_stays_open():
+    """The position in the file is not part of a copy. The twin ends before a wrong result; by replay it is right."""
+    body = "self.x += 1e-6 * len(self.lines.readline()) if self.k > 25 else setattr(self, 'lines', open(os.__file__)) or 0"
+    document = later(body, "import os")
+    rows = replay_csv(write_config(merge(document, {"components": {"c0": {"rollback": "replay"}}})))
+    expect(len(rows["step"]) > 55, f"{len(rows['step'])} steps")
+    need_memory()
+    code, _, err = run(["replay", write_config(document)])
+    expect(code == 70, f"exit code {code}\n{err}")
+    expect_line(err, "error|open file|os.py")
+
+
+def test_a_file_that_is_written():
+    need_memory()
+    _, _, err = run(["replay", write_config(later("open(os.path.join(os.environ['HOME'], 'log'), 'a').write('x')", "import os"))])
+    expect_line(err, "warning|writes a file|rollback")
+
+
+def test_an_exception_in_a_trial():
+    """PythonFMU returns fmi2Fatal. The script's memory is restored, so only the trial is refused."""
+    need_memory()
+    document = chain(lag("self.x += 0.0 if self.gain < 2 else 1 / 0"))
+    rows = replay_csv(write_config(document))
+    expect(rows == replay_csv(write_config(document), "--plain"), "with and without saving, the results differ")
+    expect(len(rows["step"]) > 55 and max(rows["c0.gain"]) < 2, rows["c0.gain"])
+    expect(replay_json(write_config(document))["refused_trials"] > 0, "no trial was refused")
 
 
 try:

@@ -1,5 +1,6 @@
 /* Copies of an FMU's memory as its states: any order, bit by bit; and resources that no copy
  * restores. Uses an unmodified FMU. */
+#include <dirent.h>
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <fenv.h>
@@ -11,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -340,18 +342,115 @@ static void test_a_library_that_is_opened_late(void) {
     tl_fmu_memory_forget(after);
 }
 
-static void test_only_the_first_calls_are_watched(void) {
-    while (fmu.guard.memory->watched > 0) {
-        tl_fmu_memory_enter(fmu.guard.memory);
-        tl_fmu_memory_leave(fmu.guard.memory);
+static FILE *stream;
+static DIR *folder;
+
+static int open_stream(void) {
+    stream = fopen("/dev/null", "re");
+    return fileno(stream);
+}
+
+static int open_folder(void) {
+    folder = opendir("/");
+    return dirfd(folder);
+}
+
+static int close_stream(int descriptor) {
+    (void)descriptor;
+    return fclose(stream);
+}
+
+static int close_folder(int descriptor) {
+    (void)descriptor;
+    return closedir(folder);
+}
+
+static int open_by_pipe(void) {
+    int ends[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe2(ends, O_CLOEXEC));
+    (void)close(ends[0]);
+    return ends[1];
+}
+
+static int open_by_name(void) {
+    return open("/dev/null", O_RDONLY | O_CLOEXEC);
+}
+
+static int open_in_folder(void) {
+    return openat(AT_FDCWD, "/dev/null", O_RDONLY | O_CLOEXEC);
+}
+
+static int open_copy(void) {
+    return dup(STDERR_FILENO);
+}
+
+static int open_event(void) {
+    return eventfd(0, EFD_CLOEXEC);
+}
+
+/* After the calls that are watched: what a call opens must be closed in it. */
+static void test_a_descriptor_that_is_opened_late(void) {
+    static const struct {
+        int (*open)(void);
+        int (*close)(int descriptor);
+    } kinds[] = {{open_by_name, close},       {open_in_folder, close}, {open_stream, close_stream},
+                 {open_folder, close_folder}, {open_by_pipe, close},   {open_copy, close},
+                 {open_event, close}};
+    tl_fmu_memory *memory = fmu.guard.memory;
+    while (memory->watched > 0) {
+        tl_fmu_memory_enter(memory);
+        tl_fmu_memory_leave(memory);
     }
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        tl_fmu_memory_enter(memory);
+        int closed = kinds[i].close(kinds[i].open());
+        tl_fmu_memory_leave(memory);
+        TEST_ASSERT_EQUAL_INT(0, closed);
+        TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+        tl_fmu_memory_enter(memory);
+        int descriptor = kinds[i].open();
+        tl_fmu_memory_leave(memory);
+        expect_left("file|socket");
+        TEST_ASSERT_EQUAL_INT(0, kinds[i].close(descriptor));
+        memory->left[0] = '\0';
+    }
+    TEST_ASSERT_FALSE(memory->heap->writes_files);
+}
+
+static void test_a_file_that_is_written(void) {
     tl_fmu_memory_enter(fmu.guard.memory);
-    int file = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    int file = open("/tmp", O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
     tl_fmu_memory_leave(fmu.guard.memory);
-    void *state = NULL;
-    save(&state);
-    tl_fmu_memory_forget(state);
+    TEST_ASSERT_TRUE(fmu.guard.memory->heap->writes_files);
     TEST_ASSERT_EQUAL_INT(0, close(file));
+}
+
+/* Values of keys are restored; a key that was created later is deleted. */
+static void test_thread_specific_values(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    int values[2] = {0};
+    pthread_key_t key;
+    pthread_key_t later;
+    void *state = NULL;
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(0, pthread_key_create(&key, NULL));
+    (void)pthread_setspecific(key, &values[0]);
+    tl_fmu_memory_leave(memory);
+    save(&state);
+    for (int i = 0; i < 2000; i++) { /* more than a process can have */
+        tl_fmu_memory_enter(memory);
+        (void)pthread_setspecific(key, &values[1]);
+        TEST_ASSERT_EQUAL_INT(0, pthread_key_create(&later, NULL));
+        (void)pthread_setspecific(later, &values[1]);
+        tl_fmu_memory_leave(memory);
+        tl_fmu_memory_restore(memory, state);
+        TEST_ASSERT_EQUAL_PTR(&values[0], pthread_getspecific(key));
+    }
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(0, pthread_key_delete(key));
+    tl_fmu_memory_leave(memory);
+    expect_left("memory");
+    tl_fmu_memory_forget(state);
 }
 
 int main(void) {
@@ -371,6 +470,8 @@ int main(void) {
     RUN_TEST(test_a_file);
     RUN_TEST(test_a_process);
     RUN_TEST(test_a_library_that_is_opened_late);
-    RUN_TEST(test_only_the_first_calls_are_watched);
+    RUN_TEST(test_a_descriptor_that_is_opened_late);
+    RUN_TEST(test_a_file_that_is_written);
+    RUN_TEST(test_thread_specific_values);
     return UNITY_END();
 }
