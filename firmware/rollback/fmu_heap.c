@@ -846,6 +846,8 @@ uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap) {
 
 /* ---- thread-specific values ---- */
 
+typedef char keys_are_unsigned[sizeof(pthread_key_t) == sizeof(unsigned) ? 1 : -1];
+
 int pthread_key_create(pthread_key_t *key, void (*destructor)(void *)) {
     find_pthread_key_create();
     tl_fmu_heap *heap = tl_fmu_allocation_heap;

@@ -5,7 +5,6 @@
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
 #define TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
 
-#include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -64,7 +63,7 @@ typedef struct tl_fmu_heap {
     uint32_t thread_count;                  /* used entries of `threads`; may exceed their number */
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
     uint32_t key_count;                      /* keys that calls have created and not deleted */
-    pthread_key_t keys[TL_FMU_HEAP_KEYS];    /* in order of creation */
+    unsigned keys[TL_FMU_HEAP_KEYS];         /* of type pthread_key_t, in order of creation */
     bool writes_files;                       /* a call has opened a file for writing */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */

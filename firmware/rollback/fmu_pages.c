@@ -700,9 +700,9 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     version->pages = self->now.pages;
 }
 
-/* Later versions are expected to differ as much, but only the next STOCKED are reserved: a step that
- * opens a library changes thousands of pages, and most later ones few. If memory is out now, it is
- * requested again when it is needed. */
+/* Later versions are expected to differ as much. Only the next STOCKED are reserved, because a step
+ * that opens a library changes thousands of pages, and most later ones few. If memory is out now,
+ * it is requested again when it is needed. */
 static void stock_more(tl_fmu_pages *self) {
     size_t all = self->most * self->versions;
     size_t next = self->groups.contents.taken + STOCKED * self->most;

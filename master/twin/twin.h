@@ -181,8 +181,8 @@ typedef struct tl_twin_finding {
  * difference is less than a hundredth of a tolerance.
  * Cause:  without a clock, the cause is determined too if there is a full copy of the FMU. This
  *         takes additional calls.
- * Calls:  of one FMU at most five fmi2SetFMUstate, three fmi2GetFMUstate, and TL_VERIFIED_EXECUTIONS
- *         steps, which do not count as executions. Results do not change.
+ * Calls:  of one FMU at most five fmi2SetFMUstate, three fmi2GetFMUstate, and
+ *         TL_VERIFIED_EXECUTIONS steps, which do not count as executions. Results do not change.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU could not be restored; then the twin has
  *         ended. */
 tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
