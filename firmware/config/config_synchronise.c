@@ -301,6 +301,13 @@ static void read_saving(tl_config_object *object, const tl_plan *defaults, tl_co
     tl_config_done(&saving);
 }
 
+/* With a dynamic horizon: the first guess, nominal, and one value for each unknown. With fewer, a
+ * solver never tries most of them. */
+static uint32_t fewest_evaluations(const tl_config *config, double most) {
+    double unknowns = config->shape == TL_DYNAMIC ? (double)config->prediction * (double)config->adjust_count : 0.0;
+    return (uint32_t)fmin(unknowns + 2.0, most);
+}
+
 static void read_budget(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 100000, .example = "60"};
     const tl_budget defaults = tl_budget_defaults(config->step);
@@ -311,6 +318,8 @@ static void read_budget(tl_config_object *object, tl_config *config) {
     (void)tl_config_get_count(&budget, "evaluations", &rule, &config->budget_evaluations);
     (void)tl_config_get_duration(&budget, "time_s", TL_CONFIG_OPTIONAL, "0.006", &config->budget_time);
     tl_config_done(&budget);
+    uint32_t fewest = fewest_evaluations(config, rule.maximum);
+    config->budget_evaluations = config->budget_evaluations > fewest ? config->budget_evaluations : fewest;
 }
 
 static void read_free_twin(tl_config_object *object, tl_config *config) {

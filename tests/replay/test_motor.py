@@ -148,6 +148,14 @@ def test_budget_bounds_evaluations():
         expect(largest == limit, f"{largest} evaluations, the budget is {limit}")
 
 
+def test_a_dynamic_horizon_gets_enough_evaluations():
+    """60 unknowns with a configured budget of 60: the solver would never try most of them."""
+    config = edited_config(PLAIN_LOCK, {"synchronise": {"horizon": {"prediction": 60, "shape": "dynamic"}}})
+    expect_line(run_well(["check", config]), "secant|at most 62 evaluations")
+    result = replay_json(config)
+    expect(result["lock"]["percent"] > 99, result["lock"])
+
+
 def test_time_budget_is_ignored():
     hurried = csv_file(edited_config(PLAIN_LOCK, {"synchronise": {"budget": {"time_s": 1e-9}}}))
     expect(filecmp.cmp(hurried, csv_file(edited_config(PLAIN_LOCK)), False), "the time budget matters")
