@@ -899,11 +899,13 @@ static int note_descriptor(int opened) {
     return opened;
 }
 
-/* `path`: of a file that is opened for writing. */
-static void note_writing(const char *path) {
-    if (tl_fmu_allocation_heap != NULL && strncmp(path, "/dev/", 5) != 0) {
+/* A file that is only written may stay open: what is in it does not change the results. */
+static int note_opened(const char *path, int flags, int opened) {
+    bool is_device = strncmp(path, "/dev/", 5) == 0;
+    if (opened >= 0 && tl_fmu_allocation_heap != NULL && (flags & O_ACCMODE) != O_RDONLY && !is_device) {
         tl_fmu_allocation_heap->writes_files = true;
     }
+    return (flags & O_ACCMODE) == O_WRONLY ? opened : note_descriptor(opened);
 }
 
 /* Functions with names of their own, because the headers rename open() on some machines. */
@@ -914,56 +916,54 @@ int tl_noted_openat64(int folder, const char *path, int flags, ...) __asm__("ope
 FILE *tl_noted_fopen(const char *path, const char *mode) __asm__("fopen");
 FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
 
-/* Without O_CREAT the mode is not given, and not used. */
-#define MODE_AFTER(last, mode)                                                                                         \
+/* Reads the argument `mode` after `flags`. Without O_CREAT it is not given, and not used. */
+#define READ_MODE(mode, flags)                                                                                         \
+    mode_t mode = 0;                                                                                                   \
     va_list arguments;                                                                                                 \
-    va_start(arguments, last);                                                                                         \
-    const mode_t mode = ((last) & (O_CREAT | O_TMPFILE)) != 0 ? va_arg(arguments, mode_t) : 0;                         \
-    va_end(arguments);                                                                                                 \
-    if (((last)&O_ACCMODE) != O_RDONLY) {                                                                              \
-        note_writing(path);                                                                                            \
-    }
+    va_start(arguments, flags);                                                                                        \
+    if (((flags)&O_CREAT) != 0 || ((flags)&O_TMPFILE) == O_TMPFILE) {                                                  \
+        (mode) = va_arg(arguments, mode_t);                                                                            \
+    }                                                                                                                  \
+    va_end(arguments)
 
 int tl_noted_open(const char *path, int flags, ...) {
+    READ_MODE(mode, flags);
     find_open();
-    MODE_AFTER(flags, mode)
-    return note_descriptor(own_open(path, flags, mode));
+    return note_opened(path, flags, own_open(path, flags, mode));
 }
 
 int tl_noted_open64(const char *path, int flags, ...) {
+    READ_MODE(mode, flags);
     find_open64();
-    MODE_AFTER(flags, mode)
-    return note_descriptor(own_open64(path, flags, mode));
+    return note_opened(path, flags, own_open64(path, flags, mode));
 }
 
 int tl_noted_openat(int folder, const char *path, int flags, ...) {
+    READ_MODE(mode, flags);
     find_openat();
-    MODE_AFTER(flags, mode)
-    return note_descriptor(own_openat(folder, path, flags, mode));
+    return note_opened(path, flags, own_openat(folder, path, flags, mode));
 }
 
 int tl_noted_openat64(int folder, const char *path, int flags, ...) {
+    READ_MODE(mode, flags);
     find_openat64();
-    MODE_AFTER(flags, mode)
-    return note_descriptor(own_openat64(folder, path, flags, mode));
+    return note_opened(path, flags, own_openat64(folder, path, flags, mode));
 }
 
-static FILE *note_file(FILE *opened, const char *path, const char *mode) {
-    if (opened != NULL && strpbrk(mode, "wa+") != NULL) {
-        note_writing(path);
-    }
-    (void)note_descriptor(opened != NULL ? fileno(opened) : -1);
+static FILE *note_file(const char *path, const char *mode, FILE *opened) {
+    int flags = strchr(mode, '+') != NULL ? O_RDWR : mode[0] == 'r' ? O_RDONLY : O_WRONLY;
+    (void)note_opened(path, flags, opened != NULL ? fileno(opened) : -1);
     return opened;
 }
 
 FILE *tl_noted_fopen(const char *path, const char *mode) {
     find_fopen();
-    return note_file(own_fopen(path, mode), path, mode);
+    return note_file(path, mode, own_fopen(path, mode));
 }
 
 FILE *tl_noted_fopen64(const char *path, const char *mode) {
     find_fopen64();
-    return note_file(own_fopen64(path, mode), path, mode);
+    return note_file(path, mode, own_fopen64(path, mode));
 }
 
 DIR *opendir(const char *path) {

@@ -133,7 +133,8 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  *          keys that a call creates, so that fmu_memory.h can save the values of the thread that
  *          calls the FMU.
  * Files:   the heap notes the descriptors that a call opens by functions of the C library, because
- *          a file that stays open is not part of a copy.
+ *          a file that stays open is not part of a copy. It also notes that files are written; a
+ *          file that is only written may stay open.
  * Outside: functions of the C library that store data in the library run outside of the heap. These
  *          are functions for environment, locales, time zones, exit handlers and users. If this
  *          data were in the heap, the library would find old contents after a restore. So the data
