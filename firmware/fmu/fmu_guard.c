@@ -118,7 +118,9 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
     (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s", side_effect,
-                  was_exact ? "; set \"rollback\": \"state\" in its component" : "");
+                  was_exact            ? "; set \"rollback\": \"state\" in its component"
+                  : has_fallback(self) ? ""
+                                       : "; set \"rollback\": \"replay\" in its component");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
     if (is_needed && !self->guard->was_remaining_reported) {
         log_failure(self, error.text);

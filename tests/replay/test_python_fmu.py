@@ -448,6 +448,18 @@ def test_what_cannot_be_copied():
     expect_exact(chain(lag(), lag(file, name="Other")), "replay", "replay", notices=["warning|FMU Lag|open file"])
 
 
+def test_what_cannot_be_copied_later():
+    """A thread that is started after the proof: the message names a rollback method that works."""
+    need_memory()
+    late = "if self.k == 40: threading.Thread(target=threading.Event().wait, daemon=True).start()"
+    document = chain(lag(late, top="import threading"))
+    code, _, err = run(["replay", write_config(document)])
+    expect(code == 70, f"exit code {code}\n{err}")
+    expect_line(err, 'error|FMU Lag|memory|thread|"rollback": "replay"')
+    document = merge(document, {"components": {"c0": {"rollback": "replay"}}})
+    expect(replay_csv(write_config(document)) == replay_csv(write_config(document), "--plain"), "the results differ")
+
+
 def test_methods_of_several():
     """By memory all of them, or no component."""
     need_memory()
