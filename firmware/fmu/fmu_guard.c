@@ -685,13 +685,20 @@ static inline void leave_heap(const guarded *self) {
     }
 }
 
+static inline void end_call(fmi2Status status) {
+    if (status > fmi2Warning) {
+        tl_fmu_call_fail();
+    }
+    tl_fmu_call_end();
+}
+
 /* After an ordinary call: must not need a system call. */
 static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
     leave_heap(self);
     if (!is_unchanged(self)) {
         restore_thread(self, NULL);
     }
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 
@@ -699,7 +706,7 @@ static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
 static fmi2Status leave_fully(guarded *self, fmi2Status status) {
     leave_heap(self);
     log_changes(self->guard, &self->was_reported, tl_host_state_put_back(), NULL);
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 
@@ -1024,7 +1031,7 @@ static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status)
     if (!holds) {
         restore_thread(self, "a step");
     }
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 
