@@ -532,6 +532,9 @@ bool tl_fmu_written_serves(void) {
  *           several steps. */
 enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
 
+/* Largest unused reserve after a save: 64 MiB. */
+enum { MOST_AHEAD = (64 << 20) / TL_FMU_PAGE };
+
 /* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
  * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
  * written in every step stay unprotected. A save protects what it finds only if the save before
@@ -689,6 +692,17 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     version->pages = self->now.pages;
 }
 
+/* Later versions are expected to differ as much. A large block that moves once must not use up the
+ * limit of the process, so the unused reserve is bounded. If memory is out now, it is requested
+ * again when it is needed. */
+static void stock_ahead(tl_fmu_pages *self) {
+    size_t most = self->groups.contents.taken + MOST_AHEAD;
+    size_t wanted = self->now.pages + self->most * self->versions;
+    wanted = wanted < most ? wanted : most;
+    size_t differing = wanted > self->now.pages ? wanted - self->now.pages : 0;
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, differing);
+}
+
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, tl_fmu_version *version,
                             tl_error *error) {
     size_t pages = self->before[self->count - 1] + pages_of(used);
@@ -725,9 +739,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, t
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
-    /* Later versions are expected to differ as much. If memory is out now, it is requested again
-     * when it is needed. */
-    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
+    stock_ahead(self);
     return TL_OK;
 }
 
