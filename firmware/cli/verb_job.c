@@ -91,7 +91,7 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_error()) {
         tl_log(TL_LOG_ERROR, "the FMU process failed without a message: run `twinlock check` on the configuration");
     }
-    if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
+    if (job->child != NULL && is_of_fmus(status) && tl_twin_child_refusal_may_be_cause(job->child)) {
         tl_log(TL_LOG_WARNING,
                "a denied system call may be the cause: if you trust the FMU, permit it with --unconfined, or with "
                "\"unconfined\": true in its component");

@@ -118,7 +118,9 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
     (void)tl_fail(&error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s%s", side_effect,
-                  was_exact ? "; set \"rollback\": \"state\" in its component" : "");
+                  was_exact            ? "; set \"rollback\": \"state\" in its component"
+                  : has_fallback(self) ? ""
+                                       : "; set \"rollback\": \"replay\" in its component");
     bool is_needed = self->guard->by_memory || !self->guard->was_proved;
     if (is_needed && !self->guard->was_remaining_reported) {
         log_failure(self, error.text);
@@ -694,13 +696,20 @@ static inline void leave_heap(const guarded *self) {
     }
 }
 
+static inline void end_call(fmi2Status status) {
+    if (status > fmi2Warning) {
+        tl_fmu_call_fail();
+    }
+    tl_fmu_call_end();
+}
+
 /* After an ordinary call: must not need a system call. */
 static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
     leave_heap(self);
     if (!is_unchanged(self)) {
         restore_thread(self, NULL);
     }
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 
@@ -708,7 +717,7 @@ static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
 static fmi2Status leave_fully(guarded *self, fmi2Status status) {
     leave_heap(self);
     log_changes(self->guard, &self->was_reported, tl_host_state_put_back(), NULL);
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 
@@ -1041,7 +1050,7 @@ static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status)
     if (!holds) {
         restore_thread(self, "a step");
     }
-    tl_fmu_call_end();
+    end_call(status);
     return status;
 }
 

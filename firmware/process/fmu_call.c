@@ -88,3 +88,8 @@ bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call) {
     (void)tl_clean_text(name, strnlen(name, sizeof name - 1), call->fmu, sizeof call->fmu);
     return true;
 }
+
+uint32_t tl_fmu_calls_failed(const tl_fmu_calls *block) {
+    tl_fmu_call call;
+    return tl_fmu_calls_poll(block, &call) ? call.begun : __atomic_load_n(&block->failed, __ATOMIC_RELAXED);
+}

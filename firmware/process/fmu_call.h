@@ -54,10 +54,11 @@ typedef enum tl_fmu_function {
 
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun; /* number of calls so far; all calls of a step count as one; wraps around */
-    uint32_t now;   /* FMU · 256 + function; 0: none */
-    uint32_t fmus;  /* names in use */
-    uint32_t asked; /* 1: the process has noted the signal to end */
+    uint32_t begun;  /* number of calls so far; all calls of a step count as one; wraps around */
+    uint32_t now;    /* FMU · 256 + function; 0: none */
+    uint32_t fmus;   /* names in use */
+    uint32_t asked;  /* 1: the process has noted the signal to end */
+    uint32_t failed; /* `begun` of the last call that failed; 0: none */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
 } tl_fmu_calls;
 
@@ -91,11 +92,17 @@ static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
  * costs more than storing the function. */
 static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
+/* Notes that the present call has failed. */
+static inline void tl_fmu_call_fail(void);
 
 /* ---- readers ---- */
 
 /* Reads the current call. Returns false if no FMU is being called. Safe in a signal handler. */
 bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call);
+
+/* Returns `begun` of the call in which the process has failed or ended; 0: none. Call it after the
+ * process has ended. */
+uint32_t tl_fmu_calls_failed(const tl_fmu_calls *block);
 
 /* Returns true if the process has noted the signal to end. If it is false, an FMU may have ignored
  * or caught the signal: send it again. */
@@ -119,6 +126,11 @@ static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
 
 static inline void tl_fmu_call_end(void) {
     __atomic_store_n(&tl_fmu_calls_block->now, 0, __ATOMIC_RELAXED);
+}
+
+static inline void tl_fmu_call_fail(void) {
+    __atomic_store_n(&tl_fmu_calls_block->failed, __atomic_load_n(&tl_fmu_calls_block->begun, __ATOMIC_RELAXED),
+                     __ATOMIC_RELAXED);
 }
 
 #endif

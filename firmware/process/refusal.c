@@ -66,8 +66,9 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     bool in_call = tl_fmu_calls_poll(calls, &call);
     const char *fmu = in_call ? call.fmu : "";
     for (size_t i = 0; i < refusals->count; i++) {
-        const tl_fmu_refused *known = &refusals->entries[i];
+        tl_fmu_refused *known = &refusals->entries[i];
         if (strcmp(known->call, refusal->name) == 0 && strcmp(known->fmu, fmu) == 0) {
+            known->begun = call.begun;
             return false;
         }
     }
@@ -77,6 +78,8 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     tl_fmu_refused *noted = &refusals->entries[refusals->count++];
     (void)snprintf(noted->call, sizeof noted->call, "%s", refusal->name);
     (void)snprintf(noted->fmu, sizeof noted->fmu, "%s", fmu);
+    noted->is_in_call = in_call && strncmp(call.function, "fmi2", strlen("fmi2")) == 0;
+    noted->begun = call.begun;
     if (in_call) {
         (void)snprintf(noted->said, sizeof noted->said, "FMU %s: system call %s denied in %s (reported once)", fmu,
                        refusal->name, call.function);
@@ -90,4 +93,13 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
 
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported) {
     return *was_reported < refusals->count ? refusals->entries[(*was_reported)++].said : NULL;
+}
+
+bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls) {
+    bool may_be = false;
+    for (size_t i = 0; i < refusals->count; i++) {
+        const tl_fmu_refused *entry = &refusals->entries[i];
+        may_be = may_be || !entry->is_in_call || entry->begun == tl_fmu_calls_failed(calls);
+    }
+    return may_be;
 }

@@ -55,6 +55,8 @@ typedef void tl_fmu_refusals_listener(void *context, const char *text);
 typedef struct tl_fmu_refused {
     char call[TL_REFUSAL_NAME];
     char fmu[TL_FMU_CALL_NAME];
+    bool is_in_call; /* of a function of the FMU; not while its library was loaded, or in another thread */
+    uint32_t begun;  /* number of the last such call */
     char said[TL_FMU_REFUSAL_TEXT];
 } tl_fmu_refused;
 
@@ -72,5 +74,9 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
  * the reported messages; the caller sets it to 0 at first. The text is valid as long as `refusals`.
  */
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported);
+
+/* Returns true if the failure of the process may have been caused by a refused call: it was refused
+ * in the FMI call that failed, or in none. Call it after the process has ended. */
+bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls);
 
 #endif

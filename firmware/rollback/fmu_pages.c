@@ -541,7 +541,10 @@ bool tl_fmu_written_serves(void) {
  *           large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN
  *           versions that differed, restores no longer count, because they contain the changes of
  *           several steps. */
-enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4, STOCKED = 16 };
+enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
+
+/* Largest unused reserve after a save: 64 MiB. */
+enum { MOST_AHEAD = (64 << 20) / TL_FMU_PAGE };
 
 /* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
  * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
@@ -700,13 +703,15 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     version->pages = self->now.pages;
 }
 
-/* Later versions are expected to differ as much. Only the next STOCKED are reserved, because a step
- * that opens a library changes thousands of pages, and most later ones few. If memory is out now,
- * it is requested again when it is needed. */
-static void stock_more(tl_fmu_pages *self) {
-    size_t all = self->most * self->versions;
-    size_t next = self->groups.contents.taken + STOCKED * self->most;
-    (void)tl_page_groups_stock(&self->groups, self->now.pages, all < next ? all : next);
+/* Later versions are expected to differ as much. A large block that moves once must not use up the
+ * limit of the process, so the unused reserve is bounded. If memory is out now, it is requested
+ * again when it is needed. */
+static void stock_ahead(tl_fmu_pages *self) {
+    size_t most = self->groups.contents.taken + MOST_AHEAD;
+    size_t wanted = self->now.pages + self->most * self->versions;
+    wanted = wanted < most ? wanted : most;
+    size_t differing = wanted > self->now.pages ? wanted - self->now.pages : 0;
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, differing);
 }
 
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, tl_fmu_version *version,
@@ -745,7 +750,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, t
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
-    stock_more(self);
+    stock_ahead(self);
     return TL_OK;
 }
 

@@ -519,8 +519,8 @@ tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error 
     return status;
 }
 
-bool tl_twin_child_was_refused(const tl_twin_child *child) {
-    return tl_twin_process_was_refused(child->process);
+bool tl_twin_child_refusal_may_be_cause(const tl_twin_child *child) {
+    return tl_twin_process_refusal_may_be_cause(child->process);
 }
 
 bool tl_twin_child_is_gone(const tl_twin_child *child) {

@@ -100,8 +100,8 @@ void tl_twin_child_stop(tl_twin_child *child);
  * dropped. */
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Returns true if a system call of an FMU was denied. */
-bool tl_twin_child_was_refused(const tl_twin_child *child);
+/* Returns true if a denied system call may have caused the failure of the ended process. */
+bool tl_twin_child_refusal_may_be_cause(const tl_twin_child *child);
 
 /* Returns true if the process has ended; how it ended was reported. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);

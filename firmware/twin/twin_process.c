@@ -604,11 +604,11 @@ bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILL
     return text[0] != '\0';
 }
 
-bool tl_twin_process_was_refused(tl_twin_process *process) {
+bool tl_twin_process_refusal_may_be_cause(tl_twin_process *process) {
     (void)pthread_mutex_lock(&process->lock);
-    bool was_refused = process->refusals.count > 0;
+    bool may_be = tl_fmu_refusals_may_be_cause(&process->refusals, process->settings.calls);
     (void)pthread_mutex_unlock(&process->lock);
-    return was_refused;
+    return may_be;
 }
 
 void tl_twin_process_report(tl_twin_process *process, tl_fmu_refusals_listener *on_event, void *context) {

@@ -23,7 +23,7 @@
  * Waiting: only tl_twin_process_kill() and _close() wait until the process has died.
  * Death:   if other code reaps the process, the caller must first call tl_twin_process_let_go().
  * Owner:   the caller owns the process until tl_twin_process_close().
- * Thread:  the thread that started the process; was_killed, was_refused and flush from any.
+ * Thread:  the thread that started the process; was_killed, refusal_may_be_cause and flush from any.
  * Errors:  only tl_twin_process_start() returns one.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_PROCESS_H
@@ -98,8 +98,8 @@ void tl_twin_process_let_go(tl_twin_process *process);
 /* Returns true if the watch thread has killed the process or is about to; `text` is the reason. */
 bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILLED_TEXT]);
 
-/* Returns true if a system call of the process was denied. */
-bool tl_twin_process_was_refused(tl_twin_process *process);
+/* Returns true if a denied system call may have caused the failure of the ended process. */
+bool tl_twin_process_refusal_may_be_cause(tl_twin_process *process);
 
 /* Calls `on_event` for each denied system call that this function has not reported yet. */
 void tl_twin_process_report(tl_twin_process *process, tl_fmu_refusals_listener *on_event, void *context);

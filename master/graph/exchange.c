@@ -436,10 +436,10 @@ void tl_exchange_keep_always(tl_exchange *exchange) {
     }
 }
 
-tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
+tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *emptied,
                                      tl_error *error) {
     tl_component *one = &exchange->components[component];
-    *done = false;
+    *emptied = false;
     if (one->gave_up_states || !can_stand(exchange)) {
         return TL_OK;
     }
@@ -448,8 +448,9 @@ tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, in
         return status;
     }
     tl_exchange_end_component(exchange, component);
-    *done = tl_component_restore_copy(one, "");
+    (void)tl_component_restore_copy(one, "");
     tl_component_drop_copy(one);
+    *emptied = true;
     return tl_exchange_reset(exchange, step, error);
 }
 

@@ -234,8 +234,9 @@ void tl_exchange_drop_copies(tl_exchange *exchange);
 
 /* Call it between steps, before macro step `step`, if the rollback of a component is not exact.
  * From now on the component is rolled back by its other method (tl_fmi2_fallback), starting with
- * its present state. Empties all caches. *done is false if no other method can be used now. */
-tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
+ * its present state. If no other method can be used now, its gave_up_states remains false.
+ * *emptied: all caches were emptied, also if the component has rejected the other method. */
+tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *emptied,
                                      tl_error *error);
 
 /* Between steps, before macro step `step`: tl_exchange_take() saves the committed instant to

@@ -397,12 +397,16 @@ static void describe_finding(const tl_twin *twin, const tl_verifier_finding *fou
 static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
-    bool done = false;
+    bool emptied = false;
     tl_verifier_end_component(&twin->verifier, component);
     tl_free_twin_end_component(&twin->free_twin, component);
-    tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &done, error);
+    tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &emptied, error);
     if (status != TL_OK) {
         return status;
+    }
+    bool done = emptied && twin->graph.components[component].gave_up_states;
+    if (emptied) {
+        tl_ledger_reset(&twin->synchroniser.ledger);
     }
     status = tl_free_twin_begin(&twin->free_twin, error);
     twin->synchroniser.rests = false;
@@ -410,9 +414,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
         return status;
     }
     *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_REPAIRED_BY_STATES : TL_REPAIRED_BY_MEMORY;
-    if (done) {
-        tl_ledger_reset(&twin->synchroniser.ledger);
-    } else {
+    if (!done) {
         tl_verifier_exclude(&twin->verifier, component);
     }
     return TL_OK;

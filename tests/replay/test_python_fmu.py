@@ -17,7 +17,7 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from python_fmu import LIBRARY, export
-from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, expect_line, expect_no_line, main, merge, read_table, replay_csv, replay_json,
+from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, expect_line, expect_no_line, has_line, main, merge, read_table, replay_csv, replay_json,
                            run, run_well, scratch, write_config)
 
 STEP_NS = 10_000_000
@@ -449,6 +449,18 @@ def test_what_cannot_be_copied():
     expect_exact(chain(lag(), lag(file, name="Other")), "replay", "replay", notices=["warning|FMU Lag|open file"])
 
 
+def test_what_cannot_be_copied_later():
+    """A thread that is started after the proof: the message names a rollback method that works."""
+    need_memory()
+    late = "if self.k == 40: threading.Thread(target=threading.Event().wait, daemon=True).start()"
+    document = chain(lag(late, top="import threading"))
+    code, _, err = run(["replay", write_config(document)])
+    expect(code == 70, f"exit code {code}\n{err}")
+    expect_line(err, 'error|FMU Lag|memory|thread|"rollback": "replay"')
+    document = merge(document, {"components": {"c0": {"rollback": "replay"}}})
+    expect(replay_csv(write_config(document)) == replay_csv(write_config(document), "--plain"), "the results differ")
+
+
 def test_methods_of_several():
     """By memory all of them, or no component."""
     need_memory()
@@ -531,6 +543,17 @@ def test_messages_of_python_are_logged():
 
 
 # ---- the interpreter ----
+
+def test_a_denied_call_is_the_cause_only_of_its_own_call():
+    """Python asks for a socket on import of uuid, for example."""
+    ask = "import socket\ntry: socket.socket()\nexcept OSError: pass\n"
+    for top, body, named in (ask, "", False), ("import socket\n", "socket.socket()", True):
+        fmu = export("slave", source=top + SLAVE.replace("{body}", f"{body}\n        return current_time < 0.1"))
+        code, _, err = run(["replay", write_config(alone(fmu))])
+        expect(code == 70, f"exit code {code}\n{err}")
+        expect_line(err, "warning|socket denied")
+        expect(has_line(err, "warning|denied system call may be the cause") == named, err)
+
 
 def test_extension_modules_work_until_the_end():
     """numpy is found by the first python3 in PATH. Its binaries resolve Python's symbols in the library, also at the end of the

@@ -119,10 +119,35 @@ static void where_there_is_no_listener_there_is_nothing_to_take(void) {
     (void)close(pipes[1]);
 }
 
+/* A call that Python makes on import is no cause of a later failure. */
+static void only_the_failed_call_has_a_cause(void) {
+    static tl_fmu_refusals refusals;
+    static tl_fmu_calls calls;
+    const tl_refusal refusal = {.name = "socket"};
+    tl_fmu_calls_use(&calls);
+    uint32_t fmu = tl_fmu_calls_name("motor");
+    tl_fmu_call_begin(fmu, TL_FMU_INSTANTIATE);
+    TEST_ASSERT_TRUE(tl_fmu_refusals_note(&refusals, &refusal, &calls));
+    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls)); /* it has crashed there */
+    tl_fmu_call_fail();
+    tl_fmu_call_end();
+    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
+    tl_fmu_call_begin(fmu, TL_FMU_DO_STEP);
+    TEST_ASSERT_FALSE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
+    TEST_ASSERT_FALSE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* again */
+    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
+    tl_fmu_call_end();
+    TEST_ASSERT_FALSE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
+    TEST_ASSERT_TRUE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* by a thread */
+    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
+    tl_fmu_calls_use(NULL);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_refused_call_is_named);
     RUN_TEST(a_process_that_ends_meanwhile_is_no_trouble);
+    RUN_TEST(only_the_failed_call_has_a_cause);
     RUN_TEST(where_there_is_no_listener_there_is_nothing_to_take);
     RUN_TEST(the_caller_stands_still_until_it_is_answered); /* last: libseccomp listens once in a process */
     return UNITY_END();

@@ -333,6 +333,42 @@ static void test_what_is_reserved_is_enough(void) {
     }
 }
 
+/* Bytes of private memory, as RLIMIT_DATA counts them. */
+static size_t private_memory(void) {
+    unsigned long all[6] = {0};
+    FILE *file = fopen("/proc/self/statm", "r");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(
+        6, fscanf(file, "%lu %lu %lu %lu %lu %lu", &all[0], &all[1], &all[2], &all[3], &all[4], &all[5]));
+    (void)fclose(file);
+    return all[5] * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+/* A growing list of an FMU moves as a whole, once in many steps. */
+static void test_a_large_change_reserves_little(void) {
+    enum { LARGE = 16 << 20, SEVERAL = 100 };
+    static tl_fmu_version all[SEVERAL];
+    tl_error error;
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    unsigned char *list = mmap(NULL, LARGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(list != MAP_FAILED);
+    const tl_fmu_region range = {.begin = list, .size = LARGE, .has_pages = true};
+    tl_fmu_pages *large = tl_fmu_pages_open(&range, 1, &error);
+    TEST_ASSERT_NOT_NULL(large);
+    memset(list, 1, LARGE);
+    for (int i = 0; i < SEVERAL; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_pages_save(large, LARGE, true, &all[i], &error));
+    }
+    memset(list, 2, LARGE);
+    size_t before = private_memory();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_pages_save(large, LARGE, true, &all[0], &error));
+    TEST_ASSERT_LESS_THAN_size_t((size_t)128 << 20, private_memory() - before); /* not SEVERAL · LARGE */
+    for (int i = 0; i < SEVERAL; i++) {
+        tl_fmu_pages_forget(large, &all[i]);
+    }
+    (void)munmap(list, LARGE);
+}
+
 static int run_all(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_is_reserved_is_enough);
@@ -340,6 +376,7 @@ static int run_all(void) {
     RUN_TEST(test_a_write_that_is_not_recorded);
     RUN_TEST(test_a_system_call_may_write);
     RUN_TEST(test_the_estimated_size);
+    RUN_TEST(test_a_large_change_reserves_little);
     RUN_TEST(test_excluded_versions);
     return UNITY_END();
 }

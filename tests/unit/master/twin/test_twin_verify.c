@@ -272,6 +272,28 @@ static void a_liar_with_another_way_goes_it(void) {
     }
 }
 
+static fmi2Status no_method(fmi2Component instance, const char *why) {
+    (void)instance;
+    (void)why;
+    return fmi2Error;
+}
+
+/* The caches are emptied before the FMU rejects the change: the ledger must know. */
+static void the_ledger_holds_without_another_way(void) {
+    static const tl_fmi2_fallback no_way = {keep_aside, restore_start, no_method, end_proof,
+                                            size_aside, has_choice,    NULL};
+    static const way saving = {4, true, true, TL_KEEP_STATES, TL_LAG};
+    use_way(&saving);
+    fmus[0].functions.fallback = fmus[1].functions.fallback = &no_way;
+    lead(&with, &fmus[1]);
+    TEST_ASSERT_EQUAL_size_t(1, with.found);
+    TEST_ASSERT_FALSE(with.finding.mended);
+    for (size_t k = 0; k < 3; k++) {
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(run.twin, k).difference);
+    }
+    tl_test_log_clear(&call_log); /* the search for the cause steps the FMU from a candidate's time */
+}
+
 /* ---- calls that fail ---- */
 
 /* Ticks until FMU `which` is about to be executed again: the twin is as it was, and the next tl_twin_verify() does that. */
@@ -402,6 +424,7 @@ int main(void) {
     RUN_TEST(what_is_not_matched_is_found_too);
     RUN_TEST(less_than_a_hundredth_of_a_tolerance_is_told_once);
     RUN_TEST(a_liar_with_another_way_goes_it);
+    RUN_TEST(the_ledger_holds_without_another_way);
     RUN_TEST(a_step_that_fails_when_it_is_repeated_is_found);
     RUN_TEST(what_cannot_be_brought_back_is_the_end);
     RUN_TEST(nothing_is_begun_that_there_is_no_time_for);
