@@ -23,7 +23,8 @@
  * Waiting: only tl_twin_process_kill() and _close() wait until the process has died.
  * Death:   if other code reaps the process, the caller must first call tl_twin_process_let_go().
  * Owner:   the caller owns the process until tl_twin_process_close().
- * Thread:  the thread that started the process; was_killed, refusal_may_be_cause and flush from any.
+ * Thread:  the thread that started the process; was_killed, refusal_may_be_cause and flush from
+ *          any.
  * Errors:  only tl_twin_process_start() returns one.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_PROCESS_H
