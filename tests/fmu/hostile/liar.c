@@ -59,6 +59,7 @@ typedef struct account {
     volatile uint32_t now;
     volatile uint32_t fmus;
     volatile uint32_t asked;
+    volatile uint32_t failed;
     char names[NAMES][NAME];
 } account;
 

@@ -28,8 +28,8 @@ static void test_a_run_that_was_never_locked(void) {
 }
 
 static void test_what_is_enough(void) {
-    const tl_lock_tally some = {
-        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9};
+    const tl_lock_tally some = {.steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5},
+                                .windows = 9};
     TEST_ASSERT_EQUAL_DOUBLE(95, tl_lock_tally_percent(&some));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 0));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 95));
