@@ -10,8 +10,9 @@
  *          retries with back-off (from 0.1 s, doubling, to at most 2 s).
  * Reports: the start and the end of: error warning, error passive, frames too short for their
  *          signals. At most once per second, with a count: frames that the kernel dropped,
- *          overflows of the controller, bus errors. While the link is up, a problem goes to
- *          part_failed() and its end to link(); while it is down, both go to link().
+ *          overflows of the controller, bus errors. While the link is up, the start of a problem is
+ *          reported by the sink's part_failed() and its end by link(). While the link is down,
+ *          link() reports both (plant_io.h).
  * Bound:   a poll waits at most 50 ms for a frame and receives at most 512 frames.
  * Stamp:   time of reception by the kernel, on CLOCK_MONOTONIC, independent of changes of the wall
  *          clock (can_link.h).

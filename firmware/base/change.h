@@ -24,8 +24,8 @@ typedef enum tl_change_kind {
  * - changes electrical settings of a line, for example a pull-up resistor;
  * - may remove recorded runs;
  * - changes how the process is scheduled;
- * - changes what the twin is compared with: measurements, strokes (the intervals of an event
- *   horizon), macro step. For a wider tolerance see retune/worker.h.
+ * - changes what the twin is compared with: measurements, strokes (intervals from a start signal to
+ *   an event, each searched as a whole), macro step. For a wider tolerance see retune/worker.h.
  * TL_RIGHT_BOX is needed for a change that names a new library or file, or removes the confinement
  * of FMUs. Requests over the network, and those with `--right`, cannot make such a change. */
 typedef enum tl_change_right {
@@ -38,11 +38,11 @@ typedef enum tl_change_right {
 
 /* Origin of a configuration version. A request has one of the first three. */
 typedef enum tl_change_origin {
-    TL_ORIGIN_RELOAD,  /* `twinlock reload`; a version has it only if its text is that of the run's own file */
+    TL_ORIGIN_RELOAD,  /* `twinlock reload`; of a version: with the text of the run's own file */
     TL_ORIGIN_NETWORK, /* twinlock-serve */
     TL_ORIGIN_LIMITED, /* `twinlock reload --right`: the caller limits itself to a lower right than TL_RIGHT_BOX */
-    TL_ORIGIN_START,   /* the run's own file, if it had changed before the run started */
-    TL_ORIGIN_HAND,    /* a text by `twinlock reload` that is not in the run's own file */
+    TL_ORIGIN_START,   /* the run's own file, read at the start of a run: the first version, or the file had changed */
+    TL_ORIGIN_HAND,    /* `twinlock reload` with another text than that of the run's own file; only in versions */
     TL_ORIGINS
 } tl_change_origin;
 

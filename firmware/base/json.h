@@ -23,8 +23,8 @@
  *           number, because cJSON would truncate a longer one. At most TL_JSON_MAX_DEPTH levels of
  *           brackets. This check does not find duplicate keys; json_document.h does, after
  *           decoding.
- * Bound:   time O(size), no recursion. `lines` needs 4 bytes for each of the characters [ , : and 4
- *          bytes more.
+ * Bound:   time O(size), no recursion. `lines` needs 4 bytes for each '[', ',' and ':' in the text,
+ *          plus 4 bytes.
  * Memory:  all in the caller's arena.
  * Thread:  no shared state.
  */
@@ -70,8 +70,8 @@ typedef struct tl_json_reader {
     bool right;         /* no error so far */
 } tl_json_reader;
 
-/* Parses `text` (no NUL needed) after tl_json_text_check(). If it is rejected or memory is out,
- * `right` is false. */
+/* Calls tl_json_text_check(), then parses `text` (no NUL needed). If the check rejects the text or
+ * memory is out, `right` is false. */
 tl_json_reader tl_json_reader_of(const char *text, size_t size);
 
 /* Parses a file of at most 16 KiB. If it cannot be read, `right` is false. */

@@ -31,8 +31,8 @@ void tl_locale_use(void);
 
 /* ---- Clock: CLOCK_MONOTONIC in nanoseconds.
  *
- * Purpose: the only function that reads it, with the signature that tl_budget needs. Also the sleep
- *          function of all periodic code.
+ * Purpose: reads the clock, with the signature that tl_budget needs. Also the sleep function of all
+ *          periodic code.
  * Thread:  any.
  */
 
@@ -144,8 +144,8 @@ int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint
 
 enum { TL_OTHER_CASE_TEXT = 320 };
 
-/* Returns `text`, the end of an error message about `path`: "; there is Config.json beside it, with
- * other letters' case". `text` is empty if the file exists, or if its folder has no such name. Only
+/* Returns `text`, the end of an error message about `path`: "; did you mean Config.json? (upper and
+ * lower case differ)". `text` is empty if the file exists, or if its folder has no such name. Only
  * the case of ASCII letters is ignored. */
 const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]);
 

@@ -19,13 +19,13 @@ typedef struct tl_verb_job {
     FILE *output;         /* result of tl_output_claim(); NULL: the verb prints no result */
     bool counts_problems; /* logs the number of problems in the configuration */
     tl_config config;     /* of the file options->subject */
-    tl_twin_job order;    /* for the FMU process; tl_verb_job_read() fills in path, text and options */
+    tl_twin_job order;    /* for the FMU process; tl_verb_job_read() fills in path, text and unconfined */
     tl_twin_child *child;
     tl_error error; /* why the verb fails; "": the reason was logged */
 } tl_verb_job;
 
-/* Installs the signal handlers and reads the configuration. Problems are logged. The caller has set
- * the options and the task of the order. */
+/* Installs the signal handlers and reads the configuration. Problems are logged. Before the call,
+ * the caller sets job->options, and the task in job->order. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
 /* Checks the output file `path` that the command-line option `option` names. It must not be a file

@@ -24,7 +24,7 @@ typedef struct tl_source_reach {
     const char *write; /* device that it opens for reading and writing, also relative; NULL: none */
     uint16_t port;     /* TCP port that it connects to; 0: none */
     bool names;        /* it resolves a host name */
-    tl_time wait;      /* ns; longest time that a poll waits for its device without a reading; 0: one period */
+    tl_time wait;      /* ns; longest time that a poll waits for its device if no reading comes; 0: one period */
 } tl_source_reach;
 
 typedef struct tl_driver {
@@ -45,7 +45,7 @@ typedef struct tl_driver {
 
     bool is_polled;         /* the driver polls its device: it may read the same value several times */
     bool is_silent;         /* the driver cannot detect that a sender has stopped; only the age of values shows it */
-    const char *not_played; /* "of GPIO lines": names signals that `twinlock plant` cannot serve; NULL: it can */
+    const char *not_played; /* "of GPIO lines": how a message names what `twinlock plant` cannot serve; NULL: it can */
 
     const tl_plant_io_driver *io;
     const tl_plant_access *access;

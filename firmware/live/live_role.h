@@ -2,8 +2,9 @@
  *
  * Purpose: main() calls one of them in a process that the process tree (process_tree.h) has started
  *          with that role.
- * Order:   each process first sets up its log, its end with its parent, its signal handlers and its
- *          shared memory. Then it confines itself and starts its work. SIGTERM ends it.
+ * Order:   each process first sets up its log, makes sure that it ends when its parent ends, and
+ *          sets up its signal handlers and shared memory. Then it confines itself and starts its
+ *          work. SIGTERM ends it.
  * Ends:    each function announces its exit code in the status block of the process and returns it.
  * Thread:  the main thread.
  */
@@ -21,7 +22,8 @@
 #define TL_LIVE_RECORDER "recorder"
 #define TL_LIVE_CONFIG_MANAGER "config manager"
 #define TL_LIVE_TWIN "twin"
-#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* the title changes at a handover; room for the longer one: */
+#define TL_LIVE_TWIN_SHADOW "twin, shadow"
+/* A handover changes one of the two titles above to the other. Reserves room for the longer one. */
 #define TL_LIVE_TWIN_ROOM "        "
 
 /* Reads the configured sources of the plant into the sample buffers. */
@@ -57,7 +59,8 @@ tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup);
 void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);
 
 /* Called last. Announces the end cause and the exit code `code` in the heartbeats, and returns
- * `code`. `was_ready`: the process had started its work; decides the cause of a failure. */
+ * `code`. If `code` is not 0, the cause is TL_END_CAUSE_FAILED if the process had started its work
+ * (`was_ready`), else TL_END_CAUSE_REFUSED. */
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);
 
 #endif

@@ -41,8 +41,9 @@ typedef struct tl_shadow_warm_up {
     void *context; /* of both callbacks */
 } tl_shadow_warm_up;
 
-/* Runs until less than two seconds of samples are left, no more samples are recorded, or a signal
- * asks to end. Sets *next to the next tick of the twin; if nothing was recorded, to a future tick.
+/* Ends when less than two seconds of samples are left, when fetch() has no more samples, or when
+ * SIGTERM or the like asks the process to end. Sets *next to the next tick of the twin; if nothing
+ * was recorded, to a future tick.
  * Errors: TL_TRY_AGAIN if the box is too slow; or the error of a step. */
 tl_status tl_shadow_warm_up_run(const tl_shadow_warm_up *course, int64_t *next, tl_error *error);
 

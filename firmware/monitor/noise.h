@@ -18,18 +18,21 @@
  *
  * Method:  each reading is compared with the polynomials through its 2, 4 and 6 neighbours, at
  *          their own uneven stamps. Divided by √(1 + Σ weights²), each difference has the standard
- *          deviation of white noise. The plant's motion contributes less with more neighbours. The
+ *          deviation of white noise, where the weights are those of the neighbours in the
+ *          polynomial's value. The plant's motion contributes less with more neighbours. The
  *          estimate is the smaller of two values: the one with 2 neighbours, and the larger one of
  *          those with 4 and 6. If those with 4 and 6 differ, the plant moves too fast between two
  *          readings, and the estimate is an upper limit.
- * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %). So single steps of the
- *          plant or bad readings have no effect.
+ * Robust:  for each number of neighbours, σ is the mean of three values: the 50, 60 and 70 %
+ *          quantiles of the differences, each divided by the same quantile of |x| for a standard
+ *          normal x. So single steps of the plant or bad readings have no effect.
  * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
  *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER
  *          times σ; this σ is the one with 2 neighbours, so it includes the plant's motion. The
  *          other is TL_NOISE_OUTLIER times the median distance of the five. The estimate ignores
  *          outliers. A step of the plant is not an outlier because the median follows it. A sharp
- *          turn is not one because all five readings are far from their median.
+ *          turn of the signal is not one, because most of the five readings are then far from the
+ *          median.
  * Unit:    that of the signal; stamps in ns of any clock. Errors of the stamps count as noise: a
  *          signal that grows by 1 a second, with stamps that are 10 ms wrong, has an error of 0.01.
  * Bound:   constant time for each reading: about 150 floating-point operations and three
@@ -75,7 +78,7 @@ typedef struct tl_noise_meter {
 /* A noise estimate. */
 typedef struct tl_noise_found {
     uint32_t count;                   /* number of differences */
-    double sigma;                     /* standard deviation; 0: each reading equals the polynomial exactly */
+    double sigma;                     /* standard deviation; 0: no differences yet, or at least 70 % of them are 0 */
     double by_order[TL_NOISE_ORDERS]; /* standard deviation with 2, 4 and 6 neighbours */
     bool is_enough;                   /* at least TL_NOISE_LEAST differences */
     bool is_too_fast;                 /* the plant moves too fast between two readings: sigma is an upper limit */
@@ -90,8 +93,8 @@ void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most);
 void tl_noise_meter_use(tl_noise_meter *meter, const tl_noise_found *found);
 
 /* Adds the next good reading. Ignores it if its stamp is not later than the one before, or more
- * than 40 years later, or if its value is not finite. Returns true if the reading two before this
- * one was checked; then sets *is_outlier for it. */
+ * than 40 years later, or if its value is not finite. The outlier check is two readings late:
+ * returns true if it checked the reading two before this one, and sets *is_outlier for it. */
 bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool *is_outlier);
 
 /* Computes the estimate from the readings so far. */
@@ -107,8 +110,10 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
  *           outputs do not show may then drift for hours. `check --recording` reports this for a
  *           recording. This code reports it for the running plant with the same estimate, live and
  *           in replay from the same samples.
- * Readings: one per tick, as it came, if it is good. If the signal is conditioned or on a line,
- *           this is the look-up NAME@reading. Rejected readings are not good, so they are left out.
+ * Readings: one per tick, as it came, if it is good. If the signal has a `condition` or is matched
+ *           with "between": "line", the unchanged reading is taken from the extra signal
+ *           NAME@reading (tl_config_reading_of()). Rejected readings are not good, so they are left
+ *           out.
  * Period:   checked at each 256th reading, over the last 2048 to 4096 readings. Reported if a
  *           tolerance is certainly too small; not if over a third of the readings repeat the value
  *           before. Cleared if the tolerance is at least three times the noise.
@@ -130,8 +135,8 @@ typedef struct tl_noise_watch {
     tl_noise_meter meters[TL_MAX_MATCH];
 } tl_noise_watch;
 
-/* `config` must have its further look-ups in use (tl_config_use_lookups()) and must outlive the
- * watch. Its tolerances may change. */
+/* Call tl_config_use_lookups() on `config` first, so that the NAME@reading signals exist. `config`
+ * must outlive the watch. Its tolerances may change. */
 void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config);
 
 /* Adds a sample for one match. If it returns a change, *sigma is the noise (standard deviation, in

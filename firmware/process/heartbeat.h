@@ -1,5 +1,5 @@
-/* Heartbeats: show another process that threads are alive. The same block contains the other data
- *             that the supervisor needs of a process.
+/* Heartbeats: show another process that threads are alive. They are in a shared status block, which
+ *             also contains the other data that the supervisor needs.
  *
  * Purpose: the threads of a process count their heartbeats, and the supervisor (supervisor.h) polls
  *          the counters. The block also contains whether the process is ready, a status line, the
@@ -30,7 +30,8 @@ enum {
     TL_HEARTBEAT_STATUS = 512
 };
 
-/* Longest time between two polls that counts as silence, ns. A longer time counts as this. */
+/* Most silence that one poll can add, ns. If more time has passed since the last poll, only this
+ * much is added. */
 #define TL_HEARTBEAT_POLL (TL_SECOND / 5)
 
 /* Longest time without any started heartbeat, ns, if the process had one before. The heartbeat of
@@ -44,8 +45,8 @@ typedef struct tl_thread_heartbeat {
     char name[TL_HEARTBEAT_NAME];
 } tl_thread_heartbeat;
 
-/* Status block of a process. It is zeroed before another process starts. Fields are private, except
- * `calls`. */
+/* Status block of a process. It is zeroed before each start of the process. Fields are private,
+ * except `calls`. */
 typedef struct tl_heartbeats {
     tl_thread_heartbeat hearts[TL_HEARTBEATS];
     size_t count;
@@ -92,7 +93,7 @@ typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];
     bool had;         /* at least one heartbeat was monitored */
-    tl_time no_heart; /* time without any heartbeat since then */
+    tl_time no_heart; /* how long no heartbeat has been active, counted only if `had`; 0 if one is active */
     tl_time looked;   /* instant of the last poll; 0: none */
     uint32_t call;    /* number of the current FMU call */
     tl_time lasted;   /* its observed duration */

@@ -1,4 +1,5 @@
-/* Roles: the program starts itself again as a process with a single task and no other resources.
+/* Roles: the program starts itself again as a process that has one task and only
+ *        the resources for it.
  *
  * Purpose: a child with a role inherits no memory, no handlers, no terminal, and only the given
  *          descriptors. The program file is opened once at the start, and children are executed

@@ -1,5 +1,5 @@
-/* Activation: changes the configuration of a running plant, from the candidate to the end of its
- *             probation.
+/* Activation: changes the configuration of a run, from the receipt of the candidate configuration
+ *             to the end of its probation.
  *
  * Steps:   rows of a table. A row names the function that begins the step, the function that polls
  *          it, its time limit, and the progress message. One driver executes the rows in their
@@ -26,7 +26,7 @@
 #include "firmware/retune/worker.h"
 #include "firmware/store/run_types.h"
 
-/* ---- Host: the operations on the running plant that an activation needs.
+/* ---- Host: the operations on the run (twin, shadow, recorder) that an activation needs.
  *
  * Purpose: the activation decides when an operation is due. The host executes it, in the process
  *          that maps the run's shared memory.
@@ -224,7 +224,7 @@ typedef struct tl_activation {
     tl_time reported_at;          /* value of `waited` at the step's last message */
     tl_probation probation;
     tl_time unsaved;   /* ns since the probation was saved */
-    tl_time pause;     /* ns until the probation is ended again after a failed try */
+    tl_time pause;     /* ns until the next attempt to end the probation, after a failed one */
     bool is_unwritten; /* the probation could not be saved, and that was logged */
     tl_time polled_at; /* CLOCK_MONOTONIC: time of the previous poll */
 } tl_activation;

@@ -1,5 +1,5 @@
-/* Compares a candidate with the active version: forecasts its time and memory, and compares its
- * shadow with the run's twin.
+/* Compares a candidate configuration with the active one: forecasts the time and memory of its
+ * twin, and compares its shadow with the run's twin.
  *
  * Thread:  one thread.
  */
@@ -37,10 +37,10 @@ uint64_t tl_forecast_memory_left(void);
  * Purpose: reports what both twins did in that time, and decides whether the shadow may become the
  *          live twin. Pure logic: the caller passes both states.
  * Too slow: the box is too slow for two twins if the run's twin misses too many deadlines or skips
- *          too many ticks while the shadow runs. The rule is that of a probation (probation.h),
- *          compared with the time before the shadow; skipped ticks count only if there are at least
- *          TL_PROBATION_MISSES gaps. The box is also too slow if a twin skips more than a quarter
- *          of its ticks.
+ *          too many ticks while the shadow runs. Its counts are compared with those before the
+ *          shadow started, by the rule in probation.h. Skipped ticks count only if they form at
+ *          least TL_PROBATION_MISSES gaps (gap: one or more skipped ticks in a row). The box is
+ *          also too slow if a twin skips more than a quarter of its ticks.
  * Refused: the candidate is refused if its shadow was in lock for less than required, and for less
  *          than the run's twin. It is also refused if the shadow executed no step.
  * Unseen:  the lock is not evaluated here in two cases: no step was evaluated, or more than half of
@@ -73,7 +73,7 @@ typedef enum tl_comparison_result {
     TL_COMPARISON_GOOD,
     TL_COMPARISON_TOO_SLOW, /* the box is too slow for two twins */
     TL_COMPARISON_BAD,      /* the candidate is refused */
-    TL_COMPARISON_WORSE /* an output is worse; or the lock is, by the tolerances of the version to which a probation can roll back */
+    TL_COMPARISON_WORSE     /* an output is worse, or the lock is worse by the tolerances of the version before */
 } tl_comparison_result;
 
 /* Begin and end the compared time. `shadow`, `twin`: states of both at the same moment. */

@@ -110,9 +110,9 @@ tl_status tl_database_file_renew(tl_database_file *file, const char *why, const 
  * must have called end() of the user before. A closed file is allowed. */
 void tl_database_file_close(tl_database_file *file);
 
-/* Closes a file that was removed or overwritten. Writes nothing into the file that now has its
- * name, and removes its log, because SQLite would apply the log to that file. The caller must have
- * called end() of the user before. */
+/* Closes a file that was removed or overwritten. Another file may now have the old name: nothing is
+ * written into it. The log of the old file is removed, because SQLite would apply it to the new
+ * file. The caller must have called end() of the user before. */
 void tl_database_file_abandon(tl_database_file *file);
 
 /* A closed file. */
@@ -121,8 +121,8 @@ void tl_database_file_abandon(tl_database_file *file);
         .handle = -1, .log = -1, .lock = {.file = -1 }                                                                 \
     }
 
-/* ---- Identity: the two files of a database, file and log. A process needs it if it takes over
- * after the writer has died.
+/* ---- Identity: the two files of a database, file and log. A process that takes over from a dead
+ * writer needs it.
  *
  * Purpose: if a database is removed, moved or replaced, its log, FILE-wal, stays. SQLite would
  *          apply that log to any file that has the name later. A process that knows both files can
@@ -135,7 +135,7 @@ void tl_database_file_abandon(tl_database_file *file);
 typedef struct tl_database_inode {
     uint64_t device;
     uint64_t number; /* 0: none */
-    int64_t born;    /* ns since 1970, because numbers are reused; 0: unknown to the file system */
+    int64_t born;    /* time of creation, ns since 1970; distinguishes files if a number is reused; 0: unknown */
 } tl_database_inode;
 
 typedef struct tl_database_identity {
@@ -168,7 +168,8 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
 /* Largest n of FILE.beside-n; the first file is FILE.beside. */
 enum { TL_DATABASE_BESIDE_MOST = 9 };
 
-/* Which faults make the opening fail, because a user waits for the result. */
+/* Faults that make the opening fail at once. If a user waits for the result, more faults do so. An
+ * unattended run fails for none and retries later. */
 typedef enum tl_database_policy {
     TL_DATABASE_ALL_OR_NOTHING, /* every fault */
     TL_DATABASE_IF_OURS,        /* FOREIGN, OTHER, IN_USE; and if there is no replacement */

@@ -6,11 +6,13 @@
  *          read them. If another process cannot load the saved states of an FMU, nothing is saved.
  * When:    after the first tick, which also measures the cost. Then every 10 s of plant time, or
  *          every 2000 ticks if that is shorter. After a reset of the FMUs, as soon as there is
- *          time. If a checkpoint does not fit into the budget, or an FMU cannot serialise its
- *          state, an event reports it once. A restart then repeats the newest inputs, which the
- *          record queue keeps for this purpose.
- * Shadow:  a shadow measures the cost after a tick that has time left. Its first checkpoint is the
- *          beginning of its run.
+ *          time. If a due checkpoint does not fit into the budget, the next tick tries again; after
+ *          three more intervals an event reports it once. If an FMU cannot serialise its state, or
+ *          if the first save takes longer than the budget of a step, an event reports it and
+ *          nothing is saved any more. A restart then repeats the newest inputs, which the record
+ *          queue keeps for this purpose.
+ * Shadow:  a shadow measures the cost after a tick that has time left. The run of a shadow begins
+ *          with its first checkpoint.
  * Thread:  the cycle's.
  * Memory:  allocated after the first tick.
  * Errors:  none are returned; a failure is an event.
@@ -68,7 +70,8 @@ void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget);
  * saving is not possible at this tick. */
 bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size);
 
-/* Enqueues the bytes saved last as the twin after `tick`. The next checkpoint is due as usual. */
+/* Enqueues the bytes of the last tl_checkpointer_save() as a checkpoint: the state of the twin
+ * after `tick`. The next checkpoint is due as usual. */
 void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size);
 
 #endif

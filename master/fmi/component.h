@@ -111,9 +111,10 @@ tl_status tl_component_enter_initialization(tl_component *component, double star
 /* fmi2ExitInitializationMode. */
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
-/* Writes the inputs to the FMU; reads the outputs from it. A Real output that is not finite is NaN,
- * always with the same bits. If the FMU rejects reading in initialisation mode (as FMUs of
- * ControlBuild do), the outputs keep their values. They are then not read again in that mode. */
+/* Writes the inputs to the FMU; reads the outputs from it. A Real output that is not finite is
+ * replaced by NaN, always with the same bits. If the FMU rejects reading in initialisation mode (as
+ * FMUs of ControlBuild do), the outputs keep their values. They are then not read again in that
+ * mode. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 

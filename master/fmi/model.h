@@ -24,8 +24,9 @@ typedef enum tl_causality {
 
 typedef enum tl_variability { TL_CONSTANT, TL_FIXED, TL_TUNABLE, TL_DISCRETE, TL_CONTINUOUS } tl_variability;
 
-/* Kind of start value. Inputs and the independent variable have none. Exact and approximate ones
- * may be set before initialisation, unless constant; calculated ones may not. */
+/* Attribute `initial` of FMI: how the start value is used. Inputs and the independent variable have
+ * no such attribute; inputs may have a start value. Exact and approximate start values may be set
+ * before initialisation, unless constant; calculated ones may not. */
 typedef enum tl_initial { TL_INITIAL_NONE, TL_INITIAL_EXACT, TL_INITIAL_APPROX, TL_INITIAL_CALCULATED } tl_initial;
 
 /* A unit: value in base units = factor·value + offset. */

@@ -4,8 +4,9 @@
  * Purpose: finds the u of step i within a budget and commits the step with it. A step is always
  *          committed, unless an FMU fails with nominal u too. Its u is nominal if no candidate is
  *          better. The search is planned to end within the budget.
- * Time:    the cost of a candidate is predicted before it starts: from the executions that the
- *          ledger predicts, their measured durations, and the overhead beside them. Time is
+ * Time:    the cost of a candidate is predicted before it starts: from the number of executions
+ *          that the ledger (ledger.h: predicts them from the graph) expects, their measured
+ *          durations, and the overhead beside them. Time is
  *          reserved for the solver after it, for the committed step, and for the evaluation of
  *          nominal if it is not done yet. A candidate that is slower than predicted is aborted
  *          between two macro steps. The clock is read once per macro step, once or twice per
@@ -29,7 +30,7 @@
 /* Parts of a synchroniser that are not in the plan. `horizon`, `adjusted` and `penalties` are
  * copied. All other parts must outlive the synchroniser. */
 typedef struct tl_synchroniser_settings {
-    tl_exchange *exchange; /* initialised, with the adjusted inputs placed */
+    tl_exchange *exchange; /* initialised; tl_exchange_place_adjusted() was called for each adjusted variable */
     tl_track *track;       /* NULL if nothing is adjusted */
     tl_horizon horizon;
     const tl_objective_term *terms; /* plan->match_count */
@@ -51,9 +52,9 @@ void tl_synchroniser_end(tl_synchroniser *synchroniser);
 tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget, tl_record *record,
                                tl_error *error);
 
-/* Before step i: if step i − 1 used the newest sample in place of that of t_i (mode ahead),
- * delivers the sample of t_i. tl_synchroniser_step(), _catch_up() and _follow() do this
- * themselves. */
+/* Mode ahead: step i − 1 ended before the sample of t_i existed, and used an older one. This call
+ * gives the sample of t_i to the FMU inputs before step i. tl_synchroniser_step(), _catch_up() and
+ * _follow() do this themselves. */
 void tl_synchroniser_refresh(tl_synchroniser *synchroniser, int64_t step);
 
 /* Call when the record of a step is complete, only with a clock. Returns the duration of the step,
@@ -72,7 +73,7 @@ tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, co
 void tl_synchroniser_reset(tl_synchroniser *synchroniser);
 
 /* Call if the FMUs got another state at the committed instant: drops the extrapolation of the
- * outputs. */
+ * outputs, and resets the ledger. */
 void tl_synchroniser_forget_course(tl_synchroniser *synchroniser);
 
 /* Between steps: drops all that tl_synchroniser_archive() does not keep, except durations. */

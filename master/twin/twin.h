@@ -5,12 +5,15 @@
  * Method:  algorithm 3 of the thesis, with the decisions in docs/decisions/README.md.
  * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
  *            lag:   tick m ≥ T_P + D computes step i = m − T_P − D; its record is complete at once.
- *                   D is the delay of conditioned measurements, 0 without any.
+ *                   D is the delay, in ticks, that the filters of matched signals (tl_condition)
+ *                   cause; 0 without any.
  *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
  *            ahead: tick m computes step i = m; its record is complete at tick m + 1.
- *          D also includes the larger of the plan's input_ticks and output_ticks, if it is
- *          positive. The FMUs are then initialised at tick input_ticks, with the plant at t_0 (in
- *          mode ahead at tick 0). If Δo is measured, D includes the longest possible delay.
+ *          If the inputs (input_ticks) or the measurements (output_ticks) of an instant arrive some
+ *          ticks later, D includes the larger of the two delays. If input_ticks > 0, the FMUs are
+ *          initialised at tick input_ticks, when the inputs of t_0 are there; otherwise, and in
+ *          mode ahead, at tick 0. If the delay of the outputs (Δo) is measured during the run, D
+ *          includes the longest possible delay.
  * Memory:  tl_twin_build() allocates everything; our code allocates nothing afterwards.
  * Thread:  one thread at a time uses a twin.
  */
@@ -33,10 +36,10 @@ typedef struct tl_twin tl_twin;
 /* Facts of a built twin, for `check`, `--json` and the recorder. Texts live as long as the twin. */
 typedef struct tl_twin_facts {
     size_t components;                  /* K, the plant included */
-    uint32_t prediction;                /* T_P in use; of an event horizon, the largest */
+    uint32_t prediction;                /* T_P in use; with an event horizon (event_horizon.h) the largest T_P */
     uint32_t distance;                  /* T_D: the smallest of all pairs; 0 if nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
-    tl_experiment experiment;           /* in use: stop_s is above start_s */
+    tl_experiment experiment;           /* the times in use; stop_s is above start_s, also if none was configured */
     int64_t first;                      /* first step of this twin: 0, or later after tl_twin_begin_at() */
     size_t unknowns;                    /* number of unknowns of a search */
     const char *algorithm;              /* the solver in use; "" if nothing is adjusted */
@@ -55,17 +58,18 @@ typedef struct tl_twin_facts {
     uint64_t differed;            /* verifications that found a difference */
     bool has_free_twin;           /* the free-run check is on; before the start: it is configured */
     tl_free_twin_counts free_twin;
-    bool structure; /* executions are saved by structure */
-    bool sequences; /* executions are saved by sequences */
+    bool structure; /* does not execute what cannot reach a matched output (approach 1) */
+    bool sequences; /* does not execute an input sequence whose result is cached (approach 2) */
 } tl_twin_facts;
 
-/* One component in the ledger; the plant is the last one. */
+/* One component in the execution ledger, which predicts and counts executions (ledger.h). The plant
+ * is the last one. */
 typedef struct tl_twin_ledger {
     const char *name;
-    uint32_t reach;        /* Γ_k (eq. 4.5) */
+    uint32_t reach;        /* Γ_k: number of steps of an evaluation in which it can reach a matched output (eq. 4.5) */
     bool reads_late;       /* it rejects reading in initialisation mode */
     bool on_path;          /* on a path from an adjusted variable to a matched output */
-    uint32_t longer;       /* C_k, if it is on such a path; else 0 */
+    uint32_t longer;       /* C_k: extra length of the path through it over the shortest path; 0: on no path */
     uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
     uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */
     uint32_t nodes;        /* nodes of its cache; 0: no cache */
@@ -104,7 +108,7 @@ typedef struct tl_twin_adjusted {
 /* Measured delay: that of the first matched output whose delay is known. */
 typedef struct tl_twin_delay {
     tl_delay_state state;
-    tl_time delay;     /* ns, in use: ŷ is looked up this long before y, rounded to whole steps; 0 if not known */
+    tl_time delay;     /* ns, in use: y(t) is compared with ŷ(t − delay), in whole steps; 0 if not known */
     double confidence; /* 0 … 1, of the present measurement */
 } tl_twin_delay;
 
@@ -142,13 +146,13 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
 
 /* Resets a lost twin at the next tick, before the step of that tick (also if it has no search). All
  * FMUs restart with their start values at the step's instant, with the plant's sample and nominal
- * u. The solver starts empty, the last Δu is dropped, and a stroke or search of an event horizon is
- * abandoned (TL_FLAG_ABANDONED). Samples, filters, the measured delay, metrics, ledger and step
- * numbers continue. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the
- * FMUs still have their start values: then nothing happens.
+ * u. The solver starts empty, and the last Δu is dropped. With an event horizon, the stroke (motion
+ * up to the event) or search in progress is abandoned (TL_FLAG_ABANDONED). Samples, filters, the
+ * measured delay, metrics, ledger and step numbers continue. The step's record has TL_FLAG_RESET.
+ * If no step is due at the next tick, the FMUs still have their start values: then nothing happens.
  * Calls:  fmi2Reset of each FMU, and its initialisation. If an FMU rejects fmi2Reset, its states
- *         are freed, and it is instantiated again. If an initialisation then fails, this is done
- *         for all FMUs. No budget applies to this tick.
+ *         are freed, and it is instantiated again. If the initialisation then fails, all FMUs are
+ *         instantiated again. No budget applies to this tick.
  * Errors: none here. The next tick returns TL_FMU_FAILED or TL_FMU_FATAL if the reset failed. */
 void tl_twin_reset(tl_twin *twin);
 
@@ -177,7 +181,7 @@ typedef struct tl_twin_finding {
 /* Between two ticks, in the remaining time: continues the verification of rollbacks
  * (sync/verifier.h). `budget`: `time` ns from `started` on, by the clock `now`; NULL: no limit.
  * *found: there is a finding. Then the record of the next step has TL_FLAG_DIFFERED. All later
- * records have it too. Exceptions: the FMU is now rolled back by another method (`mended`); the
+ * records have it too, unless the FMU is now rolled back by another method (`mended`) or the
  * difference is less than a hundredth of a tolerance.
  * Cause:  without a clock, the cause is determined too if there is a full copy of the FMU. This
  *         takes additional calls.
@@ -208,8 +212,8 @@ void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning);
  * tl_twin_load(). */
 
 /* Cold start: the first sample will be that of `tick` ≥ 0. The FMUs start with their start values
- * at the instant of that tick. If look-ups go back by some ticks, the FMUs and the first step start
- * later by as many. */
+ * at the instant of that tick. If `tick` > 0 and the twin uses samples of up to n ticks earlier
+ * (negative input_ticks or output_ticks), the FMUs and the first step start n ticks later. */
 void tl_twin_begin_at(tl_twin *twin, int64_t tick);
 
 /* Call before tl_twin_begin_at() or tl_twin_load(): sets the FMUs' time at tick 0, s, to that of
@@ -276,15 +280,15 @@ bool tl_twin_ledger_is_complete(const tl_twin *twin);
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
 
-/* The measured Δo, minus Δi if inputs are shifted. */
+/* The measured delay of the outputs (Δo); if the inputs are shifted, minus their delay Δi. */
 tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
 
 /* The same at the instants of the plant's readings, with y interpolated between the twin's steps
- * (reading_meter.h). `left_out` counts rejected readings. There are no pairs if the output is not
- * Real, with an event horizon, or without readings. */
+ * (reading_meter.h). `left_out` counts rejected readings. Nothing is compared (`pairs` is 0) if the
+ * output is not Real, if there is an event horizon, or if there are no readings. */
 const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match);
 
 /* The value of output i of the plan's `outputs` in the newest committed step. */
