@@ -207,8 +207,7 @@ static const tl_option OPTIONS[] = {
      .help = "also outcomes, executions, the ledger and MSEs"},
     {REPLAY | RUN, "require-lock", "PERCENT", read_percent, SETS(require_lock),
      .help = "exit code 3 if the twin was in lock in less than PERCENT of "
-             "the steps; default: if it never was, unless the run is too "
-             "short to judge",
+             "the steps; default: if it never was",
      .expected = "a percentage above 0, at most 100, for example 95"},
     {RUN, "duration", "S", read_seconds, SETS(duration_s), .help = "end after S seconds of plant time",
      .expected = "seconds > 0 and below 1e9, for example 14"},

@@ -5,6 +5,8 @@
 #include <math.h>
 #include <stdio.h>
 
+enum { ENOUGH = 10 }; /* steps; fewer may be within tolerance by chance */
+
 bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
         const struct tl_lock_measure *by = &tolerances->match[i];
@@ -53,8 +55,9 @@ double tl_lock_tally_percent(const tl_lock_tally *tally) {
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
-    double percent = tl_lock_tally_percent(tally);
-    return least > 0.0 ? percent >= least : (percent > 0.0 || tally->windows == 0) && tally->ran_away == 0;
+    bool ever = tl_lock_tally_percent(tally) > 0.0;
+    bool was_within = ever || tally->within >= ENOUGH || tally->windows == 0;
+    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : was_within && tally->ran_away == 0;
 }
 
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]) {
@@ -63,9 +66,8 @@ void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text
         (void)snprintf(text, TL_LOCK_SENTENCE, "unknown: there were no %s", unit);
         return;
     }
-    const char *short_run = tally->windows == 0 ? "; the run was too short to judge" : "";
     if (tally->steps[TL_LOCK_FREE] == total) {
-        (void)snprintf(text, TL_LOCK_SENTENCE, "never: no matched signal was good for long enough%s", short_run);
+        (void)snprintf(text, TL_LOCK_SENTENCE, "never: no matched signal was good for long enough");
         return;
     }
     bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING] != 0;
@@ -85,7 +87,5 @@ void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text
     if (tally->ran_away != 0 && length < TL_LOCK_SENTENCE) {
         (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "; ran away in %" PRIu64 " of them",
                        tally->ran_away);
-    } else if (!ever && length < TL_LOCK_SENTENCE) {
-        (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "%s", short_run);
     }
 }

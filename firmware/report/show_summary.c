@@ -68,7 +68,6 @@ static void take_event(void *context, const tl_history_event *event) {
         course->tally->state = state;
     }
     course->is_known = true;
-    course->tally->windows = 1; /* a state is reported only after a window */
 }
 
 /* Counts the steps range[0] … range[1] from `own` on: earlier ones follow another run. The tally
