@@ -177,7 +177,10 @@ const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component) {
 int64_t tl_assembly_steps_to_stop(const tl_assembly *assembly) {
     static const double rounding = 1e-6; /* in steps */
     const tl_experiment experiment = tl_twin_get_facts(assembly->twin).experiment;
-    return (int64_t)((experiment.stop_s - experiment.start_s) / tl_seconds(assembly->config.step) + rounding);
+    const tl_config *config = &assembly->config;
+    int64_t steps = (int64_t)((experiment.stop_s - experiment.start_s) / tl_seconds(config->step) + rounding);
+    int64_t wanted = config->duration / config->step;
+    return config->duration != 0 && wanted < steps ? wanted : steps;
 }
 
 /* Several components in Python are rolled back together by memory, or each in another way. */

@@ -64,8 +64,8 @@ void tl_assembly_find_component(const tl_assembly *assembly, const char *sentenc
 /* Returns the FMU of a component. Call it after the FMUs were loaded. */
 const tl_fmu *tl_assembly_fmu(const tl_assembly *assembly, size_t component);
 
-/* Returns the number of macro steps from the start to the stop time of the FMUs. Call it after the
- * build. */
+/* Returns the number of macro steps from the start to the stop time of the FMUs, or in duration_s
+ * if that is less. Call it after the build. */
 int64_t tl_assembly_steps_to_stop(const tl_assembly *assembly);
 
 /* Returns the newest message of a component's FMU with fmi2Warning or worse, truncated; "": none.

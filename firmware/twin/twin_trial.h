@@ -20,7 +20,7 @@
  *          their state have no effect there. A check has time for more steps. It moves the adjusted
  *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until())
  *          after as many steps as possible.
- * Bound:   TL_FAR_STEPS steps, TL_FAR_LONGEST (0.5 s), and the stop time of the FMUs.
+ * Bound:   TL_FAR_STEPS steps, TL_FAR_LONGEST (0.5 s), the stop time of the FMUs, and duration_s.
  * Not for: a twin that adjusts nothing, has an event horizon, or has verification off. Then the
  *          test makes no step.
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.

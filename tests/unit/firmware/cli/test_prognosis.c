@@ -56,7 +56,7 @@ static void test_executions_without_saving(void) {
 
 /* The plant costs nothing. */
 static void test_time(void) {
-    make("\"time_s\": 0.006", "\"time_s\": 0.006");
+    make("\"duration_s\": 14", "\"duration_s\": 100");
     TEST_ASSERT_EQUAL_size_t(1600, prognosis.steps);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.step_time);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[0]);
@@ -65,6 +65,13 @@ static void test_time(void) {
     /* the commit and the first evaluation of motor, 59 more of it, and the commit of drive */
     TEST_ASSERT_EQUAL_INT64(prognosis.cost[0] + 61 * prognosis.cost[1], prognosis.worst_time);
     TEST_ASSERT_EQUAL_UINT32(60, prognosis.fitting);
+}
+
+/* 1400 steps; the late verification gets the rest. */
+static void test_the_duration_bounds_the_steps(void) {
+    make("\"duration_s\": 14", "\"duration_s\": 14");
+    TEST_ASSERT_EQUAL_size_t(560, prognosis.steps);
+    TEST_ASSERT_LESS_THAN_INT64(1400, prognosis.next_tick);
 }
 
 static void test_a_budget_that_is_too_short(void) {
@@ -114,6 +121,7 @@ int main(void) {
     RUN_TEST(test_executions);
     RUN_TEST(test_executions_without_saving);
     RUN_TEST(test_time);
+    RUN_TEST(test_the_duration_bounds_the_steps);
     RUN_TEST(test_a_budget_that_is_too_short);
     RUN_TEST(test_times_that_cannot_be_added_up);
     RUN_TEST(test_a_twin_that_runs_free);
