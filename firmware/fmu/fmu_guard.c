@@ -129,6 +129,24 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     return fmi2Error;
 }
 
+/* What copies do not contain, but most FMUs do not need. */
+static void warn_about_rest(tl_fmu_guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    if (guard->memory->heap->writes_files && !guard->was_writing_reported) {
+        tl_fmu_logger_log(&guard->logger, TL_LOG_WARNING,
+                          "writes a file in its steps: a rollback does not restore it, so it also contains what "
+                          "candidates wrote; if the FMU reads it again, its results may be wrong");
+        guard->was_writing_reported = true;
+    }
+    if (guard->memory->heap->has_constructed && !guard->was_construction_reported) {
+        tl_fmu_logger_log(
+            &guard->logger, TL_LOG_WARNING,
+            "opens a library in a step: a rollback does not restore memory that its constructors "
+            "allocate; if it changes later, results may be wrong: open (import) it before the first step");
+        guard->was_construction_reported = true;
+    }
+}
+
 static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_error error;
@@ -136,12 +154,7 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     if (side_effect != NULL) {
         return reject_copy(self, side_effect);
     }
-    if (self->guard->memory->heap->writes_files && !self->guard->was_writing_reported) {
-        tl_fmu_logger_log(&self->guard->logger, TL_LOG_WARNING,
-                          "writes a file in its steps: a rollback does not restore it, so it also contains what "
-                          "candidates wrote; if the FMU reads it again, its results may be wrong");
-        self->guard->was_writing_reported = true;
-    }
+    warn_about_rest(self);
     if (tl_fmu_memory_save(self->guard->memory, state, &error) != TL_OK) {
         log_failure(self, error.text);
         return fmi2Error;

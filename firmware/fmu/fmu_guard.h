@@ -79,8 +79,9 @@ typedef struct tl_fmu_guard {
     bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most; /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
-    bool was_remaining_reported; /* private: the side effects that prevent a copy were logged */
-    bool was_writing_reported;   /* that it writes files */
+    bool was_remaining_reported;    /* private: the side effects that prevent a copy were logged */
+    bool was_writing_reported;      /* that it writes files */
+    bool was_construction_reported; /* that a library which it opened in a step has memory of its own */
     void *
         instantiated; /* private: copy of the memory from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
     void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */

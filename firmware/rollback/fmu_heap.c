@@ -589,9 +589,15 @@ static tl_fmu_heap *find_owner(const void *block) {
     return NULL;
 }
 
+/* Of the FMU whose call is opening a library, with constructors served by the C library; else NULL. */
+static __thread tl_fmu_heap *opening_heap;
+
 /* The heap for a call from the code at `caller`; NULL: the C library. */
 static inline tl_fmu_heap *find_server(const void *caller) {
     tl_fmu_heap *heap = tl_fmu_allocation_heap;
+    if (heap == NULL && opening_heap != NULL && !is_in(&loader, caller)) {
+        opening_heap->has_constructed = true;
+    }
     return heap == NULL || is_in(&loader, caller) ? NULL : heap;
 }
 
@@ -1011,7 +1017,9 @@ static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     (void)tl_fmu_allocation_enter(NULL);
     heap->note_opening(heap->context, false);
     (void)tl_fmu_allocation_enter(heap->opens_outside ? NULL : heap);
+    opening_heap = heap->opens_outside ? heap : NULL;
     void *library = own_dlopen(path, mode);
+    opening_heap = NULL;
     (void)tl_fmu_allocation_enter(NULL);
     heap->note_opening(heap->context, true);
     (void)tl_fmu_allocation_enter(heap);

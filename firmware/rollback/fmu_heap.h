@@ -56,6 +56,7 @@ typedef struct tl_fmu_heap {
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
     bool
         opens_outside; /* set by the user: constructors of libraries that a call opens by a path are served by the C library */
+    bool has_constructed;                   /* such a constructor has allocated memory */
     tl_fmu_heap_note_opening *note_opening; /* set by the user, may be NULL */
     void *context;                          /* of note_opening */
     uint32_t threads_started;               /* allowed threads that calls have started */

@@ -591,25 +591,49 @@ def test_a_package_that_a_later_step_imports():
     expect_exact(later("import numpy; self.x += 1e-6 * float(numpy.linalg.det(numpy.eye(9) * self.x))"), "memory")
 
 
-def test_a_library_of_the_configuration():
-    """Its variables belong to the state of the FMU, also if it is used only later."""
-    folder = scratch()
-    source = folder / "counter.c"
-    source.write_text("static double sum;\ndouble add(double x) { return sum += x; }\n", encoding="utf-8")
-    library = folder / "libcounter.so"
-    subprocess.run([os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", source, "-o", library], check=True)
-    top = """
+COUNTER = """#include <stdlib.h>
+static double *sum;
+__attribute__((constructor)) static void begin(void) { sum = calloc(1, sizeof *sum); }
+double add(double x) { return *sum += x; }
+"""
+
+ADD = """
 import ctypes
 
 def add(x):
-    function = ctypes.CDLL(None).add
+    function = ctypes.CDLL({path}).add
     function.argtypes, function.restype = [ctypes.c_double], ctypes.c_double
     return function(x)
 """
-    document = merge(later("self.x += 1e-4 * add(self.gain)", top), {"components": {"c0": {"libraries": [LIBRARY, str(library)]}}})
+
+
+def library(source):
+    """The path of a library made of this text."""
+    folder = scratch()
+    (folder / "counter.c").write_text(source, encoding="utf-8")
+    path = folder / "libcounter.so"
+    subprocess.run([os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", folder / "counter.c", "-o", path], check=True)
+    return path
+
+
+def test_a_library_of_the_configuration():
+    """Its variables belong to the state of the FMU, also if it is used only later."""
+    path = library("static double sum;\ndouble add(double x) { return sum += x; }\n")
+    document = merge(later("self.x += 1e-4 * add(self.gain)", ADD.replace("{path}", "None")),
+                     {"components": {"c0": {"libraries": [LIBRARY, str(path)]}}})
     expect_method(document, "memory")
-    rows, alone_again = replay_csv(write_config(document)), replay_csv(write_config(merge(document, {"synchronise": {"verify_every": 1}})))
-    expect(rows == alone_again, "the results depend on verifications, which execute steps too")
+    rows, again = replay_csv(write_config(document)), replay_csv(write_config(merge(document, {"synchronise": {"verify_every": 1}})))
+    expect(rows == again, "the results depend on verifications, which execute steps too")
+
+
+def test_a_late_library_whose_constructor_allocates():
+    """That memory is not part of a copy."""
+    need_memory()
+    path = library(COUNTER)
+    document = merge(later("self.x += 1e-4 * add(self.gain)", ADD.replace("{path}", repr(str(path)))),
+                     {"components": {"c0": {"read": [str(path.parent)]}}})
+    _, _, err = run(["replay", write_config(document)])
+    expect_line(err, "warning|opens a library|constructors")
 
 
 def test_states_of_a_script_at_rest():
