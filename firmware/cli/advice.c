@@ -97,13 +97,14 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     uint32_t most = (uint32_t)limit_steps(assembly, DRY_STEPS, 0.4);
     tl_status status = warm_up(assembly, before, &sample, prognosis, &prognosis->error);
     tl_time began = tl_clock_now(NULL);
-    while (status == TL_OK && prognosis->steps < most && tl_clock_now(NULL) - began < LONGEST) {
+    while (status == TL_OK && prognosis->steps < most &&
+           (prognosis->steps == 0 || tl_clock_now(NULL) - began < LONGEST)) {
         status = take_step(assembly, &sample, prognosis, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;
     }
     prognosis->next_tick = sample.tick;
-    if (status == TL_OK) {
+    if (status == TL_OK && prognosis->steps > 0) {
         prognosis->error = (tl_error){TL_OK, ""}; /* of a finding that was mended */
         prognosis->step_time = (tl_clock_now(NULL) - began) / (tl_time)prognosis->steps;
     }

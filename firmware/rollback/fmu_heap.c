@@ -589,7 +589,7 @@ static tl_fmu_heap *find_owner(const void *block) {
     return NULL;
 }
 
-/* Of the FMU whose call opens a library now, with constructors served by the C library; else NULL. */
+/* Of the FMU whose call opens a library, with constructors served by the C library; else NULL. */
 static __thread tl_fmu_heap *opening_heap;
 
 /* The heap for a call from the code at `caller`; NULL: the C library. */
