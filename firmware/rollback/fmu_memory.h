@@ -33,7 +33,7 @@
  *          does not change them. An FMU with such side effects is not rolled back by memory, and
  *          the side effect is reported. Shared mappings are detected by fmu_heap.h.
  * Detects: what exists after a call and did not exist before. A file that is opened, written and
- *          closed within one call is not detected.
+ *          closed within one call is not detected here; fmu_heap.h notes that it is written.
  * Limits:  side effects of other threads of the process during the call are attributed to the FMU.
  * Cost:    some hundred µs per check.
  * Thread:  any, one at a time.
