@@ -1254,10 +1254,11 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
     tl_fmu_logger_close(&guard->logger);
 }
 
-void tl_fmu_guard_tick(void) {
+void tl_fmu_guard_tick(bool whole) {
     static unsigned reported; /* per process, because the changes affect the process */
     char names[TL_HOST_CHANGE_TEXT];
-    unsigned unreported = tl_host_state_put_back() & ~reported;
+    unsigned changes = whole ? tl_host_state_put_back() : tl_host_state_put_back_next();
+    unsigned unreported = changes & ~reported;
     if (unreported != 0) {
         static tl_log_limiter limiter = TL_LOG_LIMITER(1);
         reported |= unreported;

@@ -135,9 +135,9 @@ typedef struct tl_fmu_guarded {
  *              (fmu_call.h);
  *            - restores the floating-point control bits (host_state.h) and the locale of the
  *              thread, without a system call;
- *            - after loading, instantiating, initialising, resetting and freeing, and once per
- *              tick: restores all other process state that an FMU may have changed (host_state.h),
- *              and logs this once;
+ *            - after loading, instantiating, initialising, resetting and freeing, and in turn at
+ *              each tick: restores all other process state that an FMU may have changed
+ *              (host_state.h), and logs this once;
  *            - leaves out a far stop time (TL_EXPERIMENT_FAR) for FMUs of OpenModelica;
  *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and
  *              logs this;
@@ -175,8 +175,9 @@ void tl_fmu_guard_choose_method(tl_fmu_guard *guard);
  * freed without a call of the FMU. A zeroed guard is allowed. */
 void tl_fmu_guard_close(tl_fmu_guard *guard);
 
-/* Call it once per tick. Restores process state that any FMU may have changed. Logs each kind of
- * change once per process. */
-void tl_fmu_guard_tick(void);
+/* Restores process state that any FMU may have changed, and logs each kind of change once per
+ * process. `whole`: all of it; else one system call: one kind in turn, all within
+ * TL_HOST_STATE_TURNS calls. */
+void tl_fmu_guard_tick(bool whole);
 
 #endif

@@ -46,6 +46,7 @@ typedef struct tl_process_tree {
     tl_record_queue queue;    /* of the supervisor */
     tl_log_relay log;
     int32_t realtime_thread; /* thread of the live twin with real-time priority; 0: none */
+    int idle_limit;          /* open file that keeps the processor from long idle states; -1: none */
     FILE *output;
     tl_time began;
 } tl_process_tree;
@@ -453,6 +454,26 @@ static tl_time damage_time(void *context, tl_member which) {
 
 /* ---- the run ---- */
 
+/* A processor leaves a deep idle state only after some 100 µs, and so delays each tick. The limit
+ * holds while the file is open (Linux, PM QoS interface). It permits the idle states that are left
+ * faster, so that a box without a fan stays cool. */
+static void limit_idle_states(tl_process_tree *self) {
+    const int32_t most = 10; /* µs */
+    char text[160];
+    if (self->config.realtime_priority <= 0) {
+        return;
+    }
+    self->idle_limit = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+    if (self->idle_limit >= 0 && write(self->idle_limit, &most, sizeof most) == (ssize_t)sizeof most) {
+        (void)snprintf(text, sizeof text, "idle states: limited to %d µs for the run", (int)most);
+    } else {
+        (void)snprintf(text, sizeof text,
+                       "idle states: not limited (/dev/cpu_dma_latency: %s); ticks may begin later",
+                       strerror(errno));
+    }
+    put_event(self, TL_EVENT_INFO, "processor", text);
+}
+
 static tl_status open_all(tl_process_tree *self, tl_error *error) {
     const tl_process_tree_settings *settings = self->settings;
     tl_error ignored;
@@ -475,6 +496,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                ignored.text);
     }
     if (status == TL_OK) {
+        limit_idle_states(self);
         self->control = (tl_handover_control){.handover_block = handover_words(self),
                                               .slots = self->slots,
                                               .orders = manager_status(self),
@@ -555,6 +577,9 @@ static int run_members(tl_process_tree *self) {
 }
 
 static void close_all(tl_process_tree *self) {
+    if (self->idle_limit >= 0) {
+        (void)close(self->idle_limit);
+    }
     tl_log_relay_stop(&self->log);
     tl_saved_states_stop(&self->states);
     if (self->listener >= 0) {
@@ -619,6 +644,7 @@ int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tre
     self.job.duration = settings->duration;
     self.job.memory_limit = settings->memory_limit;
     self.listener = -1;
+    self.idle_limit = -1;
     *end = (tl_process_tree_end){.again = false};
     if (settings->control != NULL) {
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);

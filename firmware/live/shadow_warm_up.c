@@ -115,7 +115,7 @@ static void execute_part(void *context) {
         execute_tick(self, &sample);
         now = tl_clock_now(NULL);
     }
-    tl_fmu_guard_tick();
+    tl_fmu_guard_tick(true);
     self->computed += now - begun;
 }
 

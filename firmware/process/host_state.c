@@ -10,7 +10,7 @@
 
 /* ---- host state ---- */
 
-enum { MOST_HANDLERS = 16, LOCALE_NAME = 64 };
+enum { MOST_HANDLERS = 12, LOCALE_NAME = 64 };
 
 /* Categories of the process's locale that are restored. LC_CTYPE is not: interpreters set it, and
  * it changes no number. */
@@ -141,22 +141,18 @@ static unsigned restore_mask(void) {
     return 0;
 }
 
-static unsigned restore_handlers(void) {
-    unsigned changed = 0;
-    for (size_t i = 0; i < host.handler_count; i++) {
-        struct sigaction now;
-        const kept_handler *own = &host.handlers[i];
-        if (sigaction(own->signal, NULL, &now) == 0 &&
-            ((now.sa_flags & SA_SIGINFO) != (own->action.sa_flags & SA_SIGINFO) ||
-             now.sa_handler != own->action.sa_handler)) {
-            (void)sigaction(own->signal, &own->action, NULL);
-            if (own->displaced != NULL) {
-                own->displaced(own->signal, &now);
-            }
-            changed = TL_HOST_HANDLERS;
-        }
+static unsigned restore_handler(const kept_handler *own) {
+    struct sigaction now;
+    if (sigaction(own->signal, NULL, &now) != 0 ||
+        ((now.sa_flags & SA_SIGINFO) == (own->action.sa_flags & SA_SIGINFO) &&
+         now.sa_handler == own->action.sa_handler)) {
+        return 0;
     }
-    return changed;
+    (void)sigaction(own->signal, &own->action, NULL);
+    if (own->displaced != NULL) {
+        own->displaced(own->signal, &now);
+    }
+    return TL_HOST_HANDLERS;
 }
 
 static unsigned restore_folder(void) {
@@ -175,12 +171,36 @@ static unsigned restore_scheduling(void) {
     return syscall(SYS_sched_setattr, 0, &host.scheduling, 0) == 0 ? TL_HOST_SCHEDULING : 0;
 }
 
+static unsigned restore_umask(void) {
+    return umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK;
+}
+
+/* Each makes one system call if nothing has changed. The handlers follow, one call each. */
+static unsigned (*const kinds[])(void) = {restore_mask, restore_folder, restore_umask, restore_scheduling};
+
+enum { KINDS = sizeof kinds / sizeof kinds[0] };
+
+_Static_assert((int)KINDS + (int)MOST_HANDLERS <= TL_HOST_STATE_TURNS, "each kind has its turn");
+
+static unsigned restore_kind(size_t kind) {
+    return kind < KINDS ? kinds[kind]() : restore_handler(&host.handlers[kind - KINDS]);
+}
+
 unsigned tl_host_state_put_back(void) {
+    unsigned changed = host.kept ? restore_rounding() | restore_locale() : 0;
+    for (size_t kind = 0; host.kept && kind < KINDS + host.handler_count; kind++) {
+        changed |= restore_kind(kind);
+    }
+    return changed;
+}
+
+unsigned tl_host_state_put_back_next(void) {
+    static size_t next;
     if (!host.kept) {
         return 0;
     }
-    return restore_rounding() | restore_locale() | restore_mask() | restore_handlers() | restore_folder() |
-           (umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK) | restore_scheduling();
+    next = next + 1 < KINDS + host.handler_count ? next + 1 : 0;
+    return restore_rounding() | restore_locale() | restore_kind(next);
 }
 
 /* ---- describe ---- */

@@ -128,7 +128,7 @@ typedef enum tl_host_change {
     TL_HOST_SCHEDULING = 64
 } tl_host_change;
 
-enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192 };
+enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192, TL_HOST_STATE_TURNS = 16 };
 
 /* Saves the current state, which tl_host_state_put_back() restores. Call it in the FMU thread,
  * before that calls FMUs. Only the first call in the process saves the folder and the umask. */
@@ -138,12 +138,16 @@ void tl_host_state_keep(void);
  * Returns 0 if no state was saved. Costs about 14 system calls. */
 unsigned tl_host_state_put_back(void);
 
+/* As tl_host_state_put_back(), with one system call: restores the floating-point control bits, the
+ * locale and one other kind, or one handler, in turn. TL_HOST_STATE_TURNS calls restore all. */
+unsigned tl_host_state_put_back_next(void);
+
 /* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had
  * replaced ours. */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
 /* Installs a handler of the program like sigaction(). From now on tl_host_state_put_back() restores
- * it; at most 16 signals. `displaced` may be NULL. Returns 0, or -1 with errno. */
+ * it; at most 12 signals. `displaced` may be NULL. Returns 0, or -1 with errno. */
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
 /* Lists the changes in words, for example "the locale and the umask". */

@@ -330,6 +330,10 @@ static tl_status after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budg
 /* Heartbeat timeout while the FMUs are initialised, as at the start of a run. */
 static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
 
+/* With macro steps from here on, all process state is restored at each tick: the time is free, and
+ * SIGTERM works again at once. */
+static const tl_time LONG_STEP = TL_SECOND / 10;
+
 static bool is_stopped(const tl_cycle *cycle) {
     return __atomic_load_n(&cycle->stop, __ATOMIC_RELAXED);
 }
@@ -554,7 +558,7 @@ static void run_cycle(void *context) {
         };
         if (!is_stopped(cycle) && budget.started >= instant) {
             cycle->status = catch_up(cycle, &budget);
-            tl_fmu_guard_tick();
+            tl_fmu_guard_tick(config->step >= LONG_STEP);
             publish_status(cycle);
             cycle->status = cycle->status == TL_OK ? verify_rollback(cycle) : cycle->status;
         }

@@ -72,7 +72,7 @@ static void tick_guard(const tl_recording_tick *tick) {
     tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : guarded;
     if (now - guarded >= GUARD_INTERVAL) {
         guarded = now;
-        tl_fmu_guard_tick();
+        tl_fmu_guard_tick(true);
     }
 }
 

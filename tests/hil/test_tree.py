@@ -12,6 +12,7 @@ import random
 import re
 import shutil
 import signal
+import sys
 import time
 import zipfile
 from pathlib import Path
@@ -61,6 +62,32 @@ def test_resources_of_each_process():
         expect("twin.db" not in held[name], f"{name}: {held[name]}")
     for name, mapped in maps.items():
         expect("motor.so" not in mapped and "twinlock-fmu" not in mapped, f"{name} has an FMU")
+
+
+def idle_limit():
+    """The present limit of the processor's idle states, µs; None if it cannot be read."""
+    try:
+        with open("/dev/cpu_dma_latency", "rb") as file:
+            return int.from_bytes(file.read(4), sys.byteorder, signed=True)
+    except OSError:
+        return None
+
+
+def test_a_run_limits_idle_states():
+    """Only with a real-time priority. Other runs may limit them at the same time."""
+    if idle_limit() is None:
+        return
+    held, texts = {}, {}
+    for priority in 50, 0:
+        with Device(OMEGA) as device:
+            config, database = configuration(device.port, realtime={"priority": priority})
+            with Tree(config) as live:
+                wait_for_run(live, database, 1)
+                held[priority] = "/dev/cpu_dma_latency" in descriptors(live.pid), idle_limit() <= 10
+                end_orderly(live)
+        texts[priority] = "\n".join(text for text, in query(database, "select text from events"))
+    expect(held[50] == (True, True) and not held[0][0], f"{held}")
+    expect("limited to 10" in texts[50] and "idle" not in texts[0], f"{texts}")
 
 
 def test_each_kind_of_source_has_a_process():

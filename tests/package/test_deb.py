@@ -82,7 +82,8 @@ def test_owners_and_modes():
 def test_all_files_are_in_our_folders():
     ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock-inbox@.path",
             "./usr/lib/systemd/system/twinlock-inbox@.service", "./usr/lib/systemd/system/twinlock@.service",
-            "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
+            "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/",
+            "./usr/lib/udev/rules.d/60-twinlock.rules", "./usr/share/bash-completion/completions/twinlock",
             "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
             "./usr/share/twinlock/")
     paths = [path for _, _, path, _ in debian.contents(PACKAGE)]

@@ -157,6 +157,25 @@ static void the_folder_is_put_back_even_if_the_other_one_is_gone(void) {
     expect_folder(folder);
 }
 
+static void each_kind_is_put_back_in_its_turn(void) {
+    sigset_t all;
+    unsigned changes = 0;
+    (void)sigfillset(&all);
+    TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_BLOCK, &all, NULL));
+    TEST_ASSERT_TRUE(signal(SIGTERM, SIG_IGN) != SIG_ERR);
+    TEST_ASSERT_EQUAL_INT(0, chdir("/"));
+    (void)umask(0);
+    TEST_ASSERT_EQUAL_INT(0, fesetround(FE_UPWARD));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back_next() & TL_HOST_ROUNDING);
+    for (int i = 0; i < TL_HOST_STATE_TURNS; i++) {
+        changes |= tl_host_state_put_back_next();
+    }
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, changes & TL_HOST_ROUNDING);
+    expect_handler(SIGTERM, ours);
+    expect_folder(folder);
+}
+
 static void the_umask_is_put_back(void) {
     mode_t before = umask(0);
     TEST_ASSERT_NOT_EQUAL_UINT(0, before);
@@ -199,6 +218,7 @@ int main(void) {
     RUN_TEST(handlers_of_ours_are_put_back_and_others_left_alone);
     RUN_TEST(the_newest_handler_of_ours_is_kept);
     RUN_TEST(the_folder_is_put_back_even_if_the_other_one_is_gone);
+    RUN_TEST(each_kind_is_put_back_in_its_turn);
     RUN_TEST(the_umask_is_put_back);
     RUN_TEST(the_scheduling_of_the_thread_is_put_back_as_far_as_permitted);
     RUN_TEST(several_changes_are_described_together);
