@@ -16,6 +16,7 @@
 #include "firmware/live/live_blocks.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_process.h"
+#include "master/twin/twin_timing.h"
 
 /* ---- Delays: chains, modes and densities as lines of text. At most 79 columns, unless the name of
  * a participant alone is longer. */
@@ -242,7 +243,6 @@ static const char *edge_name(const tl_plan_edge *edge) {
     return edge->falls ? "not " : "";
 }
 
-/* Prints the settings of a search with an event horizon. */
 /* Only if it is not the usual one: from 0, without a stop time. */
 static void print_time(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
@@ -271,6 +271,7 @@ static void print_bounds(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+/* Prints the settings of a search with an event horizon. */
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
@@ -564,6 +565,43 @@ static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *out
     }
 }
 
+/* A shorter time in a worst step is worth a line only from here on. */
+static const double WORTH_A_LINE = 0.8;
+
+/* Returns the time of a component in a worst step without results kept, as a part of that with all
+ * states kept; 1 if it cannot be measured. */
+static double part_without_states(const tl_assembly *assembly, size_t component) {
+    const tl_time longest = TL_SECOND / 100;
+    tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, component);
+    tl_twin_timing timing = {.rounds = 0};
+    if (assembly->config.components[component].keep == TL_KEEP_STATES &&
+        tl_fmu_rollback(tl_assembly_fmu(assembly, component)) != TL_ROLLBACK_REPLAY) {
+        tl_twin_time_component(assembly->twin, component, tl_clock_now, NULL, longest, &timing);
+    }
+    double evaluations = assembly->config.budget_evaluations;
+    double all = 1.0 + evaluations * entry.first_need;
+    double needed = 1.0 + entry.first_need + (evaluations - 1.0) * entry.next_need;
+    double step = (double)timing.step.median;
+    double save = (double)timing.save.median;
+    double restores = evaluations * (double)timing.restore.median;
+    return timing.rounds == 0 ? 1.0 : (all * step + save + restores) / (needed * (step + save) + restores);
+}
+
+/* Prints components that are faster if no results are kept. Measures them: the twin cannot step
+ * afterwards. */
+static void print_faster_keep(const tl_assembly *assembly, FILE *output) {
+    const char *title = "faster\n";
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    for (size_t k = 0; facts.sequences && facts.returns && k < assembly->config.component_count; k++) {
+        double part = part_without_states(assembly, k);
+        if (part < WORTH_A_LINE) {
+            (void)fprintf(output, "%s  %-12s \"keep\": \"none\" would take %.2g times as long in a worst step\n", title,
+                          assembly->config.components[k].name, part);
+            title = "";
+        }
+    }
+}
+
 /* Prints how rollback was tested: by the proof at the start, and later. A brief check (of a trial,
  * whose caller waits) has only the proof. */
 static void print_rollback_test(const tl_assembly *assembly, const tl_late_verification *test, FILE *output) {
@@ -664,6 +702,9 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     print_read_back(assembly, &states, output);
     if (!job->unconfined) {
         print_limits(assembly, job->memory, output);
+    }
+    if (!job->brief && config->event.start.signal == NULL) {
+        print_faster_keep(assembly, output);
     }
     found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &rollback, &states, output);
     found->least = prognosis.step_time;

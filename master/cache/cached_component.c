@@ -72,7 +72,8 @@ void tl_cached_component_limit(tl_cached_component *cached, uint32_t states) {
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
     tl_status status = TL_OK;
     uint32_t ready = cached->states < READY_STATES ? cached->states : READY_STATES;
-    while (cached->keep == TL_KEEP_STATES && cached->made < ready && status == TL_OK) {
+    ready = cached->keep == TL_KEEP_OUTPUTS ? 0 : cached->keep == TL_KEEP_NONE ? 1 : ready;
+    while (cached->made < ready && status == TL_OK) {
         status = make_spare(cached, error);
     }
     cached->root = tl_sequence_cache_create_root(&cached->tree);
@@ -99,6 +100,7 @@ void tl_cached_component_end(tl_cached_component *cached) {
 
 void tl_cached_component_rewind(tl_cached_component *cached) {
     cached->position = cached->root;
+    cached->commits = false;
 }
 
 /* Steps from the nearest saved state at or above a node to that node; UINT32_MAX if there is none.
@@ -263,19 +265,20 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
  * FMU with it. */
 static void store_result(tl_cached_component *cached) {
     uint32_t added = TL_NO_NODE;
-    if (cached->position != TL_NO_NODE) {
+    bool is_kept = cached->keep != TL_KEEP_NONE || cached->commits;
+    if (cached->position != TL_NO_NODE && is_kept) {
         tl_ports_read(&cached->component->outputs, cached->value);
         added = tl_sequence_cache_add(&cached->tree, cached->position, cached->key, cached->value);
     }
-    cached->uncached += added == TL_NO_NODE;
+    cached->uncached += is_kept && added == TL_NO_NODE;
     cached->position = added;
     cached->at = added;
 }
 
 tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error) {
     tl_status status = TL_OK;
-    tl_ports_read(&cached->component->inputs, cached->key);
     if (cached->position != TL_NO_NODE) {
+        tl_ports_read(&cached->component->inputs, cached->key);
         uint32_t known = tl_sequence_cache_find(&cached->tree, cached->position, cached->key);
         if (known != TL_NO_NODE) {
             tl_ports_write(&cached->component->outputs, tl_sequence_cache_value(&cached->tree, known));
@@ -292,6 +295,7 @@ tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl
 }
 
 void tl_cached_component_make_room(tl_cached_component *cached) {
+    cached->commits = true;
     tl_ports_read(&cached->component->inputs, cached->key);
     if (cached->tree.free != TL_NO_NODE ||
         tl_sequence_cache_find(&cached->tree, cached->root, cached->key) != TL_NO_NODE) {
@@ -306,6 +310,7 @@ void tl_cached_component_make_room(tl_cached_component *cached) {
 void tl_cached_component_commit(tl_cached_component *cached) {
     const tl_sequence_cache *tree = &cached->tree;
     uint32_t first = cached->position;
+    cached->commits = false;
     if (cached->at != first || cached->keep == TL_KEEP_OUTPUTS) {
         while (tree->nodes[first].state == NULL && tree->nodes[first].parent != TL_NO_NODE) {
             first = tree->nodes[first].parent;

@@ -13,6 +13,8 @@
  *          its buffers. Such a step starts at the root or above it, from a node with a saved state.
  *          That state itself may still be restored. No step is final while the FMU executes only
  *          steps below the root, or while the owner keeps an earlier state (`is_kept_from`).
+ * None:    TL_KEEP_NONE stores only the committed step and saves only the state at the root. Each
+ *          candidate restores it and executes all its steps.
  * Full:    if the pool is full, a result is used and counted, but not stored.
  * Room:    if fewer state handles than nodes are allowed (`states`), some nodes have no state. The
  *          FMU then catches up from a node above, as with TL_KEEP_OUTPUTS. One handle is reserved
@@ -20,7 +22,8 @@
  * Failure: after a failed step the FMU is at no node; the next execution starts with a restore.
  * Thread:  the twin's. Memory: the arena, at start-up. State handles belong to the FMU: at most one
  *          per node and never more than `states`. With TL_KEEP_STATES the usual number, at most
- *          256, is created at start-up; others are created when needed, and kept.
+ *          256, is created at start-up; others are created when needed, and kept. With TL_KEEP_NONE
+ *          one is created.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H
@@ -46,6 +49,7 @@ typedef struct tl_cached_component {
     uint32_t at;          /* node of the FMU; TL_NO_NODE: a step failed or was not stored, or the node was dropped */
     unsigned char *key;   /* scratch: inputs of the current step */
     unsigned char *value; /* scratch: its outputs */
+    bool commits;         /* the next step will be committed */
     bool is_kept_from;    /* the owner keeps a state that is older than the root, and will restore it */
     uint32_t states;      /* largest number of state handles, ≥ 2 */
     uint32_t made;        /* state handles created */
@@ -53,8 +57,11 @@ typedef struct tl_cached_component {
     uint64_t uncached;    /* executions whose result was not stored */
 } tl_cached_component;
 
-/* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2. Returns false if
- * memory is out. */
+/* Nodes with TL_KEEP_NONE: the committed step needs two, tl_cached_component_measure() three. */
+enum { TL_NODES_OF_NONE = 3 };
+
+/* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2; with TL_KEEP_NONE
+ * TL_NODES_OF_NONE. Returns false if memory is out. */
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
 
@@ -100,7 +107,7 @@ tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl
 tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error);
 
 /* Before the step that will be committed, with its inputs in the ports: drops all other candidates
- * if the pool is full and the step is not in the tree. */
+ * if the pool is full and the step is not in the tree. The next step is stored in any case. */
 void tl_cached_component_make_room(tl_cached_component *cached);
 
 /* Commits the candidate, one step below the root: it becomes the root, and all other branches are

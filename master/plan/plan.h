@@ -107,8 +107,9 @@ typedef struct tl_plan_set {
 
 /* How the executions of a component are saved (approach 2, see cache/cached_component.h). */
 typedef enum tl_keep {
-    TL_KEEP_STATES, /* outputs and states of every input sequence: no step is executed twice */
-    TL_KEEP_OUTPUTS /* all outputs, but few states: for FMUs whose save takes longer than a step */
+    TL_KEEP_STATES,  /* outputs and states of every input sequence: no step is executed twice */
+    TL_KEEP_OUTPUTS, /* all outputs, but few states: for FMUs whose save takes longer than a step */
+    TL_KEEP_NONE     /* only the committed state: executes all steps, for FMUs with the fastest steps */
 } tl_keep;
 
 typedef struct tl_plan_component {

@@ -25,8 +25,13 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
     ledger->saved = tl_arena_take(arena, horizon->nodes, sizeof *ledger->saved);
     ledger->until = tl_arena_take(arena, horizon->nodes, sizeof *ledger->until);
     ledger->settled = tl_arena_take(arena, horizon->nodes, sizeof *ledger->settled);
-    if (ledger->known == NULL || ledger->until == NULL || ledger->settled == NULL || ledger->saved == NULL) {
+    ledger->executes = tl_arena_take(arena, horizon->nodes, sizeof *ledger->executes);
+    if (ledger->known == NULL || ledger->until == NULL || ledger->settled == NULL || ledger->saved == NULL ||
+        ledger->executes == NULL) {
         return false;
+    }
+    for (size_t k = 0; k < plan->component_count; k++) {
+        ledger->executes[k] = plan->components[k].keep == TL_KEEP_NONE;
     }
     if (horizon->variables == 0 || !plan->saving.sequences) {
         return true;
@@ -196,7 +201,7 @@ static void compare_all(tl_ledger *ledger, uint32_t length) {
     const tl_ledger_entry *before = NULL;
     for (size_t k = 0; k < ledger->horizon->nodes; k++) {
         int64_t left = ledger->settled[k] - ledger->step;
-        ledger->known[k] = left > 0 ? (uint32_t)left : 0;
+        ledger->known[k] = left > 0 && !ledger->executes[k] ? (uint32_t)left : 0;
     }
     for (size_t i = 0; i < ledger->count; i++) {
         size_t slot = slot_of(ledger, i);
@@ -207,7 +212,7 @@ static void compare_all(tl_ledger *ledger, uint32_t length) {
         before = &ledger->entries[slot];
         find_until(ledger, slot, length);
         for (size_t k = 0; k < ledger->horizon->nodes; k++) {
-            if (ledger->until[k] - ledger->step > (int64_t)ledger->known[k]) {
+            if (!ledger->executes[k] && ledger->until[k] - ledger->step > (int64_t)ledger->known[k]) {
                 ledger->known[k] = (uint32_t)(ledger->until[k] - ledger->step);
             }
         }

@@ -4,7 +4,8 @@
  * Purpose: counts executions by eq. 4.5 to 4.13. The ledger knows paths, the u of every candidate
  *          and the ticks of the plant's samples, but neither caches nor outputs. It predicts that
  *          component k executes horizon step j if j < Γ_k. Exception: an earlier candidate had the
- *          same values in every u and sample that can have reached k by then. The counted number is
+ *          same values in every u and sample that can have reached k by then, and k keeps its
+ *          results (not TL_KEEP_NONE). The counted number is
  *          the same if different inputs always give different outputs; see
  *          docs/decisions/README.md, fewest executions.
  * Limits:  the cache counts repeated executions (TL_KEEP_OUTPUTS, or a full cache); the ledger does
@@ -55,6 +56,7 @@ typedef struct tl_ledger {
     double *sequences;     /* by entry, depth, variable */
     double *committed;     /* by step in a ring of T_P, then variable */
     double *current;       /* the current candidate: by depth, then variable */
+    bool *executes;        /* of each node: it executes all steps (TL_KEEP_NONE) */
     uint32_t *known;       /* of each node: number of the candidate's first steps that need no execution */
     int64_t *settled;      /* of each node: its steps before this one are known from dropped candidates */
     int64_t *until;        /* scratch, of each node: its steps before this one are known from one candidate */

@@ -95,7 +95,8 @@ static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *en
     entry->on_path = horizon->longer[component] != TL_NEVER;
     entry->longer = entry->on_path ? horizon->longer[component] : 0;
     entry->first_need = full;
-    entry->next_need = saving->sequences ? tl_horizon_next_need(horizon, component, full) : full;
+    bool reuses = saving->sequences && !twin->synchroniser.ledger.executes[component];
+    entry->next_need = reuses ? tl_horizon_next_need(horizon, component, full) : full;
 }
 
 tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {

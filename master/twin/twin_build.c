@@ -389,9 +389,13 @@ static uint64_t nodes_least(const tl_horizon *horizon) {
  * and the rest of earlier candidates when the root advances; with outputs only, also the path to
  * the last state. Candidates differ in a component only from `nearest` steps on: all of them stay
  * for as many ticks, then one node less of each per tick. The same holds for paths with samples
- * that were used in place of later ones: T_P²/4 nodes at most. */
+ * that were used in place of later ones: T_P²/4 nodes at most. TL_KEEP_NONE: the root and the
+ * committed step. */
 static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size_t node) {
     uint64_t evaluations = tl_tuning_room(plan->evaluations);
+    if (plan->components[node].keep == TL_KEEP_NONE) {
+        return TL_NODES_OF_NONE;
+    }
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
     uint64_t span = tl_horizon_next_need(horizon, node, reach);
     uint64_t longest = horizon->prediction;
@@ -422,7 +426,7 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_synchroniser_
     for (size_t i = 0; i < plan->component_count; i++) {
         keep[i] = plan->components[i].keep;
         twin->worst[i] = nodes_worst(&synchroniser->horizon, plan, i);
-        capacity[i] = nodes_kept(&synchroniser->horizon, plan, twin->worst[i]);
+        capacity[i] = keep[i] == TL_KEEP_NONE ? TL_NODES_OF_NONE : nodes_kept(&synchroniser->horizon, plan, twin->worst[i]);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
     uint32_t *reach = plan->saving.structure ? synchroniser->horizon.reach : NULL;

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """The output of `check`: its figures, and that the run stays within them."""
+import json
 import os
 import re
 
-from twinlock_test import (EMULATED, PLAIN_LIVE, PLAIN_LOCK, SOURCE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, main,
+from twinlock_test import (BUILD, EMULATED, PLAIN_LIVE, PLAIN_LOCK, SANITIZER, SOURCE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, main,
                            replay_json, run, run_well, scratch)
 
 WIDTH = 80
@@ -78,6 +79,26 @@ def test_what_fmus_may_take():
     for words, memory in ([] if EMULATED else [((), fair)]) + [(("--memory-limit", 700), 700)]:  # an emulator has less memory
         page = run_well(["check", config(), *map(str, words)])
         expect_line(page, f"FMUs|{memory} MiB|--memory-limit|256 MiB|1024 threads")
+
+
+def test_it_proposes_to_keep_nothing():
+    """If saving 2 MiB takes far longer than a step: 0.07 times the time, so a loaded machine changes nothing."""
+    if SANITIZER:
+        return
+    source = BUILD / "tests/bench/sized_2048.fmu"
+    component = {"fmu": str(source), "rollback": "memory"}
+    document = {"twinlock": 1, "name": "large", "step_s": 0.01, "components": {"large": component},
+                "plant": {"y": {"csv": {"column": "y"}}},
+                "synchronise": {"adjust": {"large.u": {"nominal": 0, "step": 0.1}}, "match": {"large.y": {"to": "plant.y", "tolerance": 1}},
+                                "horizon": {"prediction": 20}, "algorithm": "nelder-mead"}}
+    pages = []
+    for keep in "states", "none":
+        component["keep"] = keep
+        path = scratch() / f"{keep}.json"
+        path.write_text(json.dumps(document), encoding="utf-8")
+        pages.append(run_well(["check", path]))
+    expect_line(pages[0], 'large|"keep": "none"|times')
+    expect_no_line(pages[1], "keep|times")
 
 
 def test_a_free_run():

@@ -73,6 +73,17 @@ def test_catching_up():
     expect_line(out, f"{motor['repeated']} repeated|0")
 
 
+def test_nothing_kept():
+    """With "keep": "none" a component executes in each evaluation. Results are the same, and the ledger knows the executions."""
+    adaptable = {"horizon": horizon(3), "free_twin": False}
+    kept, chosen = config(**adaptable), config({"motor": {"keep": "none"}, "drive": {"keep": "none"}}, **adaptable)
+    ledger, before = expect_as_predicted(replay_json(chosen), ("drive", "motor")), replay_json(kept)["ledger"]
+    for name in "drive", "motor":
+        entry = ledger["components"][name]
+        expect(entry["executions"] > before["components"][name]["executions"] and entry["repeated"] == 0, f"{entry}")
+    expect(filecmp.cmp(steps(chosen), steps(kept, "--plain"), False), "results depend on what is kept")
+
+
 def test_no_room():
     """With too few nodes, more is executed than predicted. The log and the database have a warning; results are the same."""
     chosen, database = config(horizon=horizon(3), saving={"nodes": 2}), scratch() / "run.db"

@@ -227,12 +227,12 @@ static void a_committed_root_moves(void) {
 }
 
 static void commits_without_candidates_cost_one_execution_and_no_node(void) {
-    static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS};
-    for (size_t i = 0; i < 2; i++) {
-        start(keeps[i], PREDICTION, ROOM);
+    static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS, TL_KEEP_NONE};
+    for (size_t i = 0; i < 3; i++) {
+        start(keeps[i], PREDICTION, keeps[i] == TL_KEEP_NONE ? TL_NODES_OF_NONE : ROOM);
         for (size_t k = 0; k < 50; k++) {
             TEST_ASSERT_EQUAL_UINT64(1, commit(k % 2 == 0 ? CIRCLE : STAR));
-            TEST_ASSERT_TRUE(cached.tree.count <= (keeps[i] == TL_KEEP_STATES ? 1 : PREDICTION + 1));
+            TEST_ASSERT_TRUE(cached.tree.count <= (keeps[i] == TL_KEEP_OUTPUTS ? PREDICTION + 1 : 1));
         }
         TEST_ASSERT_EQUAL_UINT64(0, cached.repeated);
         finish();
@@ -669,9 +669,9 @@ static void assert_sound(void) {
 static void walk_at_random(uint64_t seed) {
     static const double inputs[] = {0.0, -0.0, 1.0, 2.0};
     tl_test_random random = {tl_test_mix(seed)};
-    tl_keep keep = tl_test_random_chance(&random, 50) ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
+    tl_keep keep = (tl_keep)tl_test_random_below(&random, 3);
     uint32_t spacing = (uint32_t)tl_test_random_between(&random, 1, 5);
-    uint32_t least = 2 * spacing + 2;
+    uint32_t least = keep == TL_KEEP_NONE ? TL_NODES_OF_NONE : 2 * spacing + 2;
     uint32_t room = least + (uint32_t)(tl_test_random_chance(&random, 50) ? tl_test_random_below(&random, 4)
                                                                           : tl_test_random_below(&random, 100));
     size_t choices = tl_test_random_between(&random, 1, 4);

@@ -87,7 +87,7 @@ static void start(tl_test_random *random) {
     uint32_t least = 2 * plan.plan.prediction + 2;
     bool small = tl_test_random_chance(random, 50);
     for (size_t k = 0; k < network.count; k++) {
-        plan.components[k].keep = tl_test_random_chance(random, 25) ? TL_KEEP_OUTPUTS : TL_KEEP_STATES;
+        plan.components[k].keep = (tl_keep)tl_test_random_below(random, 3);
     }
     tl_test_rig_start(&tracked, &plan, small ? least + (uint32_t)tl_test_random_below(random, 12) : 1024);
     TEST_ASSERT_NOT_NULL(tracked.exchange.cached);
