@@ -1,4 +1,4 @@
-/* The prognosis: executions as the graph has them, and a time that was measured. */
+/* The prognosis: executions from the graph, and a measured time. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ static tl_prognosis prognosis;
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
     assembly = (tl_assembly){0};
-    memset(&prognosis, 0xA5, sizeof prognosis); /* make() starts anew */
+    memset(&prognosis, 0xA5, sizeof prognosis); /* make() must set every field */
 }
 
 void tearDown(void) {
@@ -54,7 +54,7 @@ static void test_executions_without_saving(void) {
     TEST_ASSERT_EQUAL_UINT64(3 + 60 * 3, prognosis.worst);
 }
 
-/* The plant costs nothing. */
+/* The plant takes no time. */
 static void test_time(void) {
     make("\"duration_s\": 14", "\"duration_s\": 100");
     TEST_ASSERT_EQUAL_size_t(1600, prognosis.steps);
@@ -62,7 +62,7 @@ static void test_time(void) {
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[0]);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[1]);
     TEST_ASSERT_EQUAL_INT64(0, prognosis.cost[2]);
-    /* the commit and the first evaluation of motor, 59 more of it, and the commit of drive */
+    /* commit and first evaluation of motor, 59 further ones, and commit of drive */
     TEST_ASSERT_EQUAL_INT64(prognosis.cost[0] + 61 * prognosis.cost[1], prognosis.worst_time);
     TEST_ASSERT_EQUAL_UINT32(60, prognosis.fitting);
 }
@@ -83,7 +83,7 @@ static void test_a_budget_that_is_too_short(void) {
     TEST_ASSERT_LESS_THAN_UINT32(100000, prognosis.fitting);
 }
 
-/* Slow FMUs, long horizons and many evaluations are more than 64 bits of nanoseconds. */
+/* Slow FMUs, long horizons and many evaluations can exceed 64 bits of nanoseconds. */
 static void test_times_that_cannot_be_added_up(void) {
     TEST_ASSERT_EQUAL_INT64(7, tl_duration_sum(1, 2, 3));
     TEST_ASSERT_EQUAL_INT64(1, tl_duration_sum(1, 0, UINT64_MAX));
