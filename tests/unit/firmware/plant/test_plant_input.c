@@ -160,8 +160,7 @@ static void test_no_link_stays(void) {
     post((double)NAN, 1001, TL_NO_LINK);
     tl_plant_input_take(&input, 0, 9000, &sample);
     TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(0,
-                             sample.values[0]); /* a value that is not finite becomes 0, whatever the driver reports */
+    TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]); /* 0 replaces a value that is not finite */
 }
 
 static void test_stale(void) {

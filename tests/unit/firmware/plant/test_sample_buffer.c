@@ -285,8 +285,7 @@ static void test_a_slot_that_was_left_odd_was_never_begun(void) {
     for (int i = 0; i < DEPTH + 10; i++) {
         post(i, i);
     }
-    tl_sample_buffer_slot *slot =
-        &placed.slots[(DEPTH + 10) % DEPTH]; /* the oldest kept reading, which the next post overwrites */
+    tl_sample_buffer_slot *slot = &placed.slots[(DEPTH + 10) % DEPTH]; /* of the next post */
     slot->sequence = 2 * (uint64_t)(DEPTH + 10) + 1;
     slot->stamp = 5000;
     expect(INT64_MAX, DEPTH + 9, DEPTH + 9);

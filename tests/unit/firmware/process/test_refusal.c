@@ -149,7 +149,6 @@ int main(void) {
     RUN_TEST(a_process_that_ends_meanwhile_is_no_trouble);
     RUN_TEST(only_the_failed_call_has_a_cause);
     RUN_TEST(where_there_is_no_listener_there_is_nothing_to_take);
-    RUN_TEST(
-        the_caller_stands_still_until_it_is_answered); /* last, because libseccomp can listen only once per process */
+    RUN_TEST(the_caller_stands_still_until_it_is_answered); /* last: libseccomp listens once per process */
     return UNITY_END();
 }
