@@ -36,7 +36,8 @@ static void make(const char *old, const char *new) {
     tl_prognosis_make(&assembly, &prognosis);
 }
 
-/* T_P = 3, dynamic: Γ of drive, motor and plant is 2, 3 and 2; another u reaches drive one step later, plant never. */
+/* T_P = 3, dynamic: Γ of drive, motor and plant is 2, 3 and 2. Another u reaches drive one step
+ * later, and the plant never. */
 static void test_executions(void) {
     make("\"horizon\": { \"prediction\": 1,", "\"horizon\": { \"prediction\": 3, \"shape\": \"dynamic\",");
     TEST_ASSERT_EQUAL_UINT64(3, prognosis.step);
@@ -67,7 +68,7 @@ static void test_time(void) {
     TEST_ASSERT_EQUAL_UINT32(60, prognosis.fitting);
 }
 
-/* 1400 steps; the late verification gets the rest. */
+/* The run has 1400 steps. The verification between ticks gets the time of the rest. */
 static void test_the_duration_bounds_the_steps(void) {
     make("\"duration_s\": 14", "\"duration_s\": 14");
     TEST_ASSERT_EQUAL_size_t(560, prognosis.steps);

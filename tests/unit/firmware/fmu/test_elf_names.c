@@ -21,7 +21,7 @@ void setUp(void) {}
 
 void tearDown(void) {}
 
-/* ---- Helpers ------------------------------------------------------------------------------------------- */
+/* ---- Helpers ---- */
 
 /* The word size of this machine. */
 #define NATIVE .is_wide = sizeof(void *) == 8
@@ -56,7 +56,7 @@ static tl_elf_outcome rename_one(const char *from, const char *to) {
     return tl_elf_rename_libraries(&file, &rename, 1);
 }
 
-/* ---- What is read and renamed ---------------------------------------------------------------------------- */
+/* ---- Reading and renaming ---- */
 
 static void expect_all_of_it(tl_elf_plan plan) {
     plan.strings = "\0libtable.so\0libmain.so\0libc.so.6\0GLIBC_2.4\0$ORIGIN\0sin\0table_read\0TABLE_1";
@@ -104,7 +104,7 @@ static void test_a_library_that_is_not_meant_stays(void) {
     TEST_ASSERT_EQUAL_MEMORY(before, bytes, sizeof before);
 }
 
-/* ---- Names that share bytes ------------------------------------------------------------------------------ */
+/* ---- Names that share bytes ---- */
 
 static void test_a_name_that_is_the_end_of_another_one(void) {
     tl_elf_plan plan = {NATIVE, STRINGS("\0mylibtable.so"), .needed = {"libtable.so", "mylibtable.so"}};
@@ -141,7 +141,7 @@ static void test_a_version_or_a_symbol_of_that_name(void) {
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, rename_one("libtable.so", "001table.so"));
 }
 
-/* ---- Symbols --------------------------------------------------------------------------------------------- */
+/* ---- Symbols ---- */
 
 static uint8_t info_of(size_t index) {
     return *tl_elf_symbol_at(&file, index).info;
@@ -180,7 +180,7 @@ static void test_who_opens_libraries(void) {
     TEST_ASSERT_FALSE(tl_elf_opens_libraries(&file));
 }
 
-/* ---- Real ones ------------------------------------------------------------------------------------------- */
+/* ---- Real libraries ---- */
 
 static void test_real_libraries(void) {
     /* FMUs for several machines are in one folder each. */
@@ -208,7 +208,7 @@ static void test_real_libraries(void) {
     TEST_ASSERT_GREATER_THAN_size_t(0, seen);
 }
 
-/* ---- Hostile ones ---------------------------------------------------------------------------------------- */
+/* ---- Hostile libraries ---- */
 
 /* Any bytes: no access outside the file (a sanitizer checks that), and no endless loop. */
 static void try_everything(size_t length) {

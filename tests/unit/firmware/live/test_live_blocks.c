@@ -1,5 +1,5 @@
 /* The blocks that a twin takes over at its start, above all the sample buffers. The test plays the
- * supervisor and puts the blocks where a process expects them. */
+ * supervisor: it puts the blocks where a process expects them. */
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>

@@ -417,7 +417,7 @@ static void test_a_mean_of_a_flood(void) {
     expect_between(2, STEP / 2, TL_GOOD);
 }
 
-/* ---- alike ---- */
+/* ---- stamps of one instant ---- */
 
 static void test_a_stamp_that_is_a_little_late_is_of_the_instant(void) {
     post(1, 0, TL_GOOD);

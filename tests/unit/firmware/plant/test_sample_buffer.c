@@ -147,7 +147,7 @@ static void test_a_full_ring_forgets_the_oldest(void) {
     expect(INT64_MAX, DEPTH, (tl_time)10 * DEPTH);
 }
 
-/* ---- the same as by walking back from the newest, whatever is asked of stamps that do not decrease ---- */
+/* ---- comparison with a linear search, for stamps that do not decrease ---- */
 
 enum { POSTED = 3000 };
 
@@ -238,7 +238,7 @@ static void test_a_search_finds_what_a_walk_finds(void) {
     }
 }
 
-/* ---- the far past costs little more than the newest ---- */
+/* ---- an old reading costs little more than the newest ---- */
 
 static double cost_of(tl_time least, tl_time width) {
     enum { ASKED = 20000 };

@@ -169,7 +169,7 @@ static void run_again(void) {
     close_run();
 }
 
-/* ---- comparison -------------------------------------------------------------------------------------------------- */
+/* ---- comparison ---- */
 
 static sqlite3_stmt *ask(const char *path, const char *sql, sqlite3 **database) {
     sqlite3_stmt *statement = NULL;
@@ -208,7 +208,7 @@ static void expect_same(const char *sql, const char *what) {
     (void)sqlite3_close(databases[1]);
 }
 
-/* ---- tests ------------------------------------------------------------------------------------------------------- */
+/* ---- tests ---- */
 
 static void configure(const char *horizon, const char *search) {
     FILE *file = fopen(config_path, "w");

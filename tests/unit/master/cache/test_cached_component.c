@@ -140,7 +140,7 @@ static uint64_t candidate(const char *inputs) {
 
 /* ---- table 4.1 ----
  * Left column: only the state of t_1 is kept, from which each candidate starts. Known steps deliver
- * their outputs, but are executed if a later input differs. Right column: each step keeps a state. */
+ * their outputs, but are executed if a later input differs. Right column: all states are kept. */
 
 static const char *const SEQUENCES[] = {"ooo", "***", "ooo", "o**", "*o*", "**o"};
 
@@ -216,7 +216,7 @@ static void a_committed_root_moves(void) {
     (void)candidate("ooo");
     (void)candidate("***");
     TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
-    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.count); /* sequences that begin with * are dropped */
+    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.count); /* sequences with * first are dropped */
     TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
     TEST_ASSERT_EQUAL_UINT64(1, candidate("ooo"));
     TEST_ASSERT_EQUAL_UINT64(1, candidate("*"));
@@ -644,7 +644,7 @@ static void nothing_is_called_after_fatal(void) {
     tl_arena_release(&arena);
 }
 
-/* ---- against executing everything ---- */
+/* ---- compared with executing everything ---- */
 
 static void assert_same_step(double u) {
     double now = 0.1 * (double)(step + depth);

@@ -219,7 +219,7 @@ static void a_branch_is_pruned_and_its_siblings_stay(void) {
     TEST_ASSERT_EQUAL_UINT32(five, find(two, 5.0));
 }
 
-/* ---- against a list of all sequences ---- */
+/* ---- compared with a list of all sequences ---- */
 
 enum { MOST = 64, LONGEST = 24 };
 

@@ -122,7 +122,7 @@ static void nothing_cancels(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND, tl_delay_mode(&density));
 }
 
-/* ---- against a numerical convolution ---- */
+/* ---- compared with a numerical convolution ---- */
 
 enum { CELLS = 4096, LONGEST = 500 };
 

@@ -110,7 +110,7 @@ static double square(double x) {
     return x * x;
 }
 
-/* ---- What is minimised ------------------------------------------------------------------------------------------- */
+/* ---- Functions to minimise ---- */
 
 static double valley(const double *u) {
     return square(u[0] - 3.0);
@@ -143,7 +143,7 @@ static double level(const double *u) {
     return 5.0;
 }
 
-/* ---- The optimum is found ---------------------------------------------------------------------------------------- */
+/* ---- The optimum is found ---- */
 
 static void smooth_problems_of_any_size_are_solved(void) {
     const double start[MOST] = {0};
@@ -260,7 +260,7 @@ static void to_be_limited_by_rounding_is_no_failure(void) {
     }
 }
 
-/* ---- What is asked ----------------------------------------------------------------------------------------------- */
+/* ---- Evaluations ---- */
 
 static void the_start_is_never_asked_about(void) {
     const double start[] = {0.3, 0.7};
@@ -357,7 +357,7 @@ static void an_optimum_beside_a_bound_is_as_exact(void) {
     }
 }
 
-/* ---- Stop -------------------------------------------------------------------------------------------------------- */
+/* ---- Stop ---- */
 
 /* Each solver is stopped at evaluation 1, 2 … `most`. */
 static void expect_stops(double (*of)(const double *u), const double *start, size_t most) {
@@ -386,7 +386,7 @@ static void told_to_stop_among_failures_it_asks_no_more(void) {
     expect_stops(wall_at_offset, start, 15);
 }
 
-/* ---- Searches do not know of each other -------------------------------------------------------------------------- */
+/* ---- Searches are independent ---- */
 
 static void a_search_leaves_no_trace_in_the_next(void) {
     static asker first;
@@ -419,7 +419,7 @@ static void the_number_of_questions_is_the_same_on_every_machine(void) {
     }
 }
 
-/* ---- Failures ---------------------------------------------------------------------------------------------------- */
+/* ---- Failures ---- */
 
 /* Fails if u0 is beyond the offset. The optimum is at 2 in both variables. */
 static double wall_at_offset(const double *u) {

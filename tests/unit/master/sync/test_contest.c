@@ -173,7 +173,7 @@ static void and_if_a_sensor_becomes_worse(void) {
     TEST_ASSERT_LESS_THAN_UINT32(most, trials_to_rest(&(world){.noise = 0.4, .gain = 1.0, .bias = 0.2}, most));
 }
 
-/* ---- while it rests ---- */
+/* ---- while u rests ---- */
 
 static void let_it_rest(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
@@ -200,7 +200,7 @@ static void what_is_off_for_long_ends_it(void) {
     TEST_ASSERT_LESS_THAN_UINT32(TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
-/* ---- what is no number, and what is not there ---- */
+/* ---- missing and invalid values ---- */
 
 static void nothing_measured_says_nothing(void) {
     const tl_free_run_check_errors errors = {.weight = 1.0};

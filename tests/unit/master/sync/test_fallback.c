@@ -41,7 +41,7 @@ static double tried(size_t n) {
     return tl_test_log_step(&call_log, &fmu, n)->u[0];
 }
 
-/* ---- no more to be found ---- */
+/* ---- nothing better exists ---- */
 
 /* Nelder-Mead ends at the bound after three evaluations. BOBYQA then varies that point by its
  * step. */

@@ -1,4 +1,5 @@
-/* One synchronised step: the guess, the search, its budgets, its failures, and what is committed. */
+/* One synchronised step: the guess, the search, its budgets, its failures, and the committed
+ * values. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -22,7 +23,8 @@ void tearDown(void) {
     tl_test_run_end(&run, &plan);
 }
 
-/* "m" with two channels: u0 driven by cmd, u1 constant at 0; y0 is matched with a tolerance of 0.01. */
+/* "m" with two channels: cmd drives u0, and u1 is constant at 0. y0 is matched with a tolerance of
+ * 0.01. */
 static void make_plan(void) {
     tl_test_fmu_init(&fmus[0], 2, false, &call_log);
     tl_test_plan_component(&plan, "m", &fmus[0]);

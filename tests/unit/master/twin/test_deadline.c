@@ -214,7 +214,7 @@ static void step(void) {
     }
 }
 
-/* ---- what is begun ---- */
+/* ---- which evaluations are started ---- */
 
 static uint32_t ended_by_time; /* in the checked ticks */
 
@@ -606,7 +606,7 @@ static void a_budget_that_is_always_too_short_commits_nominal(void) {
     }
 }
 
-/* ---- a real clock: what this thread has computed for. A busy machine has no part in it ---- */
+/* ---- a real clock: processor time of this thread, so that a busy machine does not matter ---- */
 
 static tl_time burnt; /* ns of an execution, at least */
 

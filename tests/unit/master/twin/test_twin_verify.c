@@ -192,7 +192,7 @@ static void less_than_a_hundredth_of_a_tolerance_is_told_once(void) {
     TEST_ASSERT_EQUAL_size_t(1, flagged(&with));
 }
 
-/* ---- another way ---- */
+/* ---- another rollback method ---- */
 
 static fmi2FMUstate kept[2];
 static int given_up;
@@ -399,7 +399,7 @@ static void nothing_is_begun_that_there_is_no_time_for(void) {
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(8, verified_with(TL_SECOND / 2));
 }
 
-/* ---- the FMUs begin anew ---- */
+/* ---- the FMUs are reset ---- */
 
 static void what_was_noted_is_of_no_use_then(void) {
     bool found = false;
