@@ -55,7 +55,7 @@ static void expect_rejected(double value) {
     TEST_ASSERT_TRUE(is_rejected);
 }
 
-/* ---- nothing is done without a request ---- */
+/* ---- without a condition ---- */
 
 static void what_is_asked_for_is_needed(void) {
     TEST_ASSERT_FALSE(tl_condition_is_needed(&(tl_condition){0}));
