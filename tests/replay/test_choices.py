@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""script/studies/choices: the statements of docs/method.md about solvers, horizons and lines hold with one seed. It draws the figures of that page."""
+"""script/studies/choices: the statements of docs/method.md about solvers, horizons and lines hold with one seed.
+
+It draws the figures of that page.
+"""
 import json
 import subprocess
 import sys

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Trials that an FMU rejects, and outputs that are not finite for a while: search and run continue, and no FMU gets such a value."""
+"""Trials that an FMU rejects, and outputs that are not finite for a while.
+
+Search and run continue, and no FMU gets such a value.
+"""
 import json
 import math
 import sqlite3
