@@ -145,7 +145,7 @@ static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, 
     return TL_OK;
 }
 
-/* These errors of libzip are not the fault of the archive; libzip opens the file a second time. */
+/* These errors are not the fault of the archive: libzip opens the file again, which may fail. */
 static tl_status zip_status(int code) {
     return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
 }
@@ -226,7 +226,7 @@ static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *pa
     return status;
 }
 
-/* 0 if the archive was made on a system without Unix modes. */
+/* Returns 0 if the archive was made on a system without Unix modes. */
 static uint32_t unix_mode_of(const unpacking *work, zip_uint64_t index) {
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;

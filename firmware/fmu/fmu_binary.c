@@ -40,7 +40,7 @@ static const char *python_version(void *handle) {
     return function();
 }
 
-/* Global symbols are those of the library that was opened first. */
+/* The first opened Python hides the symbols of a second one, so a second one is rejected. */
 static tl_status check_python(const char *path, void *opened, tl_error *error) {
     void *all_loaded = dlopen(NULL, RTLD_NOW);
     const char *own = python_version(opened);
@@ -84,7 +84,8 @@ static tl_status fail_open(const char *path, const char *reason, tl_error *error
         text);
 }
 
-/* Number of libraries before one is opened. The first time these are the program's own. */
+/* Returns the number of loaded libraries. The first call excludes the program's own from the
+ * regions of FMUs in Python. */
 static size_t count_loaded(void) {
     static bool has_begun;
     if (!has_begun) {
@@ -101,7 +102,7 @@ tl_status tl_library_open(const char *path, tl_error *error) {
         return fail_open(path, dlerror(), error);
     }
     tl_process_run_exit_handlers();
-    if (python_version(opened) != NULL) { /* its threads would prevent rollback by memory */
+    if (python_version(opened) != NULL) { /* threads of NumPy would prevent rollback by memory */
         (void)setenv("OPENBLAS_NUM_THREADS", "1", 0);
     }
     return check_python(path, opened, error);

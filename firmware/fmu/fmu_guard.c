@@ -27,8 +27,8 @@
 /* ---- Rollback methods of an FMU in their order, and the functions of each in the table.
  *
  * Purpose: the order is: its own states; copies of its memory; its own states, followed by setting
- *          its last inputs again; replay. If a proof finds a method wrong, the next one is used
- *          (tl_fmi2_fallback) and continues from the start of the proof. After the proof only one
+ *          its last inputs again; replay. If the proof finds a method wrong, tl_fmi2_fallback
+ *          switches to the next one and restores the start of the proof. After the proof only one
  *          change is possible: from copies back to exact own states.
  * Thread:  the thread that calls the FMUs.
  */
@@ -101,12 +101,12 @@ fmi2Status tl_last_inputs_restore(tl_last_inputs *last_inputs, const tl_last_inp
 
 /* ---- states as copies of memory: no call of the FMU ---- */
 
-/* A fallback exists only while the rollback is being proved. */
+/* A next method exists only while the rollback is being proved. */
 static bool has_fallback(const tl_fmu_guarded *self) {
     return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
 }
 
-/* Only a warning if there is another rollback method. */
+/* A warning if another rollback method remains, else an error. */
 static void log_failure(tl_fmu_guarded *self, const char *text) {
     tl_log_level level = has_fallback(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
     tl_fmu_logger_log(&self->guard->logger, level, text);
@@ -129,7 +129,7 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     return fmi2Error;
 }
 
-/* What copies do not contain, but most FMUs do not need. */
+/* Side effects that copies do not contain. Most FMUs do not depend on them. */
 static void warn_about_rest(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
     if (guard->memory->heap->writes_files && !guard->was_writing_reported) {
@@ -200,7 +200,7 @@ static size_t memory_size(fmi2Component component) {
 
 /* ---- serialising states that are copies of memory ---- */
 
-/* The FMU's own states enlarge its memory; `pass` keeps this out of the size estimate. */
+/* The FMU's own states enlarge its memory, which must not count in the size estimate. */
 static bool keep_present(tl_fmu_guarded *self, void **present) {
     *present = NULL;
     tl_fmu_memory_freeze_estimate(self->guard->memory, true);
@@ -400,7 +400,7 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
 
 /* ---- fallback to the next method ---- */
 
-/* Most times that an FMU is started again, because it has opened libraries. */
+/* Most restarts of an FMU that opens libraries in its steps. */
 enum { MOST_RENEWALS = 4 };
 
 static void forget_instantiated(tl_fmu_guard *guard) {
@@ -408,13 +408,14 @@ static void forget_instantiated(tl_fmu_guard *guard) {
     guard->instantiated = NULL;
 }
 
-/* The first copy does not count as one that differs from the one after fmi2Instantiate. */
+/* The size estimate is frozen, because initialisation has changed much since the copy after
+ * fmi2Instantiate. */
 static bool save_first(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
     bool is_first = !guard->memory->heap->opens_outside;
     guard->memory->heap->opens_outside = true;
     if (!guard->was_proved) {
-        guard->memory->heap->writes_files = false; /* before the first state it is harmless */
+        guard->memory->heap->writes_files = false; /* files written before the first state do no harm */
     }
     if (is_first && guard->instantiated != NULL && tl_fmu_memory_has_new_library(guard->memory, guard->instantiated)) {
         forget_instantiated(guard);
@@ -457,8 +458,8 @@ static fmi2Status replay_from_start(tl_fmu_guarded *self) {
                : fmi2Error;
 }
 
-/* Some FMUs open libraries in their first steps, and a copy from before does not contain these. So
- * the FMU is reset, and is copied again with all libraries. */
+/* Some FMUs open libraries in their first steps. An earlier copy lacks these, so the FMU is reset
+ * and copied again. */
 static fmi2Status renew_start(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
     drop_copy(guard);
@@ -494,7 +495,7 @@ static fmi2Status restore_start(fmi2Component component) {
     return status;
 }
 
-/* `cause`: what was wrong; "": not known. Only replay is so slow that the user may have to act. */
+/* `cause`: what was wrong; "": not known. Only replay is a warning, because it is slow. */
 static fmi2Status log_fallback(tl_fmu_guarded *self, const char *finding, const char *cause, const char *remedy) {
     tl_error text;
     tl_log_level level = self->by_replay ? TL_LOG_WARNING : TL_LOG_NOTICE;
@@ -516,8 +517,7 @@ static void end_proof(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     void *copy = NULL;
-    if (guard->beginning !=
-        NULL) { /* copies are being proved; this changes the FMU's memory in the same way for all later copies */
+    if (guard->beginning != NULL) { /* copies are proved; the freed state must not count in the estimate */
         tl_fmu_memory_freeze_estimate(guard->memory, true);
         free_first_state(self);
         (void)save_memory(self, &copy);
@@ -539,8 +539,7 @@ static void end_proof(fmi2Component component) {
     }
 }
 
-/* Sets inputs again after own states, or else uses replay; if replay itself was wrong, resets by a
- * new instance. */
+/* Tries own states with inputs, then replay, then replay with a new instance instead of a reset. */
 static fmi2Status use_inputs_or_replay(tl_fmu_guarded *self, const char *cause) {
     tl_fmu_guard *guard = self->guard;
     if (!has_fallback(self)) {
@@ -567,7 +566,7 @@ static fmi2Status use_inputs_or_replay(tl_fmu_guarded *self, const char *cause) 
     return replay_from_start(self);
 }
 
-/* While copies are proved, the own state from the start of the proof is restored. Later only the
+/* While copies are proved, the FMU's own state from the start of the proof exists. Later only the
  * copy from then exists. */
 static fmi2Status use_states_again(tl_fmu_guarded *self, const char *cause) {
     tl_fmu_guard *guard = self->guard;
@@ -609,7 +608,7 @@ static bool has_choice(fmi2Component component) {
            !guard->by_memory && !guard->sets_inputs && !self->by_replay;
 }
 
-/* The FMU saves its own state first, so that each copy contains it. */
+/* The FMU saves its own state first, so that all copies contain it. */
 static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *times) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
@@ -637,7 +636,7 @@ void tl_fmu_guard_choose_method(tl_fmu_guard *guard) {
                                               .prefer_copy = prefer_copy};
     bool by_memory = guard->by_memory;
     roll_back_by(guard, &guard->by_states);
-    /* A script's states contain what its author has registered; often that is not all. */
+    /* A Python FMU's own states contain only the variables that its author has registered. */
     guard->functions.prefers_copies = guard->memory != NULL && guard->memory != &guard->own_memory;
     guard->functions.fallback = NULL;
     guard->functions.replay.most = 0;
@@ -770,7 +769,7 @@ static void free_fmu(guarded *self) {
     }
 }
 
-/* The copy does not count as one that differs from later ones. */
+/* The size estimate is frozen, because initialisation changes much after this copy. */
 static void keep_instantiated(guarded *self) {
     tl_fmu_guard *guard = self->guard;
     tl_error ignored;
@@ -781,8 +780,8 @@ static void keep_instantiated(guarded *self) {
     }
 }
 
-/* Many FMUs keep something over fmi2Reset, but a copy from after fmi2Instantiate is exact. Returns
- * false if there is no copy, or if it is not complete. */
+/* fmi2Reset is incomplete in many FMUs, but a copy from after fmi2Instantiate is exact. Returns
+ * false if there is no copy, or if it is incomplete. */
 static bool restore_instantiated(const guarded *self) {
     const tl_fmu_guard *guard = self->guard;
     bool is_possible = guard->by_memory && guard->instantiated != NULL &&
@@ -844,8 +843,7 @@ static void note_ports(fmi2Component component, const tl_ports *inputs, const tl
         self->replay->inputs = inputs;
         self->replay->outputs = outputs;
     }
-    /* The ports are known and have been set, so their values can be noted for setting them again.
-     */
+    /* The ports are known now, so their values can be noted and set again after a restore. */
     if (self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL &&
         self->last_inputs == NULL) {
         self->last_inputs = tl_last_inputs_open(inputs);
@@ -1107,7 +1105,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 
 /* ---- states ---- */
 
-/* Otherwise the missing state would be noticed only at a restore. */
+/* An FMU may return fmi2OK without a state. Without this check, only a later restore would fail. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
     if (status <= fmi2Warning && *state == NULL) {
         tl_fmu_logger_log(
@@ -1119,7 +1117,7 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
     return status;
 }
 
-/* If nothing is rolled back by it, the FMU can still be stepped after fmi2Discard. */
+/* fmi2Discard if rollback does not need the function: the FMU can still be stepped. */
 static fmi2Status crash_status(const guarded *self, bool is_serializing) {
     return is_serializing || self->guard->is_free ? fmi2Discard : fmi2Error;
 }
@@ -1136,8 +1134,8 @@ static fmi2Status report_caught(guarded *self, bool is_serializing) {
     return leave_guard(self, crash_status(self, is_serializing));
 }
 
-/* CALL is a call of one of the FMU's own state functions. Unfinished ones crash at once. After the
- * proof nothing is caught when states are saved and restored, because a later crash has another
+/* CALL calls one of the FMU's own state functions; unfinished ones crash in their first call.
+ * After the proof a crash is caught only while serialising, because otherwise it has another
  * cause. */
 #define STATE_CALL(self, function, is_serializing, CALL)                                                               \
     do {                                                                                                               \

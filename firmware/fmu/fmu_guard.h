@@ -80,8 +80,8 @@ typedef struct tl_fmu_guard {
     uint32_t most; /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported;    /* private: the side effects that prevent a copy were logged */
-    bool was_writing_reported;      /* that it writes files */
-    bool was_construction_reported; /* that a library which it opened in a step has memory of its own */
+    bool was_writing_reported;      /* private: files that it writes were logged */
+    bool was_construction_reported; /* private: memory of a library that it opened in a step was logged */
     void *
         instantiated; /* private: copy of the memory from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
     void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */
@@ -95,7 +95,7 @@ typedef struct tl_fmu_guard {
         beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
     bool is_by_openmodelica; /* private: generator of the FMU */
     bool is_free;            /* the FMU is never rolled back */
-    bool has_crashed;        /* private: in one of the FMU's own state functions, which are not called any more */
+    bool has_crashed;        /* private: one of the FMU's own state functions crashed; none is called any more */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 

@@ -57,9 +57,9 @@ size_t tl_fmu_used(void);
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);
 
 /* FMUs in Python have one interpreter, so several of them can only be rolled back together.
- * is_in_python(): the FMU is one of them. can_share_memory(): it can be rolled back by the memory
- * of all. share_memory(): it is rolled back by this memory, or (false) by its own states or replay.
- * Call it before the FMU is instantiated, with the same answer for all FMUs in Python. */
+ * is_in_python(): the FMU is one of them. can_share_memory(): it can be rolled back by their
+ * shared memory. share_memory(): it is rolled back by this memory, or (false) by its own states or
+ * replay. Call it before the FMU is instantiated, with the same value for all FMUs in Python. */
 bool tl_fmu_is_in_python(const tl_fmu *fmu);
 bool tl_fmu_can_share_memory(const tl_fmu *fmu);
 void tl_fmu_share_memory(tl_fmu *fmu, bool is_shared);

@@ -65,8 +65,8 @@ typedef struct tl_draft_variable {
     const char *declared_type; /* NULL: none */
     bool has_variability;
     bool has_initial;
-    bool is_repeated; /* declared before with the same facts: it is dropped */
-    size_t index;     /* in the document */
+    bool is_repeated; /* declared before with the same attributes: this one is dropped */
+    size_t index;     /* position in the document */
 } tl_draft_variable;
 
 /* A list of items of one size. */
@@ -536,7 +536,7 @@ static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
     read_declaration(parser, tag, &entry->declaration);
 }
 
-/* Values may come in any order. Items that do not fit into 64 bits are no list any more. */
+/* Values may come in any order. If they span more than 64 values, there is no list of items. */
 static void begin_item(description_parser *parser, const xml_tag *tag) {
     tl_draft_type *entry = last_item(&parser->types);
     tl_draft_declaration *type = &entry->declaration;
@@ -936,7 +936,7 @@ static void check_document(description_parser *parser) {
 
 /* ---- Encodings that expat does not know ---- */
 
-/* Of one parser. `length`: bytes of a character that begins with this byte. */
+/* For one parser. length: bytes of a character that begins with this byte. */
 typedef struct decoder {
     iconv_t iconv;
     unsigned char length[256];
@@ -955,7 +955,7 @@ static long decode(iconv_t converter, const char *bytes, size_t size) {
     if (iconv(converter, &in, &size, &out, &out_left) == (size_t)-1) {
         return errno == EINVAL ? INCOMPLETE : INVALID;
     }
-    (void)iconv(converter, NULL, NULL, &out, &out_left); /* a character that waits for an accent */
+    (void)iconv(converter, NULL, NULL, &out, &out_left); /* flushes a character that an accent could follow */
     return out_left == sizeof points - sizeof points[0] ? (long)points[0] : INVALID;
 }
 
@@ -971,7 +971,7 @@ static void XMLCALL close_decoder(void *data) {
     free(own);
 }
 
-/* What expat wants to know of a first byte: the character, INVALID, or the negative length. */
+/* Describes a first byte as expat requires: the character, INVALID, or the negative length. */
 static int describe_byte(iconv_t converter, unsigned char first) {
     char bytes[2] = {(char)first, 0};
     long point = decode(converter, bytes, 1);
@@ -991,7 +991,7 @@ static iconv_t no_converter(void) {
     return (iconv_t)-1; // NOLINT(performance-no-int-to-ptr): what iconv_open() returns
 }
 
-/* Only families without states, whose bytes below 0x80 are ASCII, except a currency sign. */
+/* Accepts only stateless encodings whose bytes below 0x80 are ASCII, except a currency sign. */
 static iconv_t open_encoding(const char *name) {
     static const char *const families[] = {"windows-", "cp12", "cp9",  "iso-8859-", "iso8859-", "latin",    "koi8-",
                                            "gb",       "big5", "euc-", "shift",     "sjis",     "macintosh"};
@@ -1040,8 +1040,8 @@ typedef struct description_source {
     int file;
 } description_source;
 
-/* expat scans an unfinished token again with each part, so small parts would make a long comment
- * slow. */
+/* expat scans an unfinished token again with each part, so a long comment would be slow with small
+ * parts. */
 enum { PART = 16 * 1024 * 1024 };
 
 static enum XML_Status feed_file(description_parser *parser, int file) {

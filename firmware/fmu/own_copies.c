@@ -810,7 +810,7 @@ static bool exists_elsewhere(const copy_work *work, const own_library *library) 
     return false;
 }
 
-/* The binary itself does not count, because no library opens it by a name without a path. */
+/* The binary itself does not count, because libraries do not open it by its name. */
 static void warn_shared(const copy_work *work) {
     bool opens = false;
     for (const own_library *library = work->libraries; library != NULL && !opens; library = library->next) {

@@ -467,8 +467,7 @@ static void limit_idle_states(tl_process_tree *self) {
     if (self->idle_limit >= 0 && write(self->idle_limit, &most, sizeof most) == (ssize_t)sizeof most) {
         (void)snprintf(text, sizeof text, "idle states: limited to %d µs for the run", (int)most);
     } else {
-        (void)snprintf(text, sizeof text,
-                       "idle states: not limited (/dev/cpu_dma_latency: %s); ticks may begin later",
+        (void)snprintf(text, sizeof text, "idle states: not limited (/dev/cpu_dma_latency: %s); ticks may begin later",
                        strerror(errno));
     }
     put_event(self, TL_EVENT_INFO, "processor", text);

@@ -131,7 +131,7 @@ size_t tl_fmu_heap_used(const tl_fmu_heap *heap) {
 }
 
 void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used) {
-    if (used < heap->highest) { /* else the heap was larger then, and the copy contains all of it */
+    if (used < heap->highest) { /* else the copy has overwritten all of it */
         memset(heap->base + used, 0, heap->highest - used);
     }
     heap->highest = used;
@@ -376,7 +376,7 @@ char *setstate(char *bytes) {
 
 /* ---- drand48() and related functions ---- */
 
-/* `words` NULL: those of the state are used. */
+/* If `words` is NULL, uses those of the state. */
 static double draw_real(unsigned short words[3]) {
     double number = 0.0;
     random_state *state = take_random_state();
@@ -487,7 +487,7 @@ void tl_fmu_heap_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KE
 
 #else
 
-/* The C library's own allocator under its second names. */
+/* The C library's allocator under its internal names. */
 extern void *own_malloc(size_t size) __asm__("__libc_malloc");
 extern void *own_calloc(size_t count, size_t size) __asm__("__libc_calloc");
 extern void *own_realloc(void *block, size_t size) __asm__("__libc_realloc");
@@ -589,7 +589,8 @@ static tl_fmu_heap *find_owner(const void *block) {
     return NULL;
 }
 
-/* Of the FMU whose call opens a library, with constructors served by the C library; else NULL. */
+/* Heap of the FMU whose call opens a library while the C library serves its constructors; else
+ * NULL. */
 static __thread tl_fmu_heap *opening_heap;
 
 /* The heap for a call from the code at `caller`; NULL: the C library. */
@@ -803,7 +804,7 @@ static void *run_thread(void *context) {
     return start.run(start.context);
 }
 
-/* Python scripts start threads to work in them. */
+/* Python scripts start threads that compute between calls, so these are not allowed. */
 static bool is_script(const void *caller) {
     Dl_info info;
     return dladdr(caller, &info) != 0 && strstr(info.dli_fname, "libpython") != NULL;
@@ -905,7 +906,7 @@ static int note_descriptor(int opened) {
     return opened;
 }
 
-/* A file that is only written may stay open: what is in it does not change the results. */
+/* A file that is only written may stay open, because its content does not change the results. */
 static int note_opened(const char *path, int flags, int opened) {
     bool is_device = strncmp(path, "/dev/", 5) == 0;
     if (opened >= 0 && tl_fmu_allocation_heap != NULL && (flags & O_ACCMODE) != O_RDONLY && !is_device) {
@@ -914,7 +915,7 @@ static int note_opened(const char *path, int flags, int opened) {
     return (flags & O_ACCMODE) == O_WRONLY ? opened : note_descriptor(opened);
 }
 
-/* Functions with names of their own, because the headers rename open() on some machines. */
+/* Own names, because the headers rename open() on some machines. */
 int tl_noted_open(const char *path, int flags, ...) __asm__("open");
 int tl_noted_open64(const char *path, int flags, ...) __asm__("open64");
 int tl_noted_openat(int folder, const char *path, int flags, ...) __asm__("openat");
@@ -922,7 +923,7 @@ int tl_noted_openat64(int folder, const char *path, int flags, ...) __asm__("ope
 FILE *tl_noted_fopen(const char *path, const char *mode) __asm__("fopen");
 FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
 
-/* Reads the argument `mode` after `flags`. Without O_CREAT it is not given, and not used. */
+/* Reads the argument `mode` after `flags`. It exists only with O_CREAT or O_TMPFILE. */
 #define READ_MODE(mode, flags)                                                                                         \
     mode_t mode = 0;                                                                                                   \
     va_list arguments;                                                                                                 \
@@ -1012,7 +1013,8 @@ int eventfd(unsigned count, int flags) {
 
 /* ---- libraries ---- */
 
-/* The constructors of the library allocate outside of the heap, as in no copy before. */
+/* With `opens_outside`, constructors of the library allocate outside of the heap, because earlier
+ * copies do not contain their memory. */
 static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     (void)tl_fmu_allocation_enter(NULL);
     heap->note_opening(heap->context, false);
@@ -1117,7 +1119,8 @@ int mprotect(void *address, size_t size, int protection) {
     return own_mprotect(address, size, protection);
 }
 
-/* Pages that the kernel drops by itself would not be found as changed. Other advice is ignored. */
+/* Zeroes the pages itself, because pages that the kernel drops would not be found as changed.
+ * Other advice is ignored. */
 int madvise(void *address, size_t size, int advice) {
     find_madvise();
     if (find_owner(address) == NULL) {

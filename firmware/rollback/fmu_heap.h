@@ -91,15 +91,15 @@ static inline bool tl_fmu_heap_holds(const tl_fmu_heap *heap, const void *addres
     return (size_t)((const unsigned char *)address - heap->base) < heap->reserved;
 }
 
-/* As mmap() and munmap() of private memory: zeroed, and aligned to pages of 4096 bytes. A mapping
- * of which only a part is unmapped stays. The first function returns NULL if the heap is full. */
+/* Like mmap() and munmap() of private memory: zeroed, and aligned to pages of 4096 bytes. A partly
+ * unmapped mapping stays whole. The first function returns NULL if the heap is full. */
 void *tl_fmu_heap_map(tl_fmu_heap *heap, size_t size);
 void tl_fmu_heap_unmap(tl_fmu_heap *heap, void *address, size_t size);
 
 /* Returns true if an allowed thread has run since the last call of this function. */
 bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap);
 
-/* Number of allowed threads that had not ended at the last call of that function. */
+/* Number of allowed threads that had not ended at the last tl_fmu_heap_threads_ran(). */
 uint32_t tl_fmu_heap_threads_alive(const tl_fmu_heap *heap);
 
 /* The values that the present thread has stored under the keys. The second function also deletes

@@ -325,7 +325,8 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
-/* The library of an FMU that is not in Python does not belong to those that are. */
+/* A library that an FMU outside of Python opens is excluded from the regions of FMUs in Python.
+ * The contents of new regions are kept, because earlier copies lack them. */
 static void note_opening(void *context, bool is_opened) {
     tl_fmu_memory *memory = context;
     size_t known = memory->places.count;
@@ -350,7 +351,7 @@ static void note_opening(void *context, bool is_opened) {
 
 /* ---- threads ---- */
 
-/* Threads that were just started need some time until they wait. */
+/* A new thread may run for some time before it sleeps. */
 enum { QUIET_ROUNDS = 50, MOST_ROUNDS = 1000, ROUND_NS = 1000 * 1000 };
 
 static bool wait_until_asleep(tl_fmu_heap *heap) {
@@ -509,8 +510,8 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 
 /* ---- restore ---- */
 
-/* A library that was opened by a name without a path is only noticed here, and only if the FMU may
- * use libraries outside of its folder. */
+/* A library that was opened by a name without a path is noticed only here, and only for FMUs in
+ * Python. */
 static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *state) {
     tl_error ignored;
     bool is_unknown = memory->folder == NULL && find_regions(memory, &ignored) != TL_OK;

@@ -56,10 +56,10 @@ void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
  * the heap only notes threads, and descriptors that the C library opens. */
 enum { TL_FMU_MEMORY_WATCHED = 24 };
 
-/* An FMU with at least so many bytes is large: a copy of everything takes longer than a query for
- * written pages (x86-64, 4 changed pages: 2.6 against 1.2 µs at 48 KiB, 0.2 against 1.2 at 16 KiB).
- * If the kernel cannot report written pages, all pages are compared. There the border is higher,
- * because memcmp() is much slower than memcpy() on some ARM boxes. */
+/* Bytes from which on an FMU is large: a copy of everything takes longer than a query for written
+ * pages (x86-64, 4 changed pages: 2.6 against 1.2 µs at 48 KiB, 0.2 against 1.2 at 16 KiB). If the
+ * kernel cannot report written pages, all pages are compared. Then the limit is higher, because
+ * memcmp() is much slower than memcpy() on some ARM boxes. */
 enum { TL_FMU_MEMORY_LARGE = 48 * 1024, TL_FMU_MEMORY_LARGE_COMPARED = 256 * 1024 };
 
 typedef struct tl_fmu_memory {
@@ -70,7 +70,7 @@ typedef struct tl_fmu_memory {
     int raised;    /* the FMU's floating-point exceptions, as fetestexcept() returns them */
     fexcept_t flags;       /* the same in the format of the machine */
     const char *folder;    /* NULL: the memory of all FMUs in Python */
-    bool is_given_up;      /* set by the user: one of several FMUs is rolled back in another way */
+    bool is_given_up;      /* set by the user: one of several FMUs uses another method */
     tl_fmu_regions places; /* private, from here on */
     bool are_found;        /* `places` is valid */
     unsigned char *opened_as

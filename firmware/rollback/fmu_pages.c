@@ -259,8 +259,8 @@ static bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t diff
 
 /* ---- regions ---- */
 
-/* Compiled code calls the loader like this for a thread-local variable. It creates the variables if
- * this thread has none yet. */
+/* Compiled code calls this function of the loader for a thread-local variable. It creates the
+ * variables of this thread if necessary. */
 typedef struct tls_index {
     unsigned long module;
     unsigned long offset;
@@ -360,8 +360,8 @@ size_t tl_fmu_regions_loaded(void) {
     return count;
 }
 
-/* Libraries of the program that modules of Python use too. A process with FMUs does not call them
- * otherwise, so what they store belongs to the FMUs. */
+/* In a process with FMUs, only Python modules use these libraries of the program. So their data
+ * belongs to the FMUs. */
 static bool is_for_scripts(const char *name) {
     static const char *const libraries[] = {"/libcrypto.so", "/libssl.so", "/libsqlite3.so"};
     bool is_found = false;
@@ -537,10 +537,10 @@ bool tl_fmu_written_serves(void) {
 
 /* ---- versions ---- */
 
-/* SUPPOSED: default for the pages that differ between two versions; the largest number seen in
- *           large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN
- *           versions that differed, restores no longer count, because they contain the changes of
- *           several steps. */
+/* ASSUMED_PAGES: default number of pages that differ between two versions; the largest number seen
+ * in large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN_SAVES
+ * versions that differed, restores no longer count, because they contain the changes of several
+ * steps. */
 enum { ASSUMED_PAGES = 64, KNOWN_SAVES = 4 };
 
 /* Largest unused reserve after a save: 64 MiB. */
@@ -548,8 +548,8 @@ enum { MOST_AHEAD = (64 << 20) / TL_FMU_PAGE };
 
 /* A protected page costs a page fault of about 1 µs at its next write. An unprotected page costs a
  * comparison of about 0.1 µs in each save, and in each restore after a call. So pages that are
- * written in every step stay unprotected. A save protects what it finds only if the save before
- * found more than FEW_PAGES and twice the pages that differed in it or in a restore before it. */
+ * written in every step stay unprotected. The next save protects the pages that it finds if a save
+ * or restore found more than FEW_PAGES plus twice the differing pages. */
 enum { FEW_PAGES = 4 };
 
 struct tl_fmu_pages {
@@ -563,7 +563,7 @@ struct tl_fmu_pages {
     size_t most;        /* most pages that differed between two versions */
     unsigned times;     /* number of versions that differed */
     size_t most_put;    /* most pages copied by one restore */
-    bool passes;        /* the three above are not updated */
+    bool passes;        /* while true, `most`, `times` and `most_put` are not updated */
     bool protects;      /* the next save protects what it finds */
     size_t hot;         /* most pages that differed in a restore since the last save */
     bool is_full;       /* present call: memory is out */
@@ -652,7 +652,8 @@ static void restore_page(tl_fmu_pages *self, size_t number, unsigned char *page,
     self->differing++;
 }
 
-/* A page that may have been written. restore_different() restores pages that are not shared. */
+/* Restores a page that may have been written, if both versions share it. restore_different()
+ * restores the others. */
 static void restore_written(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
     if (is_shared(self, version, number) &&
         memcmp(page, tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP),
@@ -819,7 +820,7 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
 
 /* ---- all of it ---- */
 
-/* Estimate for one more version. */
+/* Estimated number of pages of one more version. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
     size_t most_restored = self->most_put > self->most ? self->most_put : self->most;
     size_t assumed = self->now.pages < ASSUMED_PAGES ? self->now.pages : ASSUMED_PAGES;

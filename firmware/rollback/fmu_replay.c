@@ -200,7 +200,7 @@ void tl_fmu_history_lose(tl_fmu_history *history) {
     stand(history, NONE);
 }
 
-/* Entries of saved positions remain allocated until they are given back, but cannot be restored. */
+/* Saved positions keep their entries until they are freed, but cannot be restored any more. */
 void tl_fmu_history_begin(tl_fmu_history *history) {
     uint32_t kept = 0;
     history->free_call = NONE;

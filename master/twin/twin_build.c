@@ -426,7 +426,8 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_synchroniser_
     for (size_t i = 0; i < plan->component_count; i++) {
         keep[i] = plan->components[i].keep;
         twin->worst[i] = nodes_worst(&synchroniser->horizon, plan, i);
-        capacity[i] = keep[i] == TL_KEEP_NONE ? TL_NODES_OF_NONE : nodes_kept(&synchroniser->horizon, plan, twin->worst[i]);
+        capacity[i] =
+            keep[i] == TL_KEEP_NONE ? TL_NODES_OF_NONE : nodes_kept(&synchroniser->horizon, plan, twin->worst[i]);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
     uint32_t *reach = plan->saving.structure ? synchroniser->horizon.reach : NULL;

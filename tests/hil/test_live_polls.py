@@ -40,7 +40,7 @@ def written(device, spoil=lambda count, value: value):
 
 
 def live(match, spoil=lambda count, value: value, **signal):
-    """(configuration, database, what --json told)"""
+    """(configuration, database, report of --json)"""
     with Device(OMEGA) as device:
         config = edited_config(PLAIN_LIVE, {
             "duration_s": SETTLED_S + PERIODS * PERIOD_S + 1, "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": POLLED_S}}},

@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
-"""The cylinder on a bench, on the product's own recording, with a twin without friction: how wrong its force is, that it
-locks, and that what was corrected is the friction of each direction and nothing else."""
+"""The cylinder on a bench, with the product's own recording and a twin without friction.
+
+Tests the error of its force, its lock, and that the correction is the friction of each direction only.
+"""
 import filecmp
 
 from diagnosis import mean_where_adjusted
@@ -10,22 +12,22 @@ from twinlock_test import (SOURCE, at_most, edited_config, expect, main, replay_
 
 BENCH = SOURCE / "config" / "bench_cylinder"
 STEPS = 1398
-WAIT = 3  # steps that are left over: a step waits so long for the next message
+WAIT = 3  # number of missing steps at the end: a step waits so long for the next message
 FRICTION = {"out": 9.09, "in": 4.60}  # N, of the true plant
 F, P, X = "cylinder.F", "cylinder.p", "cylinder.x"
 
 
 def test_free():
-    """The force lacks the friction: 9.09\u00b2 N\u00b2 on the way out, 4.60\u00b2 on the way in, and little besides."""
+    """The error of the force is the friction: 9.09\u00b2 N\u00b2 on the way out, 4.60\u00b2 N\u00b2 on the way in."""
     result = replay_json("bench_cylinder/free.json")
     expect(result["steps"] == STEPS, f"steps: {result['steps']}")
-    share = ((4 - 0) + (11.2 - 6.8)) / 14  # of the time that it goes out
+    share = ((4 - 0) + (11.2 - 6.8)) / 14  # share of time on the way out
     wanted = share * FRICTION["out"] ** 2 + (1 - share) * FRICTION["in"] ** 2
     within(result["match"][F]["mse"], wanted, 0.03, "force: MSE, N\u00b2")
 
 
 def test_only_the_friction_is_wrong():
-    """With it right, what is left is noise, and the age of the messages."""
+    """With the right friction, the rest of the error is noise and the age of the messages."""
     true = {"friction_out": FRICTION["out"], "friction_in": FRICTION["in"]}
     match = replay_json(edited_config("bench_cylinder/free.json", {"components": {"cylinder": {"set": true}}}))["match"]
     at_most(match[F]["mse"], 0.5, "force: MSE, N\u00b2")
@@ -42,7 +44,7 @@ def test_lock():
 
 
 def test_the_true_force():
-    """Closer to it than the messages are to each other: on the line between two, and not at the last one."""
+    """The twin interpolates between two messages, so it is nearer to the true force than the last message is."""
     truth = make_truth("bench_cylinder/plant.json")
     last = edited_config("bench_cylinder/lock.json", {"synchronise": {"match": {F: {"between": "last"}}}})
     line, last = (true_mse(replay_csv(config), F, truth, "force", 0.01) for config in ("bench_cylinder/lock.json", last))
@@ -66,7 +68,7 @@ def test_the_friction_of_each_direction():
 
 
 def test_the_recording_is_regenerated():
-    """config/bench_cylinder/recording.csv is what its README says it is made by."""
+    """The command in config/bench_cylinder/README.md makes config/bench_cylinder/recording.csv."""
     made = scratch() / "recording.csv"
     run_well(["plant", BENCH / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, BENCH / "recording.csv", False), "twinlock plant --seed 1 makes another recording")

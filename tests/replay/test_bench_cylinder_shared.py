@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Real data: a pneumatic cylinder on a test bench (not part of the product; skipped where it is absent), with a twin
-without friction. Locked, what was corrected must be the friction that the record itself shows in each direction."""
+"""Real data: a pneumatic cylinder on a test bench (not part of the product; skipped if absent), with a twin without
+friction. The correction of the locked twin must be the friction that the recording shows in each direction."""
 import functools
 import math
 

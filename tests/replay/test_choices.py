@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""script/studies/choices: what docs/method.md says of solvers, horizons and lines is so with one seed, too; and it draws what that page shows."""
+"""script/studies/choices: the statements of docs/method.md about solvers, horizons and lines hold with one seed.
+
+It draws the figures of that page.
+"""
 import json
 import subprocess
 import sys

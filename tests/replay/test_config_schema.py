@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The schema for editors and the program's own reader say the same about every configuration.
+"""The schema for editors and the program's own reader agree about every configuration.
 
-First the configurations of the repository, which both must take. Then mutants of configurations that together use every key:
-keys deleted, renamed, doubled, values of other types and at the borders of their ranges. Where the schema refuses, the
-reader must refuse, at the same place. Where the schema accepts, the reader must do what the few rules say that a schema
-cannot express; they are written down here a second time, in `beyond_schema`.
+Both must accept the configurations of the repository. Mutants of configurations that together use every key follow: deleted,
+renamed and doubled keys, values of other types and at the limits of their ranges. If the schema rejects one, the reader must
+reject it at the same place. If the schema accepts it, the reader must apply the few rules that a schema cannot express;
+`beyond_schema` repeats them.
 """
 import collections
 import copy
@@ -28,7 +28,7 @@ FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
 FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
 EPSILON = os.path.join(SOURCE, "tests", "support", "configuration_epsilon.json")
 CAN = os.path.join(SOURCE, "tests", "support", "configuration_can.json")
-EVENT = os.path.join(SOURCE, "tests", "support", "configuration_event.json")  # what excludes a horizon of steps
+EVENT = os.path.join(SOURCE, "tests", "support", "configuration_event.json")  # excludes a horizon of steps
 MUTANTS = 600
 SOLVERS = {1: "nelder-mead", 100: "l-bfgs", 1000: "bobyqa"}  # the dissertation's numbers
 REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "float64": 4}
@@ -43,7 +43,7 @@ VALUES = [None, True, False, "", "text", "a\tb", "plant.omega", "motor.omega", "
 
 
 class Members(list):
-    """An object as a list of [key, value], so that a key can stand there twice."""
+    """An object as a list of [key, value], so that it can contain a key twice."""
 
 
 def parse(text):
@@ -59,7 +59,7 @@ def dump(value):
 
 
 def plain(value):
-    """The same with ordinary objects."""
+    """The document with ordinary objects."""
     if isinstance(value, Members):
         return {key: plain(inner) for key, inner in value}
     return [plain(inner) for inner in value] if isinstance(value, list) else value
@@ -75,7 +75,7 @@ def has_double(value):
 # ---- mutants ----
 
 def slots(value):
-    """Every [container, index] that holds a value; of an object the container is its [key, value] pair."""
+    """Every [container, index] of a value. For an object the container is its [key, value] pair."""
     members = [(pair, 1) for pair in value] if isinstance(value, Members) else [(value, i) for i in range(len(value))]
     for container, index in members:
         yield container, index
@@ -145,7 +145,7 @@ def names(document):
 
 
 def field_holds(field, bytes_, length=None):
-    """All bits of a field of a CAN frame are in it."""
+    """True if the CAN frame contains all bits of the field."""
     length = length or field["length"]
     start = int(field["start"])
     first = start if field.get("order", "intel") == "intel" else start // 8 * 8 + 7 - start % 8
@@ -176,7 +176,7 @@ def gpio_holds(sources, gpio):
 
 
 def is_each_line_used_once(document):
-    """Serial lines by one source, GPIO lines by one signal."""
+    """True if one source uses each serial line, and one signal each GPIO line."""
     sources = document.get("sources", {})
     devices = [source["modbus_rtu"]["device"] for source in sources.values() if "modbus_rtu" in source]
     lines = [(sources[gpio["source"]]["gpio"].get("chip"), gpio.get("line"), gpio.get("offset"))
@@ -248,7 +248,7 @@ def delays_hold(document):
 
 
 def beyond_schema(document):
-    """True where a configuration that fits the schema also holds to the other rules."""
+    """True if a configuration that fits the schema also follows the other rules."""
     nanoseconds = decimal.Decimal(repr(document["step_s"])) * 10**9
     targets = [to for _, to in document.get("connect", [])]
     message = document.get("emulate", {}).get("message_s", [0, 0])
@@ -271,7 +271,7 @@ def beyond_schema(document):
 # ---- the two verdicts ----
 
 def place(error):
-    """Where the schema finds fault, as the reader writes it."""
+    """The place of a fault of the schema, as the reader writes it."""
     path = ""
     for part in error.absolute_path:
         path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else part
@@ -279,7 +279,7 @@ def place(error):
 
 
 def probe(paths):
-    """For each file None where the reader takes it, else its problems as (path, text)."""
+    """For each file None if the reader accepts it, else its problems as (path, text)."""
     done = subprocess.run([PROBE, *paths], stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode != 0:
         sys.exit(f"config_probe failed with {done.returncode} at file {done.stdout.count('good') + done.stdout.count('bad')}")
@@ -297,7 +297,7 @@ def explain(problems):
 
 
 def compare(mutant, problems, validator):
-    """None where both agree, else what is wrong."""
+    """None if both agree, else the difference."""
     document = plain(mutant)
     errors = list(validator.iter_errors(document))
     good = not errors and not has_double(mutant) and beyond_schema(document)
@@ -339,7 +339,7 @@ def keys_of_schema(schema):
 
 
 def check_keys(schema):
-    """FULL has every key but those that exclude others in it, which the others have."""
+    """FULL has all keys except those that exclude others in it. The other configurations have these."""
     found = []
     for path in (FULL, FREE, EPSILON, CAN, EVENT):
         with open(path, encoding="utf-8") as file:

@@ -20,7 +20,7 @@ def test_the_same_as_the_plant_to_the_bit():
 
 
 def test_it_is_rolled_back():
-    """A synchronised twin takes its steps again and again; it must come to the same, executed or remembered."""
+    """A synchronised twin repeats its steps. The results must be the same, executed or cached."""
     config = with_reader("lock")
     saved, plain = replay_csv(config), replay_csv(config, "--plain")
     expect(saved == plain, "with and without saving executions differ")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The cylinder bench on the product's own recording: how late the free twin is, that nothing but the throttle is
-wrong with it, and what its valve and its beam do."""
+"""The cylinder bench with the product's own recording: the delay of the free twin, its only wrong parameter (the
+throttle), its valve and its beam."""
 import filecmp
 import math
 
@@ -25,14 +25,14 @@ def changes(rows, column):
 
 
 def mse(rows, first, last):
-    """Of the airflow between two instants."""
+    """MSE of the airflow between two instants."""
     errors = [y - y_hat for time, y, y_hat in zip(rows["time"], rows[AIR], rows["plant.airflow"])
               if first < time <= last]
     return sum(error * error for error in errors) / len(errors)
 
 
 def test_free():
-    """The plant arrives 0.265 s after the valve, the twin 50 steps later; both leave the end at once."""
+    """The plant arrives 0.265 s after the command of the valve, the twin 50 steps later. Both leave the end at once."""
     rows = replay_csv("cylinder/free.json")
     expect(len(rows["time"]) == STEPS, f"steps: {len(rows['time'])}")
     expect(changes(rows, "plant.extended") == [(0.765, 1), (3.515, 0), (6.265, 1)], f"{changes(rows, 'plant.extended')}")
@@ -60,7 +60,7 @@ def test_the_tighter_the_slower():
 
 
 def test_a_closed_centre_holds_the_cylinder():
-    """Without move_in the chambers are closed when move_out ends, and it stays where it is."""
+    """Without move_in the chambers are closed when move_out ends, so the cylinder does not move."""
     rows = replay_csv(with_set(move_in=False))
     expect(changes(rows, END) == [(1.015, 1)], f"{changes(rows, END)}")
     closed = [flow for time, flow in zip(rows["time"], rows[AIR]) if time <= EXTEND[0] or RETRACT < time <= EXTEND[1]]
@@ -68,7 +68,7 @@ def test_a_closed_centre_holds_the_cylinder():
 
 
 def test_a_valve_with_two_coils():
-    """move_in as a signal of its own: the negation of move_out does what the spring does."""
+    """move_in is a separate signal: the negation of move_out has the effect of the spring."""
     header, *lines = (BENCH / "recording.csv").read_text(encoding="utf-8").splitlines()
     recording = scratch() / "coils.csv"
     recording.write_text("\n".join([f"{header},move_in", *(f"{line},{1 - int(line.split(',')[1])}" for line in lines)])
@@ -91,7 +91,7 @@ def test_too_little_pressure_does_not_lift_the_beam():
 # ---- the beam ----
 
 def potential_energy(length):
-    """Of the beam and its mass, J, where the cylinder is `length` long: law of cosines at the hinge."""
+    """Energy of the beam and its mass, J, if the cylinder has this length: law of cosines at the hinge."""
     height, radius, gravity = 0.5, 0.4, 9.81
     sine = (length**2 - height**2 - radius**2) / (2 * height * radius)
     return (6 * 0.5 + 5 * 0.5) * gravity * sine
@@ -121,7 +121,7 @@ def test_the_beam_does_the_work_that_lifts_it():
 # ---- the plant ----
 
 def test_the_recording_is_regenerated():
-    """config/cylinder/recording.csv is what its README says it is made by."""
+    """The command in config/cylinder/README.md makes config/cylinder/recording.csv."""
     made = scratch() / "recording.csv"
     run_well(["plant", BENCH / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, BENCH / "recording.csv", False), "twinlock plant --seed 1 makes another recording")

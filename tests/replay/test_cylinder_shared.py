@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The figures of the thesis's cylinder on the recording that it was checked with (not part of the product;
-skipped where it is absent): when a twin with the wrong throttle arrives, and one with the right throttle."""
+"""The cylinder of the thesis, with the recording that it was checked with (not part of the product; skipped if absent):
+when a twin with the wrong throttle arrives, and one with the right throttle."""
 from twinlock_test import at_most, edited_config, expect, main, replay_json, shared_recording, within
 
 RECORDING = "thesis_cylinder.csv"

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Limits that inputs of FMUs declare: the model never gets a value of the plant that is beyond them."""
+"""Limits that inputs of FMUs declare: a value of the plant beyond them never reaches the model."""
 import math
 import sqlite3
 import zipfile
@@ -12,7 +12,7 @@ INPUT = '<Real unit="1" start="0"/>'
 
 
 def fmu(declared, types=""):
-    """A copy of lag.fmu whose input u is declared like this."""
+    """A copy of lag.fmu with this declaration of its input u."""
     path = scratch() / "lag.fmu"
     with zipfile.ZipFile(FMUS / "lag.fmu") as old, zipfile.ZipFile(path, "w") as new:
         for entry in old.namelist():
@@ -34,7 +34,7 @@ def real(limits):
 
 
 def config(declared, value, types="", inputs=1, **signal):
-    """A twin whose inputs are fed by plant.u; in the rows of BAD that signal is `value`, or as it should be."""
+    """A twin with inputs from plant.u. In the rows BAD that signal has `value`, else good values."""
     rows = scratch() / "rows.csv"
     lines = ["time,u,y"]
     for i in range(ROWS):
@@ -57,7 +57,7 @@ def held():
 
 
 def expect_as(declared, value, instead, not_good=0, moved=0, **more):
-    """The model gets `instead` of the value of the rows BAD."""
+    """The model gets `instead` in place of the value of the rows BAD."""
     found = config(declared, value, **more)
     wanted = replay_csv(config(INPUT, instead))["c0.y"]
     expect(replay_csv(found)["c0.y"] == wanted, f"{declared} {value}: the model did not get {instead}")
@@ -105,7 +105,7 @@ def test_inherited_limits():
 
 
 def test_configured_limits():
-    """They win where they are narrower, and have no tolerance."""
+    """They apply if they are narrower, and have no tolerance."""
     expect_as(real('min="0" max="50"'), "20.01", held(), len(BAD), max=20)
     expect_as(real('min="0" max="50"'), "50.4", "50", 0, len(BAD), max=70)
     expect_as(real('min="0"'), "-0.9", "0", 0, len(BAD), max=100)
@@ -120,7 +120,7 @@ def test_several_inputs():
 
 
 def test_limits_that_exclude_each_other():
-    """As before: nothing is better than anything else, and check says so."""
+    """Limits that contradict each other are not used, and check reports them."""
     both = [real('min="0" max="5"'), real('min="20" max="30"')]
     expect_as(both, "40", "40")
     expect_line(run_well(["check", config(both, None)]), "plant.u|20|5|not used")
@@ -135,13 +135,13 @@ def test_initial_value():
 
 
 def test_one_value():
-    """min = max: the rounding of a value is no other value."""
+    """min = max: a rounding error is not a violation."""
     found = replay_json(config(real('min="12" max="12"'), "12.00000000001"))["plant"]["u"]
     expect((found["not_good"], found["moved"]) == (ROWS - len(BAD), len(BAD)), f"{found}")
 
 
 def test_a_recorded_run():
-    """A database of a twin without the limits; the values are rated when they are replayed."""
+    """The database is of a twin without the limits. Its values are checked in the replay."""
     database = scratch() / "run.db"
     run_well(["replay", config(INPUT, "6553.5"), "--db", database])
     declared = config(real('min="0" max="50"'), None)

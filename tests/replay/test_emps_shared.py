@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Real data: the recording of the positioning system EMPS (not part of the product; skipped where it is
-absent), with a model three times too heavy. Only the position is matched; the velocity must become true
-all the same, and what had to be corrected must be the force that the excess of mass needs."""
+"""Real data: the recording of the positioning system EMPS (not part of the product; skipped if absent), with a
+model three times too heavy. Only the position is matched. The velocity must become right, too, and the correction must be the
+force that the excess of mass needs."""
 import functools
 
 from twinlock_test import at_least, edited_config, expect, main, replay_csv, replay_json, shared_recording, within
@@ -26,7 +26,7 @@ def check_falls(configuration, position, velocity):
 
 
 def slope(x, y):
-    """Of the regression line of y on x."""
+    """Slope of the regression line of y on x."""
     mean_x, mean_y = sum(x) / len(x), sum(y) / len(y)
     covariance = sum((a - mean_x) * (b - mean_y) for a, b in zip(x, y))
     return covariance / sum((a - mean_x) ** 2 for a in x)
@@ -43,7 +43,7 @@ def test_lag():
 
 
 def test_each_step_from_1_to_10_ms():
-    """Stamps of the record are up to 32 ns late: of a step that is a multiple of its own, one in some would be a whole sample old."""
+    """Stamps of the recording are up to 32 ns late. With a multiple of its step, some samples would be a whole step too old."""
     for milliseconds in range(1, 11):
         free, locked = (replay_json(edited_config(f"emps/{name}.json", {"step_s": milliseconds / 1000}), "--recording",
                                     shared_recording("emps_train.csv"))["match"]["emps.v"]["mse"] for name in ("free", "lock"))

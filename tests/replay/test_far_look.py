@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""`check` tests rollback far from the start also, and names the kind of error."""
+"""`check` also tests rollback far from the start, and names the kind of error."""
 import keeper_fmu
 from twinlock_test import SANITIZER, Skip, config_path, expect, expect_line, expect_no_line, main, run, run_well
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""FMUs that attack the process that watches theirs: by endless requests, by lies in shared memory, by their output.
+"""FMUs that attack the parent of the FMU process: by endless requests, lies in shared memory, and their output.
 
 Each run ends with 70 and a message, or continues. The recorded data stays readable."""
 import json

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Trials that an FMU refuses, and outputs that are not finite for a while: search and run go on, and no FMU gets such a value."""
+"""Trials that an FMU rejects, and outputs that are not finite for a while.
+
+Search and run continue, and no FMU gets such a value.
+"""
 import json
 import math
 import sqlite3
@@ -41,7 +44,7 @@ def rises(t):
 
 
 def test_refused_trials():
-    """The plant needs 3.5, the FMU refuses more than 4, and the first step of the search is 6."""
+    """The plant needs 3.5, the FMU rejects more than 4, and the first step of the search is 6."""
     for status in (DISCARD, ERROR, OK):
         code, told, database, err = replay(configure(keeper_fmu.make_limits(LIMIT=4, REFUSES=status), rises))
         expect(code == 0 and told["lock"]["percent"] == 100, f"{status}: {code} {told}\n{err}")
@@ -57,7 +60,7 @@ def test_refused_trials():
 
 
 def test_refused_on_both_sides():
-    """Only steps of the search below one are possible in either direction."""
+    """Only search steps below 1 are possible in either direction."""
     code, told, _, err = replay(
         configure(keeper_fmu.make_limits(LIMIT=0.9, REFUSES=DISCARD), lambda t: 0.8 * (1 - math.exp(-t)), min=0))
     expect(code == 0 and told["lock"]["percent"] == 100, f"{code} {told}\n{err}")
@@ -108,7 +111,7 @@ def test_reset_after_ten_steps():
 
 
 def chain(fmu, **saving):
-    """The output that stands for a while drives a second FMU, whose output is matched."""
+    """The output that is not finite for a while drives a second FMU with a matched output."""
     return configure(fmu, swings, base={
         "components": {"k": {"fmu": str(fmu)}, "next": {"fmu": str(FMUS / "lag.fmu"), "set": {"T": 0.05}}},
         "connect": [["k.y", "next.u"]],
@@ -131,7 +134,7 @@ def test_never_handed_on():
 
 
 def test_one_of_two_outputs():
-    """The one that stands is left out of J; the other one keeps the twin in lock."""
+    """J leaves out the output that is not finite; the other one keeps the twin in lock."""
     def add(text):
         return text | {"match": text["match"] | {"k.y": {"to": "plant.y", "tolerance": 0.5}}}
     path = chain(keeper_fmu.make_limits(NAN_FROM=2.005, NAN_TO=2.045))

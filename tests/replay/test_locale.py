@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""An FMU that calls setlocale() changes no number: not in what is read, not in what is written."""
+"""An FMU that calls setlocale() changes no number that is read or written."""
 from comma_locale import comma_config, comma_locale, write_rows
 from twinlock_test import expect, main, read_table, run_well, scratch, write_config
 
@@ -14,7 +14,7 @@ def replay(folder, name, *options):
 
 
 def replay_twice(folder, name):
-    """The steps of a replay from CSV, which makes a database, and those of a replay of that."""
+    """The steps of a replay from CSV, which records a database, and of a replay of this database."""
     database = folder / f"{name}.db"
     return [replay(folder, name, "--db", database), replay(folder, f"{name} again", "--recording", database)]
 

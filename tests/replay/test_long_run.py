@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""A twin of a plant that does nothing special must still be one after a long time. Its drive has an integrator behind the speed;
-a speed that is forced onto every noisy measurement lets it drift, slowly at first, and then without end."""
+"""A twin must stay in lock for a long time. Its drive integrates the speed: if the twin follows every noisy measurement,
+the integrator drifts, slowly at first, and then without limit."""
 import math
 import random
 
@@ -31,7 +31,7 @@ def make_recording(name, torque):
 
 
 def check(name, recording, mse, algorithm="secant"):
-    """MSE of the whole run in (rad/s)², and the mean friction at its end: the plant's is the twin's own."""
+    """Checks the MSE of the whole run in (rad/s)², and the mean friction at its end. Plant and twin have the same friction."""
     steps = scratch() / "steps.csv"
     edits = {"duration_s": SECONDS - 1, "synchronise": {"algorithm": algorithm}}
     result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording, "--csv", steps)
@@ -43,7 +43,7 @@ def check(name, recording, mse, algorithm="secant"):
 
 
 def check_all(recording):
-    """Through its low-pass, lock.json follows the noise less: at the truth its MSE against the measurement is that of the noise."""
+    """lock.json has a low-pass, so it follows the noise less: its MSE against the measurement is that of the noise."""
     check("lock", recording, NOISE**2)
     check("ahead", recording, 0.5)
     for name in ("c", "d", "e"):
@@ -51,7 +51,7 @@ def check_all(recording):
 
 
 def test_black_box_solvers():
-    """Which hold a u for as long as it will do: nothing is wrong with this twin, so they must let go of it."""
+    """They keep a u as long as it is good enough. This twin is right, so they must return to nominal."""
     recording = make_recording("sine", lambda time: 1.0 + math.sin(0.7 * time))
     for name in ("d", "e"):
         check(name, recording, 1.5, "bobyqa")

@@ -126,7 +126,7 @@ def test_chains_give_the_initial_delay():
 
 
 def test_inputs_are_shifted_by_the_chains():
-    """The measurement is the rest of Δo; the output has the whole."""
+    """Only the rest of Δo is measured; the output has all of Δo."""
     path, true = chain(9, 0.01)
     config = edited_config("second_order/both.json", {"delays": {"measure": True}})
     found = replay_json(config, "--recording", path)["delays"]

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""script/studies/days and systems: in no minute is a lock further from the truth than it may be. A few minutes of each plant here; the studies take a day."""
+"""script/studies/days and systems: in each minute a lock keeps its limit of the true error.
+
+A few minutes of each plant here; the studies take a day.
+"""
 import json
 import subprocess
 import sys

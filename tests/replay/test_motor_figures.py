@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What a lock of the motor bench costs at most, and how close it must be: on recordings that the product makes, of its own brake
-and of others, with seeds that nothing was tuned to."""
+"""Limits of the cost and the error of a lock of the motor bench. The product makes the recordings, with its own brake and with
+others, and with seeds that were not used for tuning."""
 from pathlib import Path
 
 import brakes
@@ -14,7 +14,7 @@ SEEDS = (1001, 1002, 1003)
 
 
 def check(name, recording, ratio, mse, edits=None):
-    """Executions over the fewest there can be, and the MSE in (rad/s)², of one configuration on one recording."""
+    """Checks the executions relative to the fewest possible, and the MSE in (rad/s)², of one configuration and recording."""
     result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording)
     what = f"{name}, {(edits or {}).get('synchronise', {}).get('algorithm', 'secant')}, {Path(recording).stem}"
     expect(result["steps"] == STEPS, f"{what}: {result['steps']} steps")
@@ -54,7 +54,7 @@ def true_error(recording, truth, edits=None):
 
 
 def test_the_shipped_lock():
-    """All that it promises, with any seed. At the readings a perfect twin is off by their noise, 0.09 (rad/s)\u00b2."""
+    """All promised limits, with any seed. Against the readings, the error of a perfect twin is their noise, 0.09 (rad/s)\u00b2."""
     truth = read_table(brakes.make_recording(PROGRAM, scratch(), 1, exact=True))
     for seed in range(4001, 4009):
         recording = brakes.make_recording(PROGRAM, scratch(), seed)
@@ -67,7 +67,7 @@ def test_the_shipped_lock():
 
 
 def test_no_filter_flatters():
-    """Through a low-pass of a second the twin is as near to what it is matched with as ever; at the readings it is not."""
+    """With a low-pass of a second, the twin is near to its matched signal, but not to the readings."""
     recording = brakes.make_recording(PROGRAM, scratch(), SEEDS[0])
     slow = edited_config("motor/lock.json", {"synchronise": {"match": {"motor.omega": {"condition": {"low_pass_s": 1.0}}}}})
     match = replay_json(slow, "--recording", recording)["match"]["motor.omega"]
@@ -76,7 +76,7 @@ def test_no_filter_flatters():
 
 
 def test_the_true_speed():
-    """Nobody may see it but a test: the speed itself, not what messages of 25 to 40 ms say of it, with a noise of 0.09 (rad/s)\u00b2."""
+    """Only a test knows the true speed. The twin gets a message every 25 to 40 ms, with a noise of 0.09 (rad/s)\u00b2."""
     last = {"delays": None, "synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}}
     truth = brakes.make_recording(PROGRAM, scratch(), 1, exact=True)
     for recording in own_recordings():
@@ -91,7 +91,7 @@ def test_horizons():
 
 
 def test_other_brakes():
-    """A twin that is ahead follows the newest measurement, and cannot be closer to the next one than the plant is."""
+    """In mode ahead, a twin follows the newest measurement. Its error is at least the change of the plant to the next one."""
     for shape in brakes.SHAPES:
         for seed in SEEDS[:2]:
             recording = brakes.make_recording(PROGRAM, scratch(), seed, shape)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The figures of the thesis's motor, on the recordings of the motor bench that it was checked with (not
-part of the product; skipped where they are absent): the free run's error, and what a lock costs and how close it is."""
+"""The motor of the thesis, with the recordings of the motor bench that it was checked with (not part of the
+product; skipped if absent): the error of the free run, and the cost and the error of a lock."""
 from twinlock_test import at_most, edited_config, expect, main, replay_json, shared_recording, within
 
 STEPS, FEWEST = 1401, 4203
@@ -8,7 +8,7 @@ RECORDINGS = ("thesis_motor_1.csv", "thesis_motor_2.csv")
 
 
 def check(name, ratio, mse, algorithm="secant"):
-    """Executions over the fewest there can be, and the MSE in (rad/s)², on both recordings."""
+    """Checks the executions relative to the fewest possible, and the MSE in (rad/s)², on both recordings."""
     config = edited_config(f"motor/{name}.json", {"synchronise": {"algorithm": algorithm}})
     for recording in RECORDINGS:
         result = replay_json(config, "--recording", shared_recording(recording))

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""FMUs that are not quite as FMI 2.0 says, and are used nevertheless; or the message says what to do."""
+"""FMUs that deviate from FMI 2.0. They are used nevertheless, or the message has the remedy."""
 import re
 import stat
 import zipfile
@@ -49,7 +49,7 @@ def expect_refused(parts, fmu, changes=LOCKED):
 
 
 def test_variables_declared_twice():
-    """Equal declarations are one; different ones are an error only of a configuration that uses them."""
+    """Equal declarations count once. Different ones are an error only if a configuration uses them."""
     expect_used(changed(again(b"T", b"2")))
     expect_used(changed(again(b"x_start", b"7")))
     expect_used(changed(again(b"T", b"2", b"Integer")), None)

@@ -55,7 +55,7 @@ def test_one_file_with_a_companion():
 
 
 def test_a_companion_of_a_companion():
-    """The global is in the last of two, and only the binary is in the first one."""
+    """Two libraries: the binary needs the first one, which needs the second one with the global."""
     inner = library("libinner.so", INTEGRAL)
     outer = library("libouter.so", FOLDER / "outer.c", needs=(inner,))
     expect_their_own([make(name, sources=("asking.c",), companions=(outer,), others=(inner,)) for name in ("one", "two")])

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The ten scenarios of the dissertation's table 5.5, each with four solvers: saving executions changes no bit of y and u, the
-ledger is exact, the twin is locked; and script/studies/scenarios prints all of it."""
+ledger is exact, and the twin is locked. script/studies/scenarios prints the table."""
 import filecmp
 import json
 import os
@@ -15,7 +15,7 @@ from twinlock_test import BUILD, PATIENCE, PROGRAM, SANITIZER, SOURCE, at_most, 
 
 WORST_MSE = 1.5  # (rad/s)², that of the dissertation's table 5.6
 
-# Most executions over the fewest there can be, with our own solver.
+# Most executions relative to the fewest possible, with our own solver.
 WORST_RATIO = {"b": 1.002, "c": 1.12, "d": 1.01, "e": 1.002, "g": 1.005, "h": 1.08, "i": 1.02, "j": 1.01}
 
 
@@ -104,7 +104,7 @@ def command(*arguments):
 
 
 def test_the_table():
-    """Each line fits 100 columns; nothing is drawn where there is no terminal."""
+    """Each line fits into 100 columns. Without a terminal nothing is drawn."""
     code, out, err = command("--only", "eb")
     expect(code == 0 and err == "", f"ended with {code}\n{err}")
     lines = out.splitlines()

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Time of the FMUs: where it begins and ends, by the configuration, the descriptions and an earlier run."""
+"""Start and end of the time of FMUs: by the configuration, the descriptions and an earlier run."""
 import csv
 import json
 import re
@@ -107,7 +107,7 @@ def test_a_replay_begins_as_its_run():
 
 
 def test_a_database_without_the_columns():
-    """Of an earlier program, which began at 0: it is read as it is, and gets them when it is written."""
+    """It is of an older program, which started at 0. It can be read unchanged, and gets the columns with the next recording."""
     database = scratch() / "run.db"
     run_well(["replay", bench("free", late=False), "--db", database])
     with closing(sqlite3.connect(database)) as rows:

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""TCLab on the product's own recording, with a twin of three times the heat capacity: how wrong it is, that it locks,
-and that what was corrected is the heat, or the heat capacity, that it is wrong by."""
+"""TCLab with the product's own recording and a twin of three times the heat capacity. Tests its error, its lock, and
+that the correction is the missing heat, or the excess of heat capacity."""
 import filecmp
 
 from diagnosis import excess_heat_capacity
@@ -26,7 +26,7 @@ def test_free():
 
 
 def test_only_the_heat_capacity_is_wrong():
-    """With it right, what is left is noise, and the age of the messages."""
+    """With the right heat capacity, the rest of the error is noise and the age of the messages."""
     right = edited_config("tclab/free.json", {"components": {"board": {"set": {"mCp": TRUE}}}})
     for found, sensor in zip(errors(right), SENSORS):
         within(found, NOISE**2, 0.25, f"{sensor}: MSE with the true heat capacity, K\u00b2")
@@ -54,7 +54,7 @@ def test_the_heat_is_what_the_excess_takes_up():
 
 
 def test_lock_by_capacity():
-    """As a parameter the heat capacity is found itself, and stays what it is."""
+    """If the heat capacity is adjusted, its true value is found and does not change any more."""
     result = replay_json("tclab/capacity.json")
     for free, sensor in zip(errors("tclab/free.json"), SENSORS):
         at_least(free / result["match"][sensor]["mse"], 5000, f"{sensor}: MSE falls by")
@@ -63,13 +63,13 @@ def test_lock_by_capacity():
 
 
 def test_lock_by_the_surroundings():
-    """One knob for two heaters: better than none, and no more."""
+    """One variable for two heaters: better than a free twin, but not exact."""
     for free, locked, sensor in zip(errors("tclab/free.json"), errors("tclab/ambient.json"), SENSORS):
         at_least(free / locked, 5, f"{sensor}: MSE falls by")
 
 
 def test_what_cannot_be_at_fault_does_not_lock():
-    """Heat loss alone: with heaters as warm as the air it has no effect, and both heaters need different ones."""
+    """Heat loss alone: it has no effect if the heaters are as warm as the air, and each heater needs another value."""
     adjust = {"board.Q1": None, "board.Q2": None, "board.U": {"step": 2, "min": -100, "max": 200}}
     config = edited_config("tclab/lock.json", {"synchronise": {"adjust": adjust}})
     result = replay_json(config)
@@ -78,7 +78,7 @@ def test_what_cannot_be_at_fault_does_not_lock():
 
 
 def test_the_recording_is_regenerated():
-    """config/tclab/recording.csv is what its README says it is made by."""
+    """The command in config/tclab/README.md makes config/tclab/recording.csv."""
     made = scratch() / "recording.csv"
     run_well(["plant", BENCH / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, BENCH / "recording.csv", False), "twinlock plant --seed 1 makes another recording")

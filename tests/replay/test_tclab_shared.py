@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Real data: the record of a TCLab board (not part of the product; skipped where it is absent), with a twin of
-three times the heat capacity. Locked, what was corrected must be the heat, or the heat capacity, that it is wrong by."""
+"""Real data: the recording of a TCLab board (not part of the product; skipped if absent), with a twin of three times
+the heat capacity. The correction of the locked twin must be the missing heat, or the excess of heat capacity."""
 from diagnosis import excess_heat_capacity
 from twinlock_test import at_least, edited_config, expect, main, replay_csv, replay_json, shared_recording, within
 

@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
-"""script/studies/thesis: each table of chapter 5 can be had as figures and on paper, and ours are better than the
-dissertation's where there is anything to be better at. Tables 5.5 and 5.6 have tests of their own (test_scenarios.py), and so
-has 5.17."""
+"""script/studies/thesis measures and prints the tables of chapter 5. Our figures must be better than the dissertation's,
+except those that cannot be. Other tests have tables 5.5 and 5.6 (test_scenarios.py) and 5.17 (test_delay_figures.py)."""
 import contextlib
 import io
 from pathlib import Path

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The figures of the thesis's transport system, on the recording that it was checked with (not part of the product; skipped
-where it is absent)."""
+"""The transport system of the thesis, with the recording that it was checked with (not part of the product; skipped if
+absent)."""
 from twinlock_test import (at_most, edited_config, expect, main, replay_csv, replay_json, run_well, shared_recording,
                            within)
 

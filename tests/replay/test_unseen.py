@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""A dynamic horizon of which most samples are missing, as between messages that are not held: how far the twin is from the *true* speed, which nobody
-matches."""
+"""A dynamic horizon with mostly missing samples, as between messages that are not held: the error of the twin against the
+*true* speed, which is not matched."""
 import json
 
 import brakes
 from twinlock_test import PROGRAM, at_most, config_path, edited_config, expect, main, read_table, run_well, scratch
 
 STEP_S = 0.01
-TRUE = 0.6  # (rad/s)²: what a held measurement of 25 to 40 ms is off by, twice
+TRUE = 0.6  # (rad/s)²: twice the error of a measurement that is held for 25 to 40 ms
 SEEDS = (2001, 2002)
 
 
@@ -16,7 +16,7 @@ def by_tick(table, time, column):
 
 
 def true_speed():
-    """Of each tick."""
+    """The true speed at each tick."""
     content = json.loads(config_path("motor/plant.json").read_text(encoding="utf-8"))
     content["emulate"]["columns"]["omega"] = {"from": "motor.omega"}
     plant = edited_config("motor/plant.json", {"emulate": {"columns": content["emulate"]["columns"], "message_s": [STEP_S, STEP_S]}})
@@ -26,7 +26,7 @@ def true_speed():
 
 
 def locked(recording, prediction, algorithm):
-    """(what --json tells of the match, and of the lock, {tick: speed}) of a lock whose samples are good for 15 ms."""
+    """(figures of the match and of the lock in --json, {tick: speed}) of a lock with samples that are good for 15 ms."""
     edits = {"plant": {"omega": {"stale_s": 0.015}},
              "synchronise": {"horizon": {"prediction": prediction, "shape": "dynamic"}, "algorithm": algorithm}}
     csv = scratch() / "steps.csv"
@@ -44,7 +44,7 @@ def check(recording, truth, prediction, algorithm, limit):
 
 
 def test_unknowns_that_no_sample_sees():
-    """Without damping up to 93 (secant), and 52 (Sbplx)."""
+    """Without damping, the error is up to 93 (secant) and 52 (Sbplx)."""
     truth = true_speed()
     for seed in SEEDS:
         recording = brakes.make_recording(PROGRAM, scratch(), seed)

@@ -1,4 +1,4 @@
-/* A part is found as a whole word or number, wherever it stands. */
+/* A part is found as a whole word or number, at any position. */
 #include <unity.h>
 
 #include "tests/support/message.h"

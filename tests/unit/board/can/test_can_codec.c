@@ -1,8 +1,7 @@
-/* CAN signals to values and back: places of bits, types, limits, multiplexors.
+/* CAN signals to values and back: bit positions, types, limits, multiplexors.
  *
- * The expected bytes are written out by hand from the definition of each order, not computed by our code; random layouts
- * are held against cantools in tests/replay/test_can_oracle.py.
- */
+ * The expected bytes are written by hand from the definition of each byte order, not computed by
+ * our code. tests/replay/test_can_oracle.py compares random layouts with cantools. */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -190,7 +189,7 @@ static void test_multiplexors(void) {
     channel.conditions[0] = (tl_can_condition){.field = {4, 4, TL_CAN_INTEL}, .values = {7, 9, 0}, .value_count = 2};
     channel.conditions[1] = (tl_can_condition){.field = {15, 8, TL_CAN_MOTOROLA}, .values = {200}, .value_count = 1};
     channel.condition_count = 2;
-    TEST_ASSERT_FALSE(tl_can_is_present(&channel, data)); /* 0 is behind the values that count */
+    TEST_ASSERT_FALSE(tl_can_is_present(&channel, data)); /* the 0 is not among the first `value_count` values */
     data[0] = 0x93;
     TEST_ASSERT_FALSE(tl_can_is_present(&channel, data));
     data[1] = 200;

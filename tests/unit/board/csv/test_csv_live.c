@@ -246,7 +246,7 @@ static void test_rows_are_posted_as_they_come(void) {
     tl_probe_expect(&probe, 1, 2, TL_GOOD);
     TEST_ASSERT_TRUE(tl_probe_newest(&probe, 0)->stamp >= before && tl_probe_newest(&probe, 0)->stamp <= tl_test_now());
     send("5.001,,nan\n");
-    tl_test_pause_ms(20); /* much later than its time column says: the stamp follows the column */
+    tl_test_pause_ms(20); /* later than the time column says; the stamp follows the column */
     tl_time first = tl_probe_newest(&probe, 0)->stamp;
     while (probe.posts[1] < 2) {
         (void)tl_probe_poll_any(&probe);

@@ -1,4 +1,4 @@
-/* Debouncing, and the way from edges and levels to readings. */
+/* Debouncing, and readings from edges and levels. */
 #include <stdint.h>
 #include <string.h>
 
@@ -12,7 +12,7 @@ static tl_gpio_input input;
 static tl_reading reading;
 
 void setUp(void) {
-    memset(&input, 0xA5, sizeof input); /* start() says all of it */
+    memset(&input, 0xA5, sizeof input); /* start() must set every field */
 }
 
 void tearDown(void) {}
@@ -64,13 +64,13 @@ static void test_an_edge_that_is_on_its_way(void) {
     TEST_ASSERT_EQUAL_UINT64(0, input.missed);
 }
 
-/* A line that was lost and found again goes on counting. */
+/* A line that was lost and found again keeps its count of missed edges. */
 static void test_what_was_missed_before(void) {
     const tl_gpio_input_settings again = {.level = true, .stamp = 200 * MS, .missed = 7};
     tl_gpio_input_start(&input, &again, &reading);
     expect_reading(true, 1, 200 * MS);
     TEST_ASSERT_EQUAL_UINT64(7, input.missed);
-    TEST_ASSERT_FALSE(edge(true, 201)); /* another one */
+    TEST_ASSERT_FALSE(edge(true, 201)); /* the falling edge before it was missed */
     TEST_ASSERT_EQUAL_UINT64(8, input.missed);
 }
 
@@ -85,7 +85,7 @@ static void test_doubt_that_goes_by(void) {
     start(0, false);
     TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 110 * MS, &reading));
     expect_reading(tl_gpio_input_level(&input, false, 112 * MS, &reading), 0, 112 * MS);
-    TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 120 * MS, &reading)); /* doubt begins anew */
+    TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 120 * MS, &reading)); /* first sign of a missed edge */
     TEST_ASSERT_EQUAL_UINT64(0, input.missed);
 }
 
@@ -101,7 +101,7 @@ static void test_the_newest_level_wins(void) {
     start(0, false);
     expect_reading(tl_gpio_input_newest(&input, true, 110 * MS, &reading), 1, 110 * MS);
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
-    TEST_ASSERT_FALSE(edge(true, 105)); /* what was kept of the burst comes too late */
+    TEST_ASSERT_FALSE(edge(true, 105)); /* late edges of the burst are dropped */
     TEST_ASSERT_FALSE(edge(false, 106));
     expect_reading(tl_gpio_input_newest(&input, true, 112 * MS, &reading), 1, 112 * MS);
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
@@ -112,7 +112,7 @@ static void test_stamps_never_go_back(void) {
     expect_reading(tl_gpio_input_level(&input, false, 120 * MS, &reading), 0, 120 * MS);
     expect_reading(edge(true, 110), 1, 120 * MS);
     expect_reading(edge(false, 130), 0, 130 * MS);
-    /* A kernel before 5.7 tells the time of the day. */
+    /* Kernels before 5.7 stamp edges with the wall clock. */
     expect_reading(tl_gpio_input_edge(&input, true, 1700000000 * TL_SECOND, 140 * MS, &reading), 1, 140 * MS);
     expect_reading(edge(false, 150), 0, 150 * MS);
 }
@@ -125,7 +125,7 @@ static void test_a_bounce_counts_once(void) {
     TEST_ASSERT_FALSE(edge(false, 201));
     TEST_ASSERT_FALSE(edge(true, 203));
     TEST_ASSERT_EQUAL_INT64(208 * MS, tl_gpio_input_due(&input));
-    TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 204 * MS, &reading)); /* not yet */
+    TEST_ASSERT_FALSE(tl_gpio_input_level(&input, true, 204 * MS, &reading)); /* too early */
     TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 208 * MS - 1, &reading));
     expect_reading(tl_gpio_input_advance(&input, 208 * MS, &reading), 1, 203 * MS);
     TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_gpio_input_due(&input));
@@ -141,7 +141,8 @@ static void test_a_spike_counts_not_at_all(void) {
     expect_reading(tl_gpio_input_level(&input, false, 207 * MS, &reading), 0, 207 * MS);
 }
 
-/* Nobody looked between them; the stamps tell that the first one had stood for long enough. */
+/* The driver reads the second edge late. The stamps show that the first level was stable long
+ * enough. */
 static void test_edges_that_are_read_late(void) {
     start(5 * MS, false);
     TEST_ASSERT_FALSE(edge(true, 200));
@@ -162,11 +163,11 @@ static void test_a_line_that_is_never_still(void) {
 static void test_a_missed_edge_begins_the_time_anew(void) {
     start(5 * MS, false);
     TEST_ASSERT_FALSE(edge(true, 200));
-    TEST_ASSERT_FALSE(edge(true, 204)); /* it was low between the two */
+    TEST_ASSERT_FALSE(edge(true, 204)); /* the falling edge between them was missed */
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
     TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 206 * MS, &reading));
     expect_reading(tl_gpio_input_advance(&input, 209 * MS, &reading), 1, 204 * MS);
-    TEST_ASSERT_FALSE(tl_gpio_input_newest(&input, true, 220 * MS, &reading)); /* nor is it known what was before */
+    TEST_ASSERT_FALSE(tl_gpio_input_newest(&input, true, 220 * MS, &reading)); /* the earlier level is unknown, too */
     expect_reading(tl_gpio_input_level(&input, true, 225 * MS, &reading), 1, 225 * MS);
 }
 

@@ -1,4 +1,4 @@
-/* Waits that double, on a clock of the test's own. */
+/* Waits that double after each failure. The test sets the clock. */
 #include <unity.h>
 
 #include "board/io/link.h"
@@ -7,7 +7,7 @@ void setUp(void) {}
 
 void tearDown(void) {}
 
-/* Not due a nanosecond before its end, and due at it. */
+/* Not due 1 ns before the end of the wait, and due at the end. */
 static void expect_wait(const tl_backoff *backoff, tl_time from, tl_time wait) {
     TEST_ASSERT_TRUE(tl_backoff_is_on(backoff));
     TEST_ASSERT_FALSE(tl_backoff_is_due(backoff, from));
@@ -29,11 +29,11 @@ static void test_waits_double_up_to_the_last(void) {
     for (size_t i = 0; i < sizeof WAITS_MS / sizeof WAITS_MS[0]; i++) {
         tl_backoff_fail(&backoff, now);
         expect_wait(&backoff, now, WAITS_MS[i] * (TL_SECOND / 1000));
-        now += 3 * TL_SECOND; /* later than was due */
+        now += 3 * TL_SECOND; /* after the end of the wait */
     }
 }
 
-/* A wait counts from the failure, not from the end of the wait before it. */
+/* A wait starts at the failure, not at the end of the previous wait. */
 static void test_a_failure_before_the_wait_is_over(void) {
     tl_backoff backoff = {.pause = 0};
     tl_backoff_fail(&backoff, 0);

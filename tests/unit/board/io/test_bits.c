@@ -1,4 +1,4 @@
-/* Bits to numbers and back, at the ends of what they can be. */
+/* Conversion between bits and numbers, at the limits of each length. */
 #include <float.h>
 #include <math.h>
 

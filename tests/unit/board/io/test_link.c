@@ -1,4 +1,4 @@
-/* Reports of a link, and their number. */
+/* Reports about a link, and their count. */
 #include <stdio.h>
 #include <string.h>
 
@@ -98,7 +98,7 @@ static void test_change_reports_nothing(void) {
     TEST_ASSERT_EQUAL_size_t(0, reports);
 }
 
-/* A path may be longer than all of it. */
+/* The device's path may be longer than the whole text. */
 static void test_a_long_text_is_cut(void) {
     char device[2 * TL_LINK_TEXT];
     tl_link link = {.state = TL_LINK_UP};

@@ -1,4 +1,4 @@
-/* Calls from the same thread and from another, answered and not; and the clock that waits are measured with. */
+/* Wake-ups from the same and from another thread, consumed or not; and the clock for waits. */
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
@@ -79,7 +79,7 @@ static void test_no_descriptor_is_left(void) {
     TEST_ASSERT_EQUAL_INT(-1, none.descriptor);
 }
 
-/* poll() waits by the same clock: so long at least has passed by it. */
+/* poll() uses the same clock, so at least the timeout has passed. */
 static void test_the_clock_goes_forward(void) {
     tl_time begun = tl_monotonic_now();
     TEST_ASSERT_FALSE(wait_for_a_call(20));

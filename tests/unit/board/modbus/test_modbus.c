@@ -687,7 +687,7 @@ static void test_a_hole_behind_the_beginning(void) {
     add_of(2, TL_MODBUS_HOLDING, 0, TL_MODBUS_UINT16);
     start_peer(silent);
     open_driver("127.0.0.1", other.port, 0.4);
-    tl_probe_poll(&probe); /* the next poll begins with unit 2 */
+    tl_probe_poll(&probe); /* the next poll starts with unit 2 */
     tl_probe_expect_link(&probe, false, "0.4 s");
     set_answer(has_a_hole);
     tl_probe_poll_until(&probe, 3, TL_GOOD);

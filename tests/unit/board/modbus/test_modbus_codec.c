@@ -1,7 +1,7 @@
 /* Modbus registers to values and back: every type, both orders, limits.
  *
- * The expected registers are written out by hand from the definition of each format, not computed by our code.
- */
+ * The expected registers are written by hand from the definition of each format, not computed by
+ * our code. */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -75,7 +75,7 @@ static void test_every_type_in_every_order(void) {
     }
 }
 
-/* So that the test above is known to tell the orders apart. */
+/* Otherwise the test above could not distinguish the orders. */
 static void test_the_four_orders_differ(void) {
     tl_modbus_channel channel = channel_of(TL_MODBUS_UINT32);
     const uint16_t registers[2] = {0x0102, 0x0304};

@@ -1,4 +1,5 @@
-/* Modbus requests: few, within the protocol's limits, and finer where a server wants them so. */
+/* Modbus requests: few, within the limits of the protocol, and smaller ones for servers that need
+ * them. */
 #include <string.h>
 
 #include <unity.h>
@@ -40,7 +41,7 @@ static void expect_read(size_t index, unsigned address, unsigned count, size_t s
     TEST_ASSERT_EQUAL_size_t(slots, map.reads[index].slots);
 }
 
-/* Each channel is in exactly one request, which holds all of it and keeps the limits. */
+/* Each channel is in exactly one request, as a whole. Requests are within the limits. */
 static void expect_sound(void) {
     size_t seen[512] = {0};
     size_t slot = 0;
@@ -84,7 +85,7 @@ static void test_neighbours_in_any_order_share_a_request(void) {
 static void test_gap_of_registers(void) {
     add(0, TL_MODBUS_INT32);
     add(2 + TL_MODBUS_GAP_REGISTERS, TL_MODBUS_INT16);
-    add(2 + TL_MODBUS_GAP_REGISTERS + 1 + TL_MODBUS_GAP_REGISTERS + 1, TL_MODBUS_INT16); /* one too many */
+    add(2 + TL_MODBUS_GAP_REGISTERS + 1 + TL_MODBUS_GAP_REGISTERS + 1, TL_MODBUS_INT16); /* one register too many */
     make();
     TEST_ASSERT_EQUAL_size_t(2, map.read_count);
     expect_read(0, 0, 3 + TL_MODBUS_GAP_REGISTERS, 2);
@@ -129,7 +130,7 @@ static void test_registers_are_limited(void) {
 
 static void test_a_value_is_never_spread(void) {
     for (unsigned i = 0; i < 40; i++) {
-        add(4 * i, TL_MODBUS_FLOAT64); /* 31 of them are 124 registers: the next would be cut */
+        add(4 * i, TL_MODBUS_FLOAT64); /* 31 values fill 124 registers: the next one would be cut */
     }
     make();
     TEST_ASSERT_EQUAL_size_t(2, map.read_count);
@@ -168,7 +169,7 @@ static void test_the_last_register(void) {
 }
 
 static void test_split_leaves_out_gaps_then_is_single(void) {
-    add_of(0, TL_MODBUS_HOLDING, 0, TL_MODBUS_INT16); /* before it and after it: not concerned */
+    add_of(0, TL_MODBUS_HOLDING, 0, TL_MODBUS_INT16); /* requests before and after the split one do not change */
     add(0, TL_MODBUS_INT16);
     add(1, TL_MODBUS_INT32);
     add(5, TL_MODBUS_INT16);
@@ -187,7 +188,7 @@ static void test_split_leaves_out_gaps_then_is_single(void) {
     expect_read(3, 5, 1, 1);
     expect_sound();
     for (size_t i = 0; i < map.read_count; i++) {
-        TEST_ASSERT_EQUAL_size_t(1, tl_modbus_map_split(&map, i)); /* nothing finer */
+        TEST_ASSERT_EQUAL_size_t(1, tl_modbus_map_split(&map, i)); /* cannot be split further */
     }
     TEST_ASSERT_EQUAL_size_t(5, map.read_count);
     tl_modbus_map_reset(&map);

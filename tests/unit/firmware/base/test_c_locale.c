@@ -1,4 +1,4 @@
-/* Numbers have a point in our threads, although the process has a locale with a decimal comma. */
+/* Our threads use a decimal point, although the process has a locale with a decimal comma. */
 #include <limits.h>
 #include <locale.h>
 #include <pthread.h>
@@ -39,7 +39,7 @@ static void expect_numbers(const char *text) {
     TEST_ASSERT_EQUAL_STRING("", end);
 }
 
-/* What an FMU makes of a thread, and how it is made good again. */
+/* An FMU may change the locale of its thread: tl_locale_use() restores ours. */
 static void test_a_thread_that_was_led_astray(void) {
     (void)uselocale(LC_GLOBAL_LOCALE);
     expect_numbers("1,5");
@@ -54,7 +54,7 @@ static void *write_number(void *context) {
     return NULL;
 }
 
-/* It says nothing about other threads, which is why each of ours calls it. */
+/* tl_locale_use() affects only the calling thread, so each of our threads calls it. */
 static void test_another_thread(void) {
     char written[16] = "";
     pthread_t thread;
@@ -64,7 +64,7 @@ static void test_another_thread(void) {
     TEST_ASSERT_EQUAL_STRING("1,5", written);
 }
 
-/* cJSON asks the locale for its point. */
+/* cJSON takes the decimal point from the locale. */
 static void test_json(void) {
     tl_locale_use();
     cJSON *number = cJSON_Parse("[-2.5e-3]");
@@ -83,7 +83,7 @@ static void on_link(void *context, const char *source, bool up, const char *text
     (void)text;
 }
 
-/* A source's thread reads a CSV file: deaf, all its cells would be no numbers. */
+/* With a decimal comma, the thread of a source could read no number of its CSV file. */
 static void test_a_live_source(void) {
     static const char *const columns[] = {"u"};
     static tl_sample_buffer_slot slots[1];

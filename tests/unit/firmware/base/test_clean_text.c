@@ -1,4 +1,4 @@
-/* What is left of a text that a stranger has written. */
+/* Escaping of untrusted text. */
 #include <string.h>
 
 #include <unity.h>
@@ -25,7 +25,7 @@ static void test_commands_are_shown(void) {
     expect("\\x1B[2J\\x07\\x0A\\x7F", "\x1B[2J\x07\n\x7F");
     expect("\\u{9B}31m", "\xC2\x9B"
                          "31m");
-    /* U+202E, U+FEFF, U+2028, U+E0041: not as a literal, which would turn the text of this file */
+    /* U+202E, U+FEFF, U+2028, U+E0041. As literals they would reverse or hide the source text. */
     static const char hidden[] = {'\xE2', '\x80', '\xAE', '\xEF', '\xBB', '\xBF', '\xE2',
                                   '\x80', '\xA8', '\xF3', '\xA0', '\x81', '\x81', '\0'};
     expect("\\u{202E}\\u{FEFF}\\u{2028}\\u{E0041}", hidden);
@@ -34,12 +34,12 @@ static void test_commands_are_shown(void) {
 static void test_what_is_no_character_is_shown(void) {
     expect("\\x9B2J\\xFF", "\x9B"
                            "2J\xFF");
-    expect("\\xE2\\x80", "\xE2\x80");          /* not whole */
+    expect("\\xE2\\x80", "\xE2\x80");          /* incomplete */
     expect("\\xC0\\xAF", "\xC0\xAF");          /* overlong */
     expect("\\xED\\xA0\\x80", "\xED\xA0\x80"); /* a surrogate */
 }
 
-/* Neither a character nor what stands for one is cut, whatever the room. */
+/* Neither a character nor an escape is cut, whatever the size of the buffer. */
 static void test_room(void) {
     static const char text[] = "a\xC2\xB5\x1B\xC2\x9B.";
     static const char whole[] = "a\xC2\xB5\\x1B\\u{9B}.";

@@ -1,4 +1,4 @@
-/* The bytes of a file: in pieces, more than there is room for, and with signals in between. */
+/* Reading a file in pieces, with too small a buffer, and with interrupting signals. */
 #include <errno.h>
 #include <pthread.h>
 #include <signal.h>
@@ -12,7 +12,7 @@
 
 static int ends[2];
 static char bytes[16];
-static pthread_t reader; /* who gets the signals */
+static pthread_t reader; /* receives the signals */
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, pipe(ends));

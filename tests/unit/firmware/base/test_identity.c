@@ -1,4 +1,4 @@
-/* Which files they are: the same by name and by descriptor, and what a text of another process can be. */
+/* Identity of files: equal by name and by descriptor. A digest from another process is checked. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
@@ -30,7 +30,7 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-/* Over their own digests, in this order. */
+/* The digest covers the digests of the files, in this order. */
 static void files_have_a_digest(void) {
     char text[TL_SHA256_TEXT];
     char right[TL_SHA256_TEXT];
@@ -43,7 +43,8 @@ static void files_have_a_digest(void) {
     TEST_ASSERT_TRUE(tl_identity_is_sound(text));
 }
 
-/* Of what was opened, whatever lies in its place since; and who reads it goes on where he was. */
+/* The digest is that of the open file, also after its name was replaced. The read position is
+ * kept. */
 static void open_files_have_the_same(void) {
     char text[TL_SHA256_TEXT];
     char right[TL_SHA256_TEXT];
@@ -65,7 +66,7 @@ static void open_files_have_the_same(void) {
     TEST_ASSERT_EQUAL_INT(0, close(descriptors[0]) + close(descriptors[1]));
 }
 
-/* Opened again it is the same file; one in its place, and one that was written, is another. */
+/* A reopened file has the same number. A replaced or changed file has another one. */
 static void open_files_have_a_number(void) {
     uint64_t numbers[3];
     for (int i = 0; i < 3; i++) {
@@ -95,7 +96,7 @@ static void one_that_cannot_be_read_makes_it_none(void) {
 static void what_is_no_digest(void) {
     char text[TL_SHA256_TEXT];
     memset(text, 'a', sizeof text);
-    TEST_ASSERT_FALSE(tl_identity_is_sound(text)); /* does not end */
+    TEST_ASSERT_FALSE(tl_identity_is_sound(text)); /* not terminated */
     text[TL_SHA256_TEXT - 1] = '\0';
     TEST_ASSERT_TRUE(tl_identity_is_sound(text));
     text[5] = 'A';

@@ -1,4 +1,4 @@
-/* A small object that is read back, whatever became of it meanwhile. */
+/* Reading a small object that may be damaged. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -34,7 +34,7 @@ static void test_members(void) {
     TEST_ASSERT_TRUE(reader.right);
 }
 
-/* No terminator is needed, and none is looked for. */
+/* The text needs no terminator. Bytes after it are not read. */
 static void test_bytes_behind_the_text(void) {
     static const char text[] = "{\"n\": 7}8]";
     reader = tl_json_reader_of(text, sizeof text - 3);
@@ -51,7 +51,7 @@ static void test_numbers_that_are_wrong(void) {
     }
 }
 
-/* One member that is not as it is asked for, and what is read in its place. */
+/* A member that is missing or invalid is read as a default. */
 static void test_members_that_are_wrong(void) {
     static const char *const texts[] = {"{}",          "{\"N\": 1}",  "{\"n\": null}",
                                         "{\"n\": {}}", "{\"n\": -1}", "{\"n\": 9e15}"};

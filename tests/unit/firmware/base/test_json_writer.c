@@ -1,4 +1,4 @@
-/* JSON as it is written: to the byte, and not at all if memory is out. */
+/* JSON output: exact bytes, or none if memory runs out. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,8 +15,8 @@ static tl_error error;
 
 /* ---- memory that runs out ---- */
 
-static long left; /* allocations until one is refused; below 0: none is */
-static long held; /* that were not freed */
+static long left; /* successful allocations before the one that fails; below 0: none fails */
+static long held; /* allocations that are not freed yet */
 
 static void *take(size_t size) {
     if (left == 0) {
@@ -118,7 +118,7 @@ static void test_numbers(void) {
                              printed);
 }
 
-/* Whichever allocation it is that fails: nothing is printed, not an object with a member less. */
+/* Whichever allocation fails: no output, and no object with a missing member. */
 static void test_no_memory(void) {
     tl_status status = TL_TRY_AGAIN;
     long refused = 0;

@@ -1,4 +1,4 @@
-/* A latest-value register: a reader gets one whole copy or none, whatever the writer does. */
+/* A latest-value register: a reader gets a complete copy or none, whatever the writer does. */
 #include <pthread.h>
 #include <stdint.h>
 #include <string.h>
@@ -54,7 +54,7 @@ static void test_a_writer_that_stopped_half_way(void) {
     int data = 0;
     latest.sequence = 1;
     TEST_ASSERT_FALSE(tl_latest_read(&latest, &data, sizeof data));
-    tl_latest_publish(&latest, &(int){7}, sizeof data); /* its successor */
+    tl_latest_publish(&latest, &(int){7}, sizeof data); /* the next writer */
     TEST_ASSERT_TRUE(tl_latest_read(&latest, &data, sizeof data));
     TEST_ASSERT_EQUAL_INT(7, data);
 }
@@ -62,7 +62,7 @@ static void test_a_writer_that_stopped_half_way(void) {
 /* ---- two threads ---- */
 
 typedef struct counted {
-    uint64_t numbers[40]; /* all the same */
+    uint64_t numbers[40]; /* all equal */
 } counted;
 
 static bool stop;

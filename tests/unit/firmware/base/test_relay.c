@@ -1,4 +1,4 @@
-/* The relay: what reaches a terminal of what an enemy prints. */
+/* The relay: untrusted output is escaped before it reaches a terminal. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -73,8 +73,8 @@ static void test_nasty_sequences(void) {
         const char *bytes;
         const char *shown;
     } cases[] = {
-        {"\x1B[2J\x1B]0;owned\x07", "\\x1B[2J\\x1B]0;owned\\x07"}, /* clears, renames a window */
-        {"\x1B[5n", "\\x1B[5n"},                                   /* answers into the keyboard's place */
+        {"\x1B[2J\x1B]0;owned\x07", "\\x1B[2J\\x1B]0;owned\\x07"}, /* clears the screen, sets the window title */
+        {"\x1B[5n", "\\x1B[5n"},                                   /* the terminal would answer as the keyboard */
         {"ok\rtwinlock: all is well", "ok\\x0Dtwinlock: all is well"},
         {"\x08\x7F\x0B\x0C\x1F", "\\x08\\x7F\\x0B\\x0C\\x1F"},
         {"\xC2\x9B"
@@ -82,7 +82,7 @@ static void test_nasty_sequences(void) {
          "\\u{9B}2J\\u{85}"},
         {"\x9B"
          "2J",
-         "\\x9B2J"}, /* C1 as one byte */
+         "\\x9B2J"}, /* a C1 control in one byte */
         {(const char[]){'\xE2', '\x80', '\xAA', '\xE2', '\x80', '\xAB', '\xE2', '\x80', '\xAC', '\xE2', '\x80', '\xAD',
                         '\xE2', '\x80', '\xAE', '\0'},
          "\\u{202A}\\u{202B}\\u{202C}\\u{202D}\\u{202E}"},
@@ -91,13 +91,13 @@ static void test_nasty_sequences(void) {
          "\\u{2066}\\u{2067}\\u{2068}\\u{2069}"},
         {"\xE2\x80\xA8\xE2\x80\xA9", "\\u{2028}\\u{2029}"},
         {"\xE2\x80\x8E\xE2\x80\x8F\xD8\x9C\xEF\xBB\xBF", "\\u{200E}\\u{200F}\\u{61C}\\u{FEFF}"},
-        {"\xF3\xA0\x81\x81", "\\u{E0041}"},           /* a tag, which nobody sees */
-        {"\xC0\x9B\xC1\xBF", "\\xC0\\x9B\\xC1\\xBF"}, /* too long for what they are: */
+        {"\xF3\xA0\x81\x81", "\\u{E0041}"},           /* an invisible tag */
+        {"\xC0\x9B\xC1\xBF", "\\xC0\\x9B\\xC1\\xBF"}, /* overlong: */
         {"\xE0\x80\x9B", "\\xE0\\x80\\x9B"},
         {"\xF0\x80\x80\x9B", "\\xF0\\x80\\x80\\x9B"},
         {"\xED\xA0\x80", "\\xED\\xA0\\x80"}, /* a surrogate */
         {"\xF4\x90\x80\x80\xF5\xFF", "\\xF4\\x90\\x80\\x80\\xF5\\xFF"},
-        {"\xE2\x82", "\\xE2\\x82"}, /* cut off */
+        {"\xE2\x82", "\\xE2\\x82"}, /* incomplete */
         {"\xE2\x1B[m", "\\xE2\\x1B[m"},
         {"\xF0\x9F\x98"
          "A",
@@ -121,7 +121,7 @@ static void test_a_nul_is_shown(void) {
     TEST_ASSERT_EQUAL_STRING("a\\x00b\n", passed);
 }
 
-/* Also where a character was cut. */
+/* The output may end inside a character. */
 static void test_a_line_waits_for_its_end(void) {
     print("one\ntw\xC3");
     TEST_ASSERT_TRUE(tl_relay_drain(&relay));
@@ -166,7 +166,7 @@ static void test_a_full_line_is_one(void) {
     print_bytes(full, sizeof full);
     TEST_ASSERT_TRUE(tl_relay_drain(&relay));
     TEST_ASSERT_EQUAL_size_t(1, lines);
-    memset(full, 1, TL_RELAY_LINE); /* as long as it can get */
+    memset(full, 1, TL_RELAY_LINE); /* the longest possible line */
     print_bytes(full, sizeof full);
     TEST_ASSERT_TRUE(tl_relay_drain(&relay));
     TEST_ASSERT_EQUAL_size_t(2, lines);
@@ -190,7 +190,7 @@ static void print_again(void *context, const char *line) {
     (void)!write(input, "more and more\n", 14);
 }
 
-/* Each line that is passed on makes another one. */
+/* Each forwarded line causes another one: drain() returns all the same. */
 static void test_who_never_stops_keeps_nobody(void) {
     relay.pass = print_again;
     print("more and more\n");

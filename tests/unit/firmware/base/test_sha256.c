@@ -1,4 +1,4 @@
-/* SHA-256 against the examples of FIPS 180-4, and around the sizes where padding takes one block more. */
+/* SHA-256: the examples of FIPS 180-4, and the sizes at which padding needs another block. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* What a side thread has of its starter: not its signal mask, not its scheduling. */
+/* A side thread does not inherit the signal mask and the scheduling of its creator. */
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -54,7 +54,7 @@ static void test_no_signals(void) {
     TEST_ASSERT_EQUAL_INT(0, sigismember(&after, SIGUSR1));
 }
 
-/* A starter of another policy: one that needs no rights. */
+/* The creator has another policy, which needs no rights. */
 static void test_ordinary_scheduling(void) {
     const struct sched_param none = {.sched_priority = 0};
     TEST_ASSERT_EQUAL_INT(0, pthread_setschedparam(pthread_self(), SCHED_BATCH, &none));

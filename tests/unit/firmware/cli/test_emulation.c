@@ -1,4 +1,5 @@
-/* An emulated plant: rows of a recording as they are; rows of FMUs with the noise and the times that were asked for. */
+/* An emulated plant: rows of a recording unchanged; rows of FMUs with the configured noise and
+ * times. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -89,7 +90,7 @@ static void test_rows_of_a_recording(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1, rows[0].values[1]);
     TEST_ASSERT_TRUE(rows[0].present[0] && rows[0].present[1] && rows[1].present[1] && rows[2].present[0]);
     TEST_ASSERT_FALSE(rows[1].present[0]); /* an empty cell */
-    TEST_ASSERT_FALSE(rows[2].present[1]); /* no number */
+    TEST_ASSERT_FALSE(rows[2].present[1]); /* not a number */
 }
 
 static void test_a_recording_that_goes_wrong_later(void) {
@@ -198,7 +199,7 @@ static void test_a_seed_is_a_plant(void) {
     TEST_ASSERT_TRUE(rows[0].values[0] != first[0].values[0]);
 }
 
-/* The same plant with noise and without: the difference is the noise, with the deviation that was asked for. */
+/* The same plant with and without noise: the difference has the configured deviation. */
 static void test_noise(void) {
     static double still[ROWS];
     double sum = 0.0;
@@ -223,7 +224,7 @@ static void test_noise(void) {
     TEST_ASSERT_DOUBLE_WITHIN(0.03, 0.3 * sqrt(2.0), sqrt(squares / (double)all));
 }
 
-/* A column from the plant's own signal is the row of the driving recording at that time. */
+/* A column from the plant's own signal has the value of the driving recording at that time. */
 static void test_signals_that_are_passed_on(void) {
     open_model("\"noise\": 0.02", "\"noise\": 0", 1);
     take_rows();

@@ -1,4 +1,4 @@
-/* Seeded noise: the published numbers of its generator, and the distributions it claims. */
+/* Seeded noise: the published numbers of its generator, and its distributions. */
 #include <math.h>
 #include <stdint.h>
 
@@ -12,7 +12,7 @@ void setUp(void) {}
 
 void tearDown(void) {}
 
-/* What SplitMix64 gives (Steele, Lea, Flood 2014; the reference implementation's output), as its upper 53 bits. */
+/* Upper 53 bits of SplitMix64 (Steele, Lea, Flood 2014; output of the reference implementation). */
 static void test_known_numbers(void) {
     static const uint64_t from_0[] = {UINT64_C(0xe220a8397b1dcdaf), UINT64_C(0x6e789e6aa1b965f4),
                                       UINT64_C(0x06c45d188009454f)};
@@ -65,7 +65,7 @@ static void test_normal(void) {
     TEST_ASSERT_DOUBLE_WITHIN(0.002, 0.9545, (double)within_2 / DRAWS);
 }
 
-/* One draw does not foretell the next. */
+/* Consecutive draws are not correlated. */
 static void test_draws_are_not_correlated(void) {
     tl_noise noise = {3};
     double sum = 0.0;

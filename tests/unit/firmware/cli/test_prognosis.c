@@ -1,4 +1,4 @@
-/* The prognosis: executions as the graph has them, and a time that was measured. */
+/* The prognosis: executions from the graph, and a measured time. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ static tl_prognosis prognosis;
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
     assembly = (tl_assembly){0};
-    memset(&prognosis, 0xA5, sizeof prognosis); /* make() starts anew */
+    memset(&prognosis, 0xA5, sizeof prognosis); /* make() must set every field */
 }
 
 void tearDown(void) {
@@ -36,7 +36,8 @@ static void make(const char *old, const char *new) {
     tl_prognosis_make(&assembly, &prognosis);
 }
 
-/* T_P = 3, dynamic: Γ of drive, motor and plant is 2, 3 and 2; another u reaches drive one step later, plant never. */
+/* T_P = 3, dynamic: Γ of drive, motor and plant is 2, 3 and 2. Another u reaches drive one step
+ * later, and the plant never. */
 static void test_executions(void) {
     make("\"horizon\": { \"prediction\": 1,", "\"horizon\": { \"prediction\": 3, \"shape\": \"dynamic\",");
     TEST_ASSERT_EQUAL_UINT64(3, prognosis.step);
@@ -54,7 +55,7 @@ static void test_executions_without_saving(void) {
     TEST_ASSERT_EQUAL_UINT64(3 + 60 * 3, prognosis.worst);
 }
 
-/* The plant costs nothing. */
+/* The plant takes no time. */
 static void test_time(void) {
     make("\"duration_s\": 14", "\"duration_s\": 100");
     TEST_ASSERT_EQUAL_size_t(1600, prognosis.steps);
@@ -62,12 +63,12 @@ static void test_time(void) {
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[0]);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[1]);
     TEST_ASSERT_EQUAL_INT64(0, prognosis.cost[2]);
-    /* the commit and the first evaluation of motor, 59 more of it, and the commit of drive */
+    /* commit and first evaluation of motor, 59 further ones, and commit of drive */
     TEST_ASSERT_EQUAL_INT64(prognosis.cost[0] + 61 * prognosis.cost[1], prognosis.worst_time);
     TEST_ASSERT_EQUAL_UINT32(60, prognosis.fitting);
 }
 
-/* 1400 steps; the late verification gets the rest. */
+/* The run has 1400 steps. The verification between ticks gets the time of the rest. */
 static void test_the_duration_bounds_the_steps(void) {
     make("\"duration_s\": 14", "\"duration_s\": 14");
     TEST_ASSERT_EQUAL_size_t(560, prognosis.steps);
@@ -83,7 +84,7 @@ static void test_a_budget_that_is_too_short(void) {
     TEST_ASSERT_LESS_THAN_UINT32(100000, prognosis.fitting);
 }
 
-/* Slow FMUs, long horizons and many evaluations are more than 64 bits of nanoseconds. */
+/* Slow FMUs, long horizons and many evaluations can exceed 64 bits of nanoseconds. */
 static void test_times_that_cannot_be_added_up(void) {
     TEST_ASSERT_EQUAL_INT64(7, tl_duration_sum(1, 2, 3));
     TEST_ASSERT_EQUAL_INT64(1, tl_duration_sum(1, 0, UINT64_MAX));

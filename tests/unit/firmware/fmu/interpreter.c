@@ -1,5 +1,5 @@
-/* A shared library in the place of Python's, for test_library.c: it has a version, a symbol that an FMU lacks, and something
- * to do when the loader ends it. */
+/* Stands for Python's shared library in test_library.c: it has a version, a symbol that an FMU
+ * lacks, and a destructor. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Names in shared libraries, as linkers let them share bytes. */
+/* Names in shared libraries. Linkers let names share bytes. */
 #include <elf.h>
 #include <link.h>
 #include <stdio.h>
@@ -21,9 +21,9 @@ void setUp(void) {}
 
 void tearDown(void) {}
 
-/* ---- Helpers ------------------------------------------------------------------------------------------- */
+/* ---- Helpers ---- */
 
-/* As what this machine loads. */
+/* The word size of this machine. */
 #define NATIVE .is_wide = sizeof(void *) == 8
 #define STRINGS(text) .strings = (text), .strings_size = sizeof(text)
 
@@ -32,7 +32,7 @@ static void open_made(const tl_elf_plan *plan) {
     TEST_ASSERT_TRUE(tl_elf_open(&file, bytes, size));
 }
 
-/* What it refers to, as "kind name" with spaces between. */
+/* Appends a reference as "kind name ". */
 static bool tell_reference(void *context, tl_elf_reference reference) {
     char *all = context;
     static const char kinds[] = {
@@ -56,7 +56,7 @@ static tl_elf_outcome rename_one(const char *from, const char *to) {
     return tl_elf_rename_libraries(&file, &rename, 1);
 }
 
-/* ---- What is read and renamed ---------------------------------------------------------------------------- */
+/* ---- Reading and renaming ---- */
 
 static void expect_all_of_it(tl_elf_plan plan) {
     plan.strings = "\0libtable.so\0libmain.so\0libc.so.6\0GLIBC_2.4\0$ORIGIN\0sin\0table_read\0TABLE_1";
@@ -74,7 +74,7 @@ static void expect_all_of_it(tl_elf_plan plan) {
     open_made(&plan);
     TEST_ASSERT_EQUAL_size_t(3, file.symbol_count);
     TEST_ASSERT_EQUAL_INT(plan.is_wide ? EM_AARCH64 : EM_ARM, file.machine);
-    /* The symbol that is nobody's has the empty name. */
+    /* The null symbol has an empty name. */
     expect_references(
         "s libmain.so n libtable.so n libc.so.6 o $ORIGIN v libtable.so o TABLE_1 v libmain.so o GLIBC_2.4 "
         "o  o sin o table_read ");
@@ -104,7 +104,7 @@ static void test_a_library_that_is_not_meant_stays(void) {
     TEST_ASSERT_EQUAL_MEMORY(before, bytes, sizeof before);
 }
 
-/* ---- Names that share bytes ------------------------------------------------------------------------------ */
+/* ---- Names that share bytes ---- */
 
 static void test_a_name_that_is_the_end_of_another_one(void) {
     tl_elf_plan plan = {NATIVE, STRINGS("\0mylibtable.so"), .needed = {"libtable.so", "mylibtable.so"}};
@@ -129,7 +129,7 @@ static void test_two_that_share_bytes_and_are_both_renamed(void) {
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, tl_elf_rename_libraries(&file, apart, 2));
 }
 
-/* Some linkers call the version of all symbols as the library (--default-symver). */
+/* With --default-symver, linkers name the version of all symbols after the library. */
 static void test_a_version_or_a_symbol_of_that_name(void) {
     tl_elf_plan version = {NATIVE, STRINGS("\0libtable.so"), .name = "libtable.so", .defined_base = "libtable.so",
                            .defined = "libtable.so"};
@@ -141,7 +141,7 @@ static void test_a_version_or_a_symbol_of_that_name(void) {
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, rename_one("libtable.so", "001table.so"));
 }
 
-/* ---- Symbols --------------------------------------------------------------------------------------------- */
+/* ---- Symbols ---- */
 
 static uint8_t info_of(size_t index) {
     return *tl_elf_symbol_at(&file, index).info;
@@ -175,15 +175,15 @@ static void test_who_opens_libraries(void) {
     tl_elf_plan opens = {NATIVE, STRINGS("\0dlopen"), .symbols = {{"dlopen", GLOBAL, false}}};
     open_made(&opens);
     TEST_ASSERT_TRUE(tl_elf_opens_libraries(&file));
-    opens.symbols[0].is_defined = true; /* one of its own */
+    opens.symbols[0].is_defined = true; /* its own dlopen() */
     open_made(&opens);
     TEST_ASSERT_FALSE(tl_elf_opens_libraries(&file));
 }
 
-/* ---- Real ones ------------------------------------------------------------------------------------------- */
+/* ---- Real libraries ---- */
 
 static void test_real_libraries(void) {
-    /* In a folder each if FMUs are made for several machines. */
+    /* FMUs for several machines are in one folder each. */
     static const char *const paths[] = {".", "linux64", "aarch64-linux", "aarch32-linux"};
     static uint8_t real[1 << 20];
     size_t seen = 0;
@@ -197,7 +197,7 @@ static void test_real_libraries(void) {
         size_t length = fread(real, 1, sizeof real, stream);
         (void)fclose(stream);
         if (!tl_elf_open(&file, real, length)) {
-            continue; /* for a machine of another width */
+            continue; /* for another word size */
         }
         TEST_ASSERT_GREATER_THAN_size_t(20, file.symbol_count); /* the functions of FMI */
         TEST_ASSERT_EQUAL_INT(TL_ELF_DONE, rename_one("libc.so.6", "001c.so.6"));
@@ -208,9 +208,9 @@ static void test_real_libraries(void) {
     TEST_ASSERT_GREATER_THAN_size_t(0, seen);
 }
 
-/* ---- Hostile ones ---------------------------------------------------------------------------------------- */
+/* ---- Hostile libraries ---- */
 
-/* Whatever a byte or a number is: nothing outside is touched (a sanitizer tells), and it comes to an end. */
+/* Any bytes: no access outside the file (a sanitizer checks that), and no endless loop. */
 static void try_everything(size_t length) {
     uint8_t *copy = malloc(length == 0 ? 1 : length);
     char all[512] = "";
@@ -272,7 +272,7 @@ static void test_what_is_no_library(void) {
     TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, 8));
 }
 
-/* Many symbols of one name that is as long as a file would take hours. */
+/* Reading a name of megabytes for each of many symbols would take hours. */
 static void test_names_that_are_read_too_often(void) {
     enum { HALF = 2 << 20, COUNT = 60000 };
     tl_elf_plan plan = {NATIVE, STRINGS("\0"), .has_old_hashes = true};
@@ -302,7 +302,7 @@ static void test_names_that_are_read_too_often(void) {
     }
     memset(large + HALF, 'x', HALF);
     TEST_ASSERT_FALSE(tl_elf_open(&file, large, (size_t)2 * HALF));
-    memset(large + symbols, 0xFF, (size_t)COUNT * sizeof(ElfW(Sym))); /* names that are nowhere cost nothing */
+    memset(large + symbols, 0xFF, (size_t)COUNT * sizeof(ElfW(Sym))); /* names outside of the table are not read */
     TEST_ASSERT_TRUE(tl_elf_open(&file, large, (size_t)2 * HALF));
     TEST_ASSERT_EQUAL_size_t(COUNT, file.symbol_count);
     free(large);

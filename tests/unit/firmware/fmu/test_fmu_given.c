@@ -1,4 +1,4 @@
-/* What an FMU was given last is kept with a state, and given again, of all types. */
+/* The last inputs of an FMU, of all types, are saved with a state and restored with it. */
 #include "firmware/fmu/fmu_guard.h"
 
 #include <stdlib.h>
@@ -115,14 +115,14 @@ static void test_each_state_has_its_own(void) {
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     TEST_ASSERT_EQUAL_MEMORY(later_integers, fmu.integers, sizeof later_integers);
     TEST_ASSERT_EQUAL_MEMORY(later_booleans, fmu.booleans, sizeof later_booleans);
-    tl_last_inputs_save(given, first); /* what it was given last now is what it was given again */
+    tl_last_inputs_save(given, first); /* the restored inputs are the last ones now */
     (void)tl_last_inputs_restore(given, first, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     free(first);
     free(second);
 }
 
-/* Of other variables, or that sets nothing. */
+/* Calls with other variables, and calls that set nothing, are not noted. */
 static void test_other_calls_say_nothing(void) {
     static const double other[] = {8.0, 9.0};
     tl_last_inputs_note(given, TL_PROLOGUE_SET_REAL, real_references, other);

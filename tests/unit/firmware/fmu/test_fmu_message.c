@@ -1,4 +1,4 @@
-/* Messages of FMUs: formatted as printf would, and no pointer of theirs is believed. */
+/* Messages of FMUs: formatted as by printf, with unchecked pointers from the FMU. */
 #include "firmware/fmu/fmu_logger.h"
 
 #include <errno.h>
@@ -23,7 +23,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* As an FMU calls the logger: nothing checks what it passes. */
+/* As an FMU calls the logger: no compiler checks the arguments. */
 static const char *format(const char *message, ...) {
     va_list arguments;
     va_start(arguments, message);
@@ -37,7 +37,7 @@ static const char *copy(const char *untrusted, size_t size) {
     return text;
 }
 
-/* Whatever is there. */
+/* A pointer to any address. */
 static const char *at(uintptr_t address) {
     const char *text_there = NULL;
     memcpy(&text_there, &address, sizeof text_there);
@@ -58,7 +58,7 @@ static void texts_that_are_nowhere_are_not_read(void) {
     TEST_ASSERT_EQUAL_STRING("(unr", copy(NOWHERE, 5));
 }
 
-/* A text without an end, up to memory that is not there. */
+/* A text without a terminator, before memory that cannot be read. */
 static void a_text_is_read_up_to_the_end_of_its_memory(void) {
     size_t page = (size_t)sysconf(_SC_PAGESIZE);
     char *memory = aligned_alloc(page, 2 * page);
@@ -94,7 +94,7 @@ static void conversions_are_those_of_printf(void) {
     TEST_ASSERT_EQUAL_STRING("[  ab| 1.50|ab   |a]",
                              format("[%*s|%*.*f|%*s|%.*s]", 4, "ab", 5, 2, 1.5, -5, "ab", 1, "ab"));
     TEST_ASSERT_EQUAL_STRING("5 x 1.500000",
-                             format("%.*d %s %.*f", -1, 5, "x", -3, 1.5)); /* a negative precision is none */
+                             format("%.*d %s %.*f", -1, 5, "x", -3, 1.5)); /* a negative precision is ignored */
     TEST_ASSERT_EQUAL_STRING("1099511627776 1099511627776", format("%qd %Ld", 1LL << 40, 1LL << 40));
     errno = ENOENT;
     (void)snprintf(expected, sizeof expected, "open: %s", strerror(ENOENT));
@@ -102,7 +102,7 @@ static void conversions_are_those_of_printf(void) {
     TEST_ASSERT_EQUAL_INT(ENOENT, errno);
 }
 
-/* Whatever lies where arguments would be: the test is that the process is still there. */
+/* Missing arguments: the process must not crash. */
 static void arguments_that_are_not_there_do_no_harm(void) {
     (void)format("%s");
     (void)format("%s %s %s %s %s %s %s %s %s %s %s %s %s %s %s %s");

@@ -1,5 +1,5 @@
-/* The thread of the FMUs: one for all jobs, with the stack that it promises, woken from its sleeps, and with a priority of its own
- * for as long as it is wanted. */
+/* The FMU thread: one thread for all jobs, its stack size, wake-ups from sleeps, and its priority
+ * while requested. */
 #include "firmware/fmu/fmu_thread.h"
 
 #include <pthread.h>
@@ -73,7 +73,7 @@ static void note_mask(void *context) {
     (void)pthread_sigmask(SIG_SETMASK, NULL, context);
 }
 
-/* What an FMU starts would inherit it. */
+/* An FMU's threads and processes would inherit a blocked signal. */
 static void no_signal_is_blocked_in_it(void) {
     sigset_t mask;
     tl_fmu_thread_call(thread, note_mask, &mask);

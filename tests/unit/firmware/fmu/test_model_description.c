@@ -487,7 +487,8 @@ static void test_names_given_twice(void) {
                5, "type|\"T\"|line 4");
 }
 
-/* Equal ones are dropped; of different ones, none can be used. The order stays that of the document. */
+/* Equal variables are dropped. Different ones of one name cannot be used. The order of the
+ * document is kept. */
 static void test_variables_declared_twice(void) {
     expect_ok(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>"
                              "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>"
@@ -563,9 +564,7 @@ static void test_files(void) {
     TL_EXPECT_PARTS("box.fmu|modelDescription.xml|file", error.text);
 }
 
-/* Each prefix of a good document is rejected. A document with one changed byte is accepted or
- * rejected. */
-/* It is read in parts, and its text is not kept. */
+/* The file is read in parts, and its text is not kept. */
 static void test_a_large_file(void) {
     enum { SIZE = 65 * 1024 * 1024, PART = 1000 };
     tl_scratch scratch;
@@ -585,6 +584,8 @@ static void test_a_large_file(void) {
     tl_scratch_remove(&scratch);
 }
 
+/* Each prefix of a good document is rejected. A document with one changed byte is accepted or
+ * rejected. */
 static void test_damaged_documents(void) {
     char xml[1024];
     (void)snprintf(xml, sizeof xml,

@@ -1,5 +1,5 @@
-/* What a twin takes at its start: the blocks of the run, above all the mail. The supervisor is played: blocks are put where a process
- * finds them. */
+/* The blocks that a twin takes over at its start, above all the sample buffers. The test plays the
+ * supervisor: it puts the blocks where a process expects them. */
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,7 +28,7 @@ static tl_live_job job;
 static tl_block sample_memory;
 static tl_error error;
 
-/* So that no block is made at one of their numbers. */
+/* So that a new block does not get one of their descriptor numbers. */
 static void occupy_numbers(void) {
     while (open("/dev/null", O_RDONLY | O_CLOEXEC) < TL_ROLE_DESCRIPTORS) {
     }
@@ -44,7 +44,7 @@ void setUp(void) {
     error.text[0] = '\0';
 }
 
-/* All that was taken goes with the process; of a test, here. */
+/* The blocks live as long as a process. Here they are closed after each test. */
 void tearDown(void) {
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&blocks[i]);
@@ -60,7 +60,7 @@ static void read_config(const char *text, tl_test_verdict *verdict) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, verdict->status, verdict->problems[0].text);
 }
 
-/* The run has the base, the shadow an edited one. */
+/* The run has the base configuration, the shadow an edited one. */
 static void edit(const char *old, const char *new) {
     char *text = tl_test_replaced(base, old, new);
     TEST_ASSERT_NOT_NULL(text);
@@ -103,7 +103,7 @@ static tl_status take(void) {
     return status == TL_OK ? tl_live_input_open(&own.config, &blocks[TL_LIVE_SAMPLES], &input, &error) : status;
 }
 
-/* As io would. */
+/* As the I/O process does. */
 static void post(tl_block *block, const tl_config *config, size_t signal, double value) {
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_sample_buffers_shape shape;
@@ -129,7 +129,7 @@ static void test_the_plant_of_the_run(void) {
     expect(W, 1.0, TL_GOOD);
 }
 
-/* It has a second look-up of a signal: that reads the same mail. */
+/* The shadow has a second lookup of a signal, which reads the same sample buffer. */
 static void test_other_look_ups_than_the_run(void) {
     edit("\"compare\": {\"motor.omega\": {\"to\": \"plant.w\"}}",
          "\"connect\": [[\"plant.w\", \"motor.u\"]], \"synchronise\": {\"adjust\": {\"motor.k\": {\"step\": 1}},"

@@ -1,4 +1,4 @@
-/* A shadow's wish for recorded samples, as the recorder answers it. */
+/* A shadow requests recorded samples, and the recorder answers. */
 #include <string.h>
 
 #include <unity.h>
@@ -66,7 +66,7 @@ static void test_one_wish_after_the_other(void) {
     TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
 }
 
-/* It is answered once. */
+/* Each request is answered once. */
 static void test_a_wish_that_was_answered(void) {
     live_request(1, 40);
     tl_live_samples_answer(&wishes, run.path);
@@ -75,7 +75,7 @@ static void test_a_wish_that_was_answered(void) {
     TEST_ASSERT_EQUAL_UINT64(1, answer.size);
 }
 
-/* The memory is the machine's again, and whoever has begun gets no more. */
+/* After the shadow has begun, the memory is freed and further requests are ignored. */
 static void test_nobody_wants_any_more(void) {
     live_request(1, 40);
     tl_live_samples_answer(&wishes, run.path);

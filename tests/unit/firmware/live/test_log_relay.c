@@ -33,7 +33,7 @@ static void test_a_line_ends_with_the_process_that_printed_it(void) {
     expect("twinlock: warning: first\ntwinlock: error: half of a li\ntwinlock: warning: second\n");
 }
 
-/* Each process says the same: the first two are logged, further ones are counted. */
+/* All processes print the same line: the first two are logged, further ones are counted. */
 static void test_repeats_of_later_processes_are_counted(void) {
     for (int i = 0; i < 5; i++) {
         print(tl_log_relay_pipe(&relay, 0), "<4>the same\n");

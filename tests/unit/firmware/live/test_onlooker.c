@@ -1,4 +1,4 @@
-/* Somebody who looks at a process: it is stopped, traced, and neither. */
+/* Detection of a process that is stopped or traced. */
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/ptrace.h>
@@ -36,7 +36,7 @@ static void test_one_that_is_stopped(void) {
     TEST_ASSERT_FALSE(tl_process_is_stopped(process));
 }
 
-/* It goes on under the eyes of its tracer. */
+/* A traced process may continue to run. */
 static void test_one_that_is_traced(void) {
     if (ptrace(PTRACE_SEIZE, process, NULL, NULL) != 0) {
         TEST_IGNORE_MESSAGE("nobody may trace here");

@@ -1,4 +1,5 @@
-/* The reaper: the dead go, whoever asks does not wait, and the thread that waits has no real-time priority. */
+/* The reaper: dead processes are reaped, callers do not wait, and its thread has no real-time
+ * priority. */
 #include <dirent.h>
 #include <errno.h>
 #include <sched.h>
@@ -54,14 +55,14 @@ static void the_dead_go(void) {
         pid_t child = make_child();
         TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
         TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)child, &info, WEXITED | WNOWAIT));
-        TEST_ASSERT_EQUAL_INT(0, kill(child, 0)); /* still there */
+        TEST_ASSERT_EQUAL_INT(0, kill(child, 0)); /* not reaped yet */
         tl_reaper_start(&reaper, child);
         wait_for_rest();
         expect_gone(child);
     }
 }
 
-/* One that is not dead yet takes as long as it likes. */
+/* The process is still alive: the caller does not wait for its end. */
 static void nobody_waits_for_it(void) {
     pid_t child = make_child();
     tl_reaper_start(&reaper, child);
@@ -72,7 +73,7 @@ static void nobody_waits_for_it(void) {
     expect_gone(child);
 }
 
-/* The process' other thread. */
+/* The other thread of this process. */
 static pid_t other_thread(void) {
     pid_t found = 0;
     DIR *folder = opendir("/proc/self/task");

@@ -191,7 +191,7 @@ static void record_more(void) {
     }
 }
 
-/* It also takes what was recorded in the meantime. */
+/* It also takes samples that were recorded in the meantime. */
 static void test_until_it_is_near(void) {
     int64_t next = 0;
     need_real_time();

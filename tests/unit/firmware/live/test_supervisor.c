@@ -107,7 +107,8 @@ static void test_a_crash_where_children_are_ignored(void) {
     TL_EXPECT_PARTS(CRASH, stage->reason[1]);
 }
 
-/* The next child may clean up after the dead one, whose process number must be free. */
+/* The next child may clean up after the dead one. So the process number of the dead one must be
+ * free. */
 static void test_the_dead_are_reaped(void) {
     unsigned before = tl_stage_processes_of(getpid());
     tl_stage_expect_code("kkk0", 0);

@@ -1,4 +1,5 @@
-/* The supervisor and a service manager that has no turn: nobody waits for it, and what it is to know is told until it is heard. */
+/* The supervisor and a service manager that does not read: the supervisor does not wait, and
+ * repeats its notifications. */
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,7 +27,7 @@ void tearDown(void) {
 
 static char notify_path[64];
 
-/* A socket that holds nothing more, and that nobody reads. */
+/* Returns a full socket that is not read. */
 static int fill_notify_socket(void) {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     (void)snprintf(notify_path, sizeof notify_path, "/tmp/twinlock-notify-%d", (int)getpid());
@@ -42,7 +43,7 @@ static int fill_notify_socket(void) {
     return socket_;
 }
 
-/* It may be the hanging child that keeps it from having one. */
+/* The hanging child may take all of the service manager's processor time. */
 static void test_nobody_waits_for_the_service_manager(void) {
     int socket_ = fill_notify_socket();
     tl_stage_expect_code("h0", 0);
@@ -63,7 +64,7 @@ static bool hears(int socket_, const char *wanted) {
     return false;
 }
 
-/* A service that is never ready is ended by systemd. */
+/* systemd ends a service that never reports READY. */
 static void test_ready_is_told_until_it_is_heard(void) {
     int socket_ = fill_notify_socket();
     (void)setenv("WATCHDOG_USEC", "100000000", 1);
@@ -92,7 +93,8 @@ static void order_a_config_manager(bool ends, tl_orders *orders) {
     orders->config_manager = true;
 }
 
-/* The twin has ended in order, and a config manager that is deaf lives for 2 s more: a watchdog with a shorter timeout must not reset the box. */
+/* The twin has ended in order, and a deaf config manager lives for 2 s more. A shorter watchdog
+ * timeout must not reset the box. */
 static void test_strokes_go_on_until_all_have_ended(void) {
     int socket_ = fill_notify_socket();
     (void)setenv("WATCHDOG_USEC", "400000", 1);
@@ -107,7 +109,7 @@ static void test_strokes_go_on_until_all_have_ended(void) {
         }
         (void)kill(self, SIGTERM);
         heard = heard && hears(socket_, "STOPPING=1");
-        for (int i = 0; i < 8; i++) { /* 20 strokes are due in 2 s */
+        for (int i = 0; i < 8; i++) { /* 20 keepalives are due in 2 s */
             heard = heard && hears(socket_, "WATCHDOG=1");
         }
         _exit(heard ? 0 : 1);

@@ -1,4 +1,5 @@
-/* How long a variable has been at a bound: told once, over at less, and nothing of a minute that is not over. */
+/* Time of a variable at a bound: reported once, ended at a lower share, and not judged before a
+ * whole minute. */
 #include <string.h>
 
 #include <unity.h>
@@ -19,7 +20,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* In steps of 0.1 s, of ten `there`. */
+/* Steps of 0.1 s; `there` of ten are at the bound. */
 static void pass(int seconds, int there) {
     for (int i = 0; i < 10 * seconds; i++) {
         tl_bound_stay_step(&stay, now, i % 10 < there);
@@ -50,7 +51,7 @@ static void test_half_is_not_most(void) {
     TEST_ASSERT_EQUAL_INT(0, reached);
 }
 
-/* It begins anywhere, and a minute is a minute. */
+/* A run that starts at a late time still needs a whole minute. */
 static void test_a_run_that_goes_on(void) {
     now = 1000000 * TL_SECOND;
     pass(54, 10);
@@ -59,7 +60,7 @@ static void test_a_run_that_goes_on(void) {
     TEST_ASSERT_EQUAL_INT(1, reached);
 }
 
-/* An hour without a step: what was before counts no more. */
+/* After an hour without steps, earlier steps do not count. */
 static void test_a_gap(void) {
     pass(120, 10);
     now += 3600 * TL_SECOND;

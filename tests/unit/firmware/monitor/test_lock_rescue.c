@@ -1,4 +1,4 @@
-/* Bringing back a twin that is lost: when, how often, and what is left alone. */
+/* Recovery of a lost twin: when and how often it is reset, and which outputs count. */
 #include <math.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ static tl_config config;
 static tl_account account;
 static tl_recovery recovery;
 static tl_record record;
-static int64_t resets[32]; /* before these steps */
+static int64_t resets[32]; /* steps before which a reset was due */
 static int count;
 
 void setUp(void) {
@@ -35,7 +35,8 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* Steps that are so many tolerances off, to one side and the other in turns. The twin begins anew when it shall. */
+/* Steps with an error of so many tolerances, of alternating sign. The twin is reset when that is
+ * due. */
 static void run(double away, int steps) {
     for (int i = 0; i < steps; i++) {
         const tl_lock_change *change = NULL;
@@ -55,7 +56,7 @@ static void test_a_twin_in_lock_is_left_alone(void) {
     TEST_ASSERT_EQUAL_INT(0, count);
 }
 
-/* Out of tolerance is not astray: a model that is not quite right would begin anew for ever. */
+/* Out of tolerance is not astray: a slightly wrong model must not be reset again and again. */
 static void test_a_twin_that_is_a_little_off_is_left_alone(void) {
     run(4.9, 100 * WINDOW);
     TEST_ASSERT_EQUAL_INT(0, count);
@@ -70,7 +71,7 @@ static void test_a_twin_that_is_astray_begins_anew(void) {
     TEST_ASSERT_EQUAL_INT(1, count);
 }
 
-/* Each time it did not help, the pause is twice as long, up to ten minutes. */
+/* After each reset without success, the pause doubles, up to ten minutes. */
 static void test_ever_more_seldom(void) {
     run(1000, 100000);
     TEST_ASSERT_GREATER_THAN_INT(5, count);
@@ -84,7 +85,7 @@ static void test_ever_more_seldom(void) {
     TEST_ASSERT_INT_WITHIN(1, before + 2, count);
 }
 
-/* In lock for some time it is as good as any, and is not kept waiting. */
+/* After some time in lock, the next reset does not wait. */
 static void test_what_is_forgiven(void) {
     run(1000, 10000);
     int before = count;
@@ -102,14 +103,14 @@ static void test_strokes_are_left_alone(void) {
     TEST_ASSERT_EQUAL_INT(0, count);
 }
 
-/* Steps with these outputs not finite. */
+/* These outputs are not finite in the steps. */
 static void bad(uint64_t outputs, int steps) {
     record.bad_outputs = outputs;
     run(outputs == 0 ? 0.5 : (double)NAN, steps);
     record.bad_outputs = 0;
 }
 
-/* After 10, 20, 40 … in a row, until it was well for 100. */
+/* A reset after 10, 20, 40 … bad steps in a row; from 10 again after 100 good ones. */
 static void test_outputs_that_are_not_finite(void) {
     static const int64_t expected[] = {10, 30, 70, 150};
     bad(1, 200);
@@ -125,7 +126,8 @@ static void test_outputs_that_are_not_finite(void) {
     TEST_ASSERT_EQUAL_INT(5, count);
 }
 
-/* A free twin and one with strokes, too; not because of what is only compared, nor in steps of an earlier run. */
+/* Bad outputs also count for a free twin and with strokes. Outputs of weight 0, and steps of an
+ * earlier run, do not count. */
 static void test_which_outputs_count(void) {
     config.event.start.signal = "plant.valve";
     tl_recovery_init(&recovery, &config, &account);

@@ -1,4 +1,5 @@
-/* The noise of readings, told by these alone: white noise on all kinds of motion, at uneven stamps, with bad readings; and what cannot be told. */
+/* Noise estimated from readings alone: white noise on several motions, uneven stamps and bad
+ * readings; and too few readings. */
 #include <float.h>
 #include <math.h>
 
@@ -39,7 +40,7 @@ static double steps(double time) {
     return fmod(time, 2.0) < 1.0 ? 0.0 : 50.0;
 }
 
-/* The next one, 25 to 40 ms later. */
+/* The next reading, 25 to 40 ms later. */
 static double next(double (*motion)(double time)) {
     now += (tl_time)((0.025 + 0.015 * tl_noise_uniform(&noise)) * (double)TL_SECOND);
     return motion(tl_seconds(now)) + SIGMA * tl_noise_normal(&noise);
@@ -71,7 +72,7 @@ static void test_what_stands_still(void) {
     TEST_ASSERT_EQUAL_UINT64(2000, meter.readings);
 }
 
-/* By two neighbours a sine of 3 Hz looks like five times the noise. */
+/* The difference of two neighbours takes a sine of 3 Hz for five times the noise. */
 static void test_what_moves(void) {
     measure(sine, 2000);
     expect_noise(SIGMA);
@@ -91,7 +92,7 @@ static void test_what_moves_too_fast_is_not_told(void) {
     TEST_ASSERT_FALSE(tl_noise_exceeds(&found, 1e-9));
 }
 
-/* Two in a row, too. What the first ones are is not known before there is a scale. */
+/* Also two outliers in a row. The first readings only give the scale. */
 static void test_outliers(void) {
     uint64_t made = 0;
     measure(sine, 200);
@@ -117,7 +118,7 @@ static void test_outliers_of_the_second_look(void) {
     TEST_ASSERT_EQUAL_size_t(1, outliers);
 }
 
-/* Readings a microsecond apart, and gaps of a second between: each is weighed by its own stamp. */
+/* Intervals of 1 µs and gaps of 1 s: each reading is weighted by its own stamp. */
 static void test_very_uneven_stamps(void) {
     for (int i = 0; i < 3000; i++) {
         now += i % 3 == 0 ? TL_SECOND / 1000000 : i % 100 == 1 ? TL_SECOND : TL_SECOND / 50;
@@ -149,7 +150,7 @@ static void test_too_few(void) {
     TEST_ASSERT_TRUE(found.is_enough);
 }
 
-/* They are passed over, as if they had not come. */
+/* Invalid readings are skipped. */
 static void test_what_is_no_reading(void) {
     bool is_outlier = true;
     measure(rest, 500);
@@ -171,7 +172,7 @@ static void test_stamps_before_everything(void) {
     expect_noise(SIGMA);
 }
 
-/* Nothing but numbers comes of numbers that are too large for a difference, or too small for a bin. */
+/* Values too large for a difference, or too small for a bin, give finite estimates. */
 static void test_huge_and_tiny(void) {
     for (int i = 0; i < 500; i++) {
         now += TL_SECOND / 100;
@@ -195,7 +196,7 @@ static void test_huge_and_tiny(void) {
     expect_noise(1e12);
 }
 
-/* By the last ones, as the noise may change. */
+/* Only the last readings count, because the noise may change. */
 static void test_it_forgets(void) {
     tl_noise_meter_init(&meter, 1000);
     measure(rest, 5000);

@@ -1,4 +1,5 @@
-/* The noise of what is matched against its tolerance: told once, over once, and by readings that are new, good and as they came. */
+/* Noise of matched signals against their tolerance: reported once, ended once. Only new, good,
+ * unconditioned readings count. */
 #include <string.h>
 
 #include <unity.h>
@@ -15,7 +16,7 @@ static tl_noise_watch watch;
 static tl_sample sample;
 static tl_noise noise;
 static int large, small;
-static double sigma; /* of the last turn */
+static double sigma; /* from the last change */
 
 void setUp(void) {
     memset(&sample, 0, sizeof sample);
@@ -44,7 +45,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* A reading each tick with this noise; what is matched lies on its line. */
+/* A reading each tick with this noise. The matched signal is on the line between its readings. */
 static void pass(int ticks, double deviation) {
     for (int i = 0; i < ticks; i++) {
         sample.tick++;
@@ -83,7 +84,7 @@ static void test_a_tolerance_of_less_is_told_once(void) {
     expect_turns(1, 0);
 }
 
-/* The noise became less, or the tolerance more. */
+/* The noise decreases, or the tolerance increases. */
 static void test_it_is_over(void) {
     pass(1000, 0.6);
     pass(20000, 0.1);
@@ -95,7 +96,7 @@ static void test_it_is_over(void) {
     expect_turns(2, 2);
 }
 
-/* A reading that stands is no new one, one that was rejected or is old none at all. */
+/* Repeated, rejected and stale readings do not count. */
 static void test_which_readings_count(void) {
     for (int i = 0; i < 5000; i++) {
         pass(1, 0.6);
@@ -114,7 +115,7 @@ static void test_polls_of_one_value_tell_nothing(void) {
     }
 }
 
-/* Where nothing is synchronised, a stroke is searched, a signal is no Real, or there was no room for its readings. */
+/* Not judged: no synchronisation, strokes, no reading signal, or a signal that is not Real. */
 static void test_what_is_not_judged(void) {
     config.synchronise = false;
     tl_noise_watch_init(&watch, &config);

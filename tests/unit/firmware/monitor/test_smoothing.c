@@ -1,4 +1,5 @@
-/* What a low-pass leaves of noise and takes of motion, as readings tell themselves: held against what is true. */
+/* Error of a low-pass, by noise and by delayed motion: the estimate from readings against the true
+ * error. */
 #include <math.h>
 
 #include <unity.h>
@@ -15,7 +16,7 @@ static double truth[COUNT];
 void setUp(void) {}
 void tearDown(void) {}
 
-/* Each 25 to 40 ms. */
+/* Readings each 25 to 40 ms. */
 static void make(double amplitude, double hertz, double sigma) {
     tl_noise noise = {.state = 5};
     tl_time now = 0;
@@ -26,7 +27,7 @@ static void make(double amplitude, double hertz, double sigma) {
     }
 }
 
-/* What the plant's own low-pass is truly off, τ later. */
+/* The true error of the conditioner's low-pass, compared τ later. */
 static double true_error(tl_time low_pass) {
     const tl_condition condition = {.low_pass = low_pass};
     static tl_conditioned out[COUNT];
@@ -70,7 +71,7 @@ static void test_of_noise_alone(void) {
     }
 }
 
-/* A long one flattens it, and is worse than none. */
+/* A long low-pass flattens the signal and is worse than none. */
 static void test_of_what_moves(void) {
     make(8.0, 1.0, 0.3);
     expect_true(TL_SECOND / 100, 0.15);
@@ -87,7 +88,7 @@ static void test_too_few(void) {
     }
 }
 
-/* Beyond all readings there is nothing to hold it against. */
+/* A low-pass longer than all readings cannot be compared with them. */
 static void test_longer_than_all(void) {
     make(0.0, 1.0, 0.3);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, tl_smoothing_error(points, COUNT, 0.5, 1000 * TL_SECOND));

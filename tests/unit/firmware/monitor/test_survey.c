@@ -1,4 +1,4 @@
-/* A recording, looked through: times, noise, outliers, polls, steps of counting, and what is left out. */
+/* Survey of a recording: times, noise, outliers, polls, quantisation, and readings left out. */
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -83,7 +83,7 @@ static void test_times_and_noise(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, now - 50.02, tl_seconds(survey.length));
 }
 
-/* At the very first ones and the last, too. */
+/* Also among the first and the last readings. */
 static void test_outliers(void) {
     tl_noise noise = {.state = 2};
     for (int i = 0; i < 2000; i++) {
@@ -97,7 +97,7 @@ static void test_outliers(void) {
     TEST_ASSERT_TRUE(omega->is_at_rest && omega->jump < 1.0);
 }
 
-/* Neither what is no number nor what is out of range is a reading. */
+/* A value that is not a number or out of range is no good reading. */
 static void test_bad_readings(void) {
     for (int i = 0; i < 10; i++) {
         put(0.02, i == 4 ? (double)NAN : i == 5 ? 1000.0 : i, 0);
@@ -109,7 +109,7 @@ static void test_bad_readings(void) {
     TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND / 50, omega->worst);
 }
 
-/* The noise is that of the changes. */
+/* The noise is estimated from changed values only. */
 static void test_polls(void) {
     tl_noise noise = {.state = 3};
     double value = 0.0;
@@ -125,7 +125,7 @@ static void test_polls(void) {
     TEST_ASSERT_DOUBLE_WITHIN(0.015, 0.1, omega->sigma);
 }
 
-/* What is counted in steps that are larger than its noise repeats, too, and is not polled for that. */
+/* Values quantised more coarsely than their noise repeat too, but do not count as polled. */
 static void test_steps_of_counting(void) {
     tl_noise noise = {.state = 4};
     for (int i = 0; i < 3000; i++) {
@@ -154,7 +154,7 @@ static void test_nothing_good_at_all(void) {
     TEST_ASSERT_EQUAL_INT64(0, omega->median);
 }
 
-/* The first ones; a signal that has no room any more is not read on. */
+/* The first readings are kept. A signal without room for more is not read on. */
 static void test_very_many(void) {
     for (int i = 0; i < TL_SURVEY_MOST + 10; i++) {
         put(0.001, i % 7, 0);

@@ -1,4 +1,5 @@
-/* Conditioning of readings: gate, median, low-pass, what is not good, gaps; and that what comes out belongs to its stamp. */
+/* Conditioning of readings: gate, median, low-pass, bad readings and gaps; and the stamps of the
+ * results. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -25,7 +26,7 @@ static void create(tl_condition condition) {
     now = 0;
 }
 
-/* The next reading, so much later; how many came out. */
+/* Adds a reading that comes `wait` later. Returns the number of results. */
 static size_t take_after(tl_time wait, double value, tl_quality quality) {
     now += wait;
     const tl_reading reading = {.value = value, .stamp = now, .quality = quality};
@@ -44,7 +45,7 @@ static void expect_one(size_t count, double value, tl_time stamp) {
     TEST_ASSERT_FALSE(is_rejected);
 }
 
-/* Under the stamp of the newest reading. */
+/* The result has the stamp of the newest reading. */
 static void expect_here(size_t count, double value) {
     expect_one(count, value, now);
 }
@@ -54,7 +55,7 @@ static void expect_rejected(double value) {
     TEST_ASSERT_TRUE(is_rejected);
 }
 
-/* ---- nothing is done where nothing is asked for ---- */
+/* ---- without a condition ---- */
 
 static void what_is_asked_for_is_needed(void) {
     TEST_ASSERT_FALSE(tl_condition_is_needed(&(tl_condition){0}));
@@ -74,7 +75,7 @@ static void without_conditioning_every_bit_passes(void) {
 
 /* ---- median ---- */
 
-/* Until all have come, of as many as there are if that is odd. */
+/* Until the window is full, the median uses as many readings as there are if that is odd. */
 static void a_median_belongs_to_the_reading_in_its_middle(void) {
     create((tl_condition){.median = 5});
     expect_one(take(3), 3, 10 * MS);
@@ -88,7 +89,7 @@ static void a_median_belongs_to_the_reading_in_its_middle(void) {
     expect_one(take(-7), -5, 70 * MS);
 }
 
-/* Of a sequence, by sorting each window. */
+/* Compares with a sorted copy of each window. */
 static void the_median_is_that_of_its_window(void) {
     static double values[1000];
     uint32_t seed = 5;
@@ -116,13 +117,14 @@ static void the_median_is_that_of_its_window(void) {
 
 static const tl_time TAU = 30 * TL_SECOND / 1000;
 
-/* What comes out of it in the middle between what came out before and this, and at this. */
+/* The smoothed value halfway between the previous result and the present one. */
 static double smooth_in_the_middle(const tl_conditioned *before) {
     tl_time middle = before->reading.stamp + (out[0].reading.stamp - before->reading.stamp) / 2;
     return tl_conditioner_between(TAU, before, &out[0].reading, middle);
 }
 
-/* Messages come when they like: what moves evenly comes out τ later, at and between them, once its beginning is forgotten. */
+/* With readings at uneven times, a ramp comes out τ later once the start is forgotten, also
+ * between readings. */
 static void a_low_pass_lags_a_ramp_by_its_time_constant(void) {
     uint32_t seed = 3;
     tl_conditioned before = {.smooth = 0};
@@ -139,7 +141,7 @@ static void a_low_pass_lags_a_ramp_by_its_time_constant(void) {
     }
 }
 
-/* It is the solution of τ dy/dt = x − y: as if readings of the line had come a thousand times as often. */
+/* The solution of τ dy/dt = x − y: a thousand readings on the same line give the same result. */
 static void a_low_pass_is_the_same_however_often_its_line_is_read(void) {
     static const double values[] = {1, 5, -3, 4, 4, 4, 0};
     tl_conditioner often;
@@ -158,7 +160,7 @@ static void a_low_pass_is_the_same_however_often_its_line_is_read(void) {
     }
 }
 
-/* Nothing that is finite makes it forget what a number is. */
+/* The largest finite values do not make the filter infinite or NaN. */
 static void the_largest_numbers_pass(void) {
     create((tl_condition){.low_pass = 10 * MS});
     for (int i = 0; i < 10; i++) {
@@ -175,7 +177,7 @@ static void the_largest_numbers_pass(void) {
 
 static void one_wild_reading_is_rejected(void) {
     create((tl_condition){.gate = 5});
-    expect_here(take(100), 100); /* the first one, unseen */
+    expect_here(take(100), 100); /* the first reading is always accepted */
     expect_rejected(106);
     expect_here(take(105), 105);
     expect_rejected(99);
@@ -207,7 +209,7 @@ static void three_that_do_not_agree_are_no_level(void) {
     TEST_ASSERT_EQUAL_size_t(3, take(154));
 }
 
-/* A reading that is not good neither makes nor breaks the row. */
+/* A bad reading neither counts as a jump of the level nor interrupts the count. */
 static void a_row_goes_on_behind_a_bad_reading(void) {
     create((tl_condition){.gate = 5});
     (void)take(100);
@@ -215,11 +217,11 @@ static void a_row_goes_on_behind_a_bad_reading(void) {
     expect_rejected(201);
     TEST_ASSERT_EQUAL_size_t(1, take_after(10 * MS, 0, TL_NO_LINK));
     TEST_ASSERT_EQUAL_INT(TL_NO_LINK, out[0].reading.quality);
-    /* What came before the reading that was not good comes too late to be looked up. */
+    /* The rejected readings before the bad one are older than its stamp, so they are dropped. */
     expect_here(take(202), 202);
 }
 
-/* Nothing of the old level is in what the filters give. */
+/* After a jump of the level, the filters contain nothing of the old level. */
 static void the_filters_begin_anew_at_a_new_level(void) {
     create((tl_condition){.gate = 5, .median = 3, .low_pass = 1000 * MS});
     for (int i = 0; i < 50; i++) {
@@ -227,7 +229,7 @@ static void the_filters_begin_anew_at_a_new_level(void) {
     }
     expect_rejected(200);
     expect_rejected(200);
-    TEST_ASSERT_EQUAL_size_t(2, take(200)); /* the first alone, and the middle of three */
+    TEST_ASSERT_EQUAL_size_t(2, take(200)); /* 200 alone, then the median of three */
     TEST_ASSERT_EQUAL_DOUBLE(200, out[0].reading.value);
     TEST_ASSERT_EQUAL_DOUBLE(200, out[1].reading.value);
     TEST_ASSERT_EQUAL_DOUBLE(200, out[1].smooth);
@@ -254,7 +256,7 @@ static void after_what_makes_one_stale_any_reading_is_accepted(void) {
     expect_here(take_after(1, 300, TL_GOOD), 300);
 }
 
-/* What comes out is in order, whatever comes in: of all kinds of conditions and of readings. */
+/* Stamps of results increase, for all kinds of conditions and readings. */
 static void stamps_go_up(void) {
     uint32_t seed = 11;
     for (int i = 0; i < 200; i++) {

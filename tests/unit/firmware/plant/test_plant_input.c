@@ -1,4 +1,4 @@
-/* Plant input: how a value of the plant is judged. */
+/* Plant input: quality and value of each sample. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -37,7 +37,7 @@ static void post(double value, tl_time stamp, tl_quality quality) {
     tl_sample_buffer_post(&input.buffers[0], &reading);
 }
 
-/* Posts a value at 1000 and looks at 1000. */
+/* Posts a value at 1000 and takes the sample at 1000. */
 static void expect(double value, tl_quality quality) {
     empty_buffers();
     post(value, 1000, TL_GOOD);
@@ -88,7 +88,7 @@ static void test_looking_back(void) {
     TEST_ASSERT_EQUAL_INT64(200, sample.stamps[0]);
     take_back(100, false, 300);
     TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
-    take_back(50, false, 149); /* nothing yet at 99: the next */
+    take_back(50, false, 149); /* no reading up to 99: the next one */
     TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     take_back(50, false, 99);
@@ -101,7 +101,7 @@ static void test_the_next_available(void) {
     TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
     take_back(99, true, 300);
     TEST_ASSERT_EQUAL_DOUBLE(3, sample.values[0]);
-    take_back(99, true, 299); /* it has not come: the newest before */
+    take_back(99, true, 299); /* no next reading yet: the newest before */
     TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
     take_back(1000, true, 300);
     TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
@@ -129,7 +129,7 @@ static void test_signals_are_apart(void) {
     tl_plant_input_take(&input, 0, 5, &sample);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[1]);
-    TEST_ASSERT_EQUAL_INT(0xA5, sample.quality[2]); /* beyond count: not touched */
+    TEST_ASSERT_EQUAL_INT(0xA5, sample.quality[2]); /* beyond count: unchanged */
 }
 
 static void test_range(void) {
@@ -145,7 +145,7 @@ static void test_not_a_number(void) {
     expect((double)NAN, TL_NOT_A_NUMBER);
     expect(HUGE_VAL, TL_NOT_A_NUMBER);
     expect(-HUGE_VAL, TL_NOT_A_NUMBER);
-    post(7, 1001, TL_NOT_A_NUMBER); /* as the driver says: the value is what was read */
+    post(7, 1001, TL_NOT_A_NUMBER); /* the driver's verdict counts; the value stays */
     tl_plant_input_take(&input, 0, 1001, &sample);
     TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, sample.quality[0]);
     TEST_ASSERT_EQUAL_DOUBLE(7, sample.values[0]);
@@ -160,7 +160,7 @@ static void test_no_link_stays(void) {
     post((double)NAN, 1001, TL_NO_LINK);
     tl_plant_input_take(&input, 0, 9000, &sample);
     TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]); /* whatever the driver says, nothing that is not finite */
+    TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]); /* 0 replaces a value that is not finite */
 }
 
 static void test_stale(void) {
@@ -172,7 +172,7 @@ static void test_stale(void) {
     TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
     TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
     TEST_ASSERT_EQUAL_INT64(1000, sample.stamps[0]);
-    input.limits[0].stale = 0; /* never */
+    input.limits[0].stale = 0; /* 0: never stale */
     tl_plant_input_take(&input, 2, 1000 + TL_PLANT_FARTHEST, &sample);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
 }
@@ -183,7 +183,7 @@ static void test_the_worst_counts(void) {
     post(6, 1000, TL_GOOD);
     tl_plant_input_take(&input, 0, 5000, &sample);
     TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[0]);
-    post(1, 1000, TL_OUT_OF_RANGE); /* a driver that knows better */
+    post(1, 1000, TL_OUT_OF_RANGE); /* the driver's verdict counts */
     tl_plant_input_take(&input, 0, 5000, &sample);
     TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[0]);
 }
@@ -193,12 +193,12 @@ static void test_a_reading_after_a_forgotten_instant_is_not_stale(void) {
     for (int i = 0; i <= DEPTH; i++) {
         post(i, 1000 + i, TL_GOOD);
     }
-    tl_plant_input_take(&input, 0, 500, &sample); /* the oldest kept, from the future of that instant */
+    tl_plant_input_take(&input, 0, 500, &sample); /* the oldest kept reading, which is later than this instant */
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     TEST_ASSERT_EQUAL_INT64(1001, sample.stamps[0]);
 }
 
-/* Another process has written it. The sanitizers see whether a difference of times overflows. */
+/* The writer is another process. Sanitizers detect an overflow of time differences. */
 static void test_a_stamp_that_cannot_be(void) {
     static const tl_time HERE[] = {0, 1000, 1000000 * TL_SECOND};
     for (size_t i = 0; i < sizeof HERE / sizeof HERE[0]; i++) {
@@ -219,7 +219,7 @@ static void test_a_stamp_that_cannot_be(void) {
     }
 }
 
-/* The oldest kept is later than any sample. */
+/* The oldest kept reading is later than any sample. */
 static void test_a_stamp_from_the_end_of_time(void) {
     post(7, INT64_MAX, TL_GOOD);
     counts[0] = 5 * DEPTH;
@@ -265,7 +265,7 @@ static void test_integer(void) {
     }
 }
 
-/* Slightly beyond a limit: the value is that of the limit. */
+/* Slightly beyond a limit: the value is moved to the limit. */
 static void expect_moved(double value, double limit) {
     empty_buffers();
     post(value, 1000, TL_GOOD);
@@ -284,7 +284,7 @@ static void test_noise_at_a_limit(void) {
     expect(50, TL_GOOD);
     TEST_ASSERT_EQUAL_HEX64(0, sample.moved);
     expect(-0.0, TL_GOOD);
-    TEST_ASSERT_TRUE(signbit(sample.values[0])); /* its bits stay */
+    TEST_ASSERT_TRUE(signbit(sample.values[0])); /* the sign of zero stays */
 }
 
 static void test_items(void) {
@@ -302,7 +302,7 @@ static void test_items(void) {
 
 enum { STEP = 10000000 };
 
-/* At the tick after the first, `back` after which something lies between readings. */
+/* A lookup between readings, `back` before the instant. */
 static void take_between(tl_between between, tl_time back, tl_time instant) {
     input.looks[0] = (tl_plant_lookup){.back = back, .between = between, .span = STEP};
     tl_plant_input_take(&input, 1, instant, &sample);
@@ -314,7 +314,7 @@ static void expect_between(double value, tl_time stamp, tl_quality quality) {
     TEST_ASSERT_EQUAL_INT(quality, sample.quality[0]);
 }
 
-/* 1 at 0, 5 at 4 steps, 3 at 6. */
+/* 1 at 0, 5 at 4 steps, 3 at 6 steps. */
 static void post_messages(void) {
     post(1, 0, TL_GOOD);
     post(5, 4 * STEP, TL_GOOD);
@@ -335,7 +335,7 @@ static void test_a_line_between_two_readings(void) {
 
 static void test_a_next_reading_that_has_not_come(void) {
     post_messages();
-    take_between(TL_BETWEEN_LINE, STEP, 4 * STEP); /* it is just there */
+    take_between(TL_BETWEEN_LINE, STEP, 4 * STEP); /* it has just come */
     expect_between(4, 3 * STEP, TL_GOOD);
     take_between(TL_BETWEEN_LINE, STEP, 3 * STEP);
     expect_between(1, 0, TL_GOOD);
@@ -349,7 +349,7 @@ static void test_a_next_reading_that_has_not_come(void) {
 static void test_no_line_over_a_gap(void) {
     post_messages();
     input.limits[0].stale = 3 * STEP;
-    take_between(TL_BETWEEN_LINE, 4 * STEP, 7 * STEP); /* they are 4 steps apart */
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 7 * STEP); /* the readings are 4 steps apart */
     expect_between(1, 0, TL_GOOD);
     take_between(TL_BETWEEN_LINE, 4 * STEP, 7 * STEP + STEP / 2);
     expect_between(1, 0, TL_STALE);
@@ -382,17 +382,17 @@ static void test_no_line_before_the_first_reading(void) {
     expect_between(1, 2 * STEP, TL_GOOD);
 }
 
-/* What overflows between them is on no line. */
+/* If the difference of two readings overflows, there is no line between them. */
 static void test_a_line_that_would_be_endless(void) {
     post(-DBL_MAX, 0, TL_GOOD);
     post(DBL_MAX, 2 * STEP, TL_GOOD);
     take_between(TL_BETWEEN_LINE, 2 * STEP, 3 * STEP);
     expect_between(-DBL_MAX, 0, TL_GOOD);
     take_between(TL_BETWEEN_MEAN, 2 * STEP, 3 * STEP);
-    expect_between(0, STEP + STEP / 2, TL_GOOD); /* from one end to the other */
+    expect_between(0, STEP + STEP / 2, TL_GOOD); /* the mean over the whole line */
 }
 
-/* From one instant of the line to another, over the reading between them. */
+/* The mean of the line over one step, also across a reading. */
 static void test_a_mean_over_a_step(void) {
     post_messages();
     take_between(TL_BETWEEN_MEAN, 5 * STEP, 6 * STEP);
@@ -406,7 +406,7 @@ static void test_a_mean_over_a_step(void) {
     expect_between(3, 6 * STEP, TL_STALE);
 }
 
-/* A thousand readings in a step: the first 256, and one line. */
+/* A thousand readings in a step: the first 256 count, then one line to the last. */
 static void test_a_mean_of_a_flood(void) {
     static tl_sample_buffer_slot many[2048];
     input.buffers[0] = (tl_sample_buffer){.slots = many, .count = &counts[0], .depth = 2048};
@@ -417,7 +417,7 @@ static void test_a_mean_of_a_flood(void) {
     expect_between(2, STEP / 2, TL_GOOD);
 }
 
-/* ---- alike ---- */
+/* ---- stamps of one instant ---- */
 
 static void test_a_stamp_that_is_a_little_late_is_of_the_instant(void) {
     post(1, 0, TL_GOOD);
@@ -444,7 +444,8 @@ static void test_a_stamp_that_is_a_little_early_is_not_before_the_next_one(void)
 
 /* ---- conditioned ---- */
 
-/* On the line, half a message of waiting; signal 1 shows the readings of signal 0. */
+/* Line between readings with half an interval of waiting. Signal 1 shows the readings of signal
+ * 0. */
 static void open_conditioned(tl_condition condition, tl_time back) {
     input.count = 2;
     input.limits[1] = input.limits[0];
@@ -460,13 +461,13 @@ static void expect_shown(double value, tl_time stamp, tl_quality quality) {
     TEST_ASSERT_EQUAL_INT(quality, sample.quality[1]);
 }
 
-/* What is rejected is, for the line, as if it had never come; and is shown as it came. */
+/* The line skips a rejected reading. The signal that shows the readings has it unchanged. */
 static void test_a_line_skips_what_is_rejected(void) {
     open_conditioned((tl_condition){.gate = 5}, 100);
     post(10, 100, TL_GOOD);
     post(90, 200, TL_GOOD);
     post(14, 300, TL_GOOD);
-    tl_plant_input_take(&input, 0, 250, &sample); /* at 150 nothing but the first is there */
+    tl_plant_input_take(&input, 0, 250, &sample); /* at 150 only the first one counts */
     TEST_ASSERT_EQUAL_DOUBLE(10, sample.values[0]);
     expect_shown(90, 200, TL_OUTLIER);
     tl_plant_input_take(&input, 0, 300, &sample); /* at 200 */
@@ -478,19 +479,20 @@ static void test_a_line_skips_what_is_rejected(void) {
     tl_plant_input_close(&input);
 }
 
-/* Of several in a tick each is taken, and one that is rejected is what is shown. */
+/* Each reading of a tick is taken. If one is rejected, that one is shown. */
 static void test_several_readings_in_a_tick(void) {
     open_conditioned((tl_condition){.gate = 5, .median = 3}, 30);
     for (int i = 0; i < 9; i++) {
         post(i == 5 ? 77 : i, 10 * (i + 1), TL_GOOD);
     }
     tl_plant_input_take(&input, 0, 90, &sample);
-    TEST_ASSERT_EQUAL_DOUBLE(5, sample.values[0]); /* between the median of 3, 4, 6 at 50 and that of 4, 6, 7 at 70 */
+    TEST_ASSERT_EQUAL_DOUBLE(5, sample.values[0]); /* between the medians of 3, 4, 6 at 50 and of 4, 6, 7 at 70 */
     expect_shown(77, 60, TL_OUTLIER);
     tl_plant_input_close(&input);
 }
 
-/* A reading that is there twice is one; one that comes with an older stamp than another is none. */
+/* A repeated reading counts once. A reading with an older stamp than its predecessor does not
+ * count. */
 static void test_a_reading_again_is_no_reading(void) {
     open_conditioned((tl_condition){.median = 3}, 0);
     post(1, 10, TL_GOOD);
@@ -504,7 +506,7 @@ static void test_a_reading_again_is_no_reading(void) {
     tl_plant_input_close(&input);
 }
 
-/* As many ticks late as one likes: a sample is what it would have been. */
+/* A late tick gets the same sample as one in time. */
 static void test_a_tick_that_was_missed_sees_the_same(void) {
     static tl_sample in_time[40];
     const tl_condition condition = {.gate = 20, .median = 3, .low_pass = 7};
@@ -528,7 +530,7 @@ static void test_a_tick_that_was_missed_sees_the_same(void) {
     }
 }
 
-/* What a low-pass gives of what moves evenly is that, at any instant. */
+/* A ramp after a low-pass equals the ramp at each instant, because its delay is looked up too. */
 static void test_a_low_pass_is_looked_up_where_it_belongs(void) {
     open_conditioned((tl_condition){.low_pass = 300}, 1000);
     for (int i = 0; i < 100; i++) {
@@ -542,7 +544,7 @@ static void test_a_low_pass_is_looked_up_where_it_belongs(void) {
     tl_plant_input_close(&input);
 }
 
-/* The last one stands: what the low-pass gave belongs to τ before its reading. */
+/* The last reading is held: the output of the low-pass belongs to τ before it. */
 static void test_a_low_pass_whose_next_reading_has_not_come(void) {
     open_conditioned((tl_condition){.low_pass = 300}, 1000);
     input.limits[0].stale = 2000;
@@ -557,7 +559,7 @@ static void test_a_low_pass_whose_next_reading_has_not_come(void) {
     tl_plant_input_close(&input);
 }
 
-/* Stamps that are nobody's: differences of them would be more than a time holds. */
+/* Extreme stamps, whose differences exceed the range of a time. */
 static void test_conditioned_stamps_beyond_all(void) {
     open_conditioned((tl_condition){.gate = 5, .median = 3, .low_pass = 10}, 10);
     post(1, INT64_MIN + 1, TL_GOOD);
@@ -570,7 +572,7 @@ static void test_conditioned_stamps_beyond_all(void) {
     tl_plant_input_close(&input);
 }
 
-/* What a run is given instead of its mail. */
+/* A run may get another sample buffer. */
 static void test_another_buffer(void) {
     open_conditioned((tl_condition){.median = 3}, 0);
     post(1, 10, TL_GOOD);

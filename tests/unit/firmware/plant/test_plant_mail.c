@@ -1,4 +1,4 @@
-/* The mail: how much of each signal is kept, and that nobody's mailbox lies in another's. */
+/* Sample buffers: their depth for each signal, and that no two of them overlap. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +26,7 @@ void tearDown(void) {
     free(memory);
 }
 
-/* Signals: of a device that is polled, of a CAN bus, and of a recording only. */
+/* Signals of a polled device, of a CAN bus, and without a source. */
 static void read_config(const char *step_s, const char *period_s, const char *hang_s) {
     static const char CONFIG[] =
         "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": %s, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
@@ -57,9 +57,9 @@ static void expect(const char *step_s, const char *period_s, const char *hang_s,
 }
 
 static void test_what_is_polled_while_a_twin_is_started_again_is_kept(void) {
-    expect("0.01", "0.01", "2", (const uint32_t[]){2048, 16384, 2048});   /* 12 s of 10 ms: 1201 */
-    expect("0.01", "0.001", "2", (const uint32_t[]){16384, 16384, 2048}); /* 12 s of 1 ms: 12001 */
-    expect("0.01", "0.01", "60", (const uint32_t[]){8192, 65536, 8192});  /* 70 s: 7001 */
+    expect("0.01", "0.01", "2", (const uint32_t[]){2048, 16384, 2048});   /* 12 s of 10 ms: 1201 readings */
+    expect("0.01", "0.001", "2", (const uint32_t[]){16384, 16384, 2048}); /* 12 s of 1 ms: 12001 readings */
+    expect("0.01", "0.01", "60", (const uint32_t[]){8192, 65536, 8192});  /* 70 s: 7001 readings */
 }
 
 static void test_neither_finer_than_a_millisecond_nor_coarser_than_a_step(void) {
@@ -71,7 +71,7 @@ static void test_neither_finer_than_a_millisecond_nor_coarser_than_a_step(void) 
 static void test_at_least_256_and_at_most_65536(void) {
     expect("1", "1", "2", (const uint32_t[]){256, 16384, 256});
     expect("0.01", "0.001", "3600", (const uint32_t[]){65536, 65536, 65536});
-    expect("0.047", "1", "2", (const uint32_t[]){256, 16384, 256}); /* 12 s of it: 255.3, and one */
+    expect("0.047", "1", "2", (const uint32_t[]){256, 16384, 256}); /* 12 s: 255.3 readings, and one */
     expect("0.046", "1", "2", (const uint32_t[]){512, 16384, 512});
 }
 
@@ -109,12 +109,12 @@ static void test_what_is_posted_to_one_is_in_none_of_the_others(void) {
         TEST_ASSERT_TRUE(tl_sample_buffer_at(&buffers[i], 39999, &reading));
         TEST_ASSERT_EQUAL_DOUBLE(399990.0 + (double)i, reading.value);
         TEST_ASSERT_TRUE(tl_sample_buffer_at(&buffers[i], 0, &reading));
-        TEST_ASSERT_EQUAL_INT64(40000 - (tl_time)shape.depth[i], reading.stamp); /* the oldest that is kept */
+        TEST_ASSERT_EQUAL_INT64(40000 - (tl_time)shape.depth[i], reading.stamp); /* the oldest kept reading */
         TEST_ASSERT_EQUAL_DOUBLE(10.0 * (double)reading.stamp + (double)i, reading.value);
     }
 }
 
-/* Whatever look-ups a configuration has, its mail has the same size, and the same mailboxes in the same places. */
+/* Second lookups change neither the size nor the places of the buffers. */
 static void test_a_second_look_up_has_no_buffer_of_its_own(void) {
     read_config("0.01", "0.001", "2");
     size_t bytes = tl_sample_buffers_bytes(&shape);
@@ -129,7 +129,7 @@ static void test_a_second_look_up_has_no_buffer_of_its_own(void) {
 
 static void test_a_plant_without_signals_has_a_mail_too(void) {
     shape.signals = 0;
-    TEST_ASSERT_EQUAL_size_t(COUNTS, tl_sample_buffers_bytes(&shape)); /* a block of no bytes there is not */
+    TEST_ASSERT_EQUAL_size_t(COUNTS, tl_sample_buffers_bytes(&shape)); /* a block cannot be empty */
 }
 
 static void test_the_least(void) {

@@ -1,4 +1,4 @@
-/* A register that is read more often than it is written: which readings are new ones. */
+/* A register that is read more often than it is written: which readings are new. */
 #include "firmware/plant/plant_reader.h"
 
 #include <math.h>
@@ -32,7 +32,7 @@ static void another_value_is_new(void) {
     TEST_ASSERT_FALSE(is_repeated(nextafter(1.0, 2.0), 40, TL_GOOD));
 }
 
-/* Its time counts from the new one, and not from the last time that it was read. */
+/* The time counts from the last new reading, not from the last poll. */
 static void the_same_value_is_new_when_one_is_due(void) {
     TEST_ASSERT_FALSE(is_repeated(1.0, 1000, TL_GOOD));
     TEST_ASSERT_TRUE(is_repeated(1.0, 1060, TL_GOOD));

@@ -1,4 +1,5 @@
-/* The mailbox: the newest reading at an instant, what is forgotten, what a dead writer has left, and two threads at once. */
+/* The sample buffer: the newest reading at an instant, overwritten readings, a dead writer, and
+ * two threads at once. */
 #include <pthread.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -12,7 +13,7 @@
 
 enum { DEPTH = 256, DEEPEST = 65536 };
 
-/* Every other slot lies across the border of two cache lines, so that a torn reading has its chance. */
+/* Every other slot crosses a boundary of cache lines, which makes a torn read more likely. */
 static struct {
     uint64_t shift[5];
     tl_sample_buffer_slot slots[DEEPEST];
@@ -87,7 +88,7 @@ static void test_first_from_an_instant_on(void) {
     expect_from(101, 300, 2);
     expect_from(200, 200, 2);
     expect_from(201, 300, 3);
-    expect_from(201, 299, 2); /* the next has not come: the newest before */
+    expect_from(201, 299, 2); /* the next reading has not come: the newest before */
     expect_from(301, 400, 3);
     expect_from(50, 100, 1);
     TEST_ASSERT_FALSE(tl_sample_buffer_from(buffer, 50, 99, &reading));
@@ -118,7 +119,7 @@ static void test_stamps_that_decrease_are_looked_up_in_order_of_posting(void) {
     expect(350, 3, 200);
     expect(150, 1, 100);
     post(4, 400);
-    expect(250, 3, 200); /* not among the newest, but near them */
+    expect(250, 3, 200); /* slightly older than the newest ones */
     expect(350, 3, 200);
 }
 
@@ -136,23 +137,24 @@ static void test_a_full_ring_forgets_the_oldest(void) {
     for (int i = 0; i < DEPTH; i++) {
         post(i, (tl_time)10 * i);
     }
-    expect(0, 0, 0); /* just full: all are there */
+    expect(0, 0, 0); /* just full: all are kept */
     expect_nothing(-1);
     post(DEPTH, (tl_time)10 * DEPTH);
-    expect(0, 1, 10); /* the first is forgotten: the oldest that is kept */
+    expect(0, 1, 10); /* the first one is overwritten: the oldest kept reading */
     expect(-1, 1, 10);
     expect(10, 1, 10);
     expect(25, 2, 20);
     expect(INT64_MAX, DEPTH, (tl_time)10 * DEPTH);
 }
 
-/* ---- the same as by walking back from the newest, whatever is asked of stamps that do not decrease ---- */
+/* ---- comparison with a linear search, for stamps that do not decrease ---- */
 
 enum { POSTED = 3000 };
 
 static tl_reading posted[POSTED];
 
-/* One reading on the way back: whether nothing older can be better. */
+/* Reference search, from the newest reading back. Returns true if no older reading can be
+ * better. */
 static bool settle(const tl_reading *seen, tl_time from, tl_time until, bool *any, tl_reading *best) {
     bool before = seen->stamp <= from;
     bool first = !*any || seen->stamp < best->stamp;
@@ -195,7 +197,7 @@ static void compare(size_t count, tl_time from, tl_time until) {
     }
 }
 
-/* Somewhere near what was posted, or at the ends of time. */
+/* An instant near a posted one, or an extreme one. */
 static tl_time any_instant(tl_test_random *random, size_t count) {
     static const tl_time ENDS[] = {INT64_MIN, -1, 0, INT64_MAX};
     if (count == 0 || tl_test_random_chance(random, 5)) {
@@ -213,7 +215,7 @@ static void ask(tl_test_random *random, size_t count) {
     compare(count, until, until);
 }
 
-/* Stamps that are equal, one apart, or far apart, as the campaign has it. */
+/* Stamps that are equal, one apart, or up to four apart. */
 static void run_campaign(uint64_t seed) {
     tl_test_random random = {seed};
     size_t equal = tl_test_random_below(&random, 101);
@@ -236,7 +238,7 @@ static void test_a_search_finds_what_a_walk_finds(void) {
     }
 }
 
-/* ---- the far past costs little more than the newest ---- */
+/* ---- an old reading costs little more than the newest ---- */
 
 static double cost_of(tl_time least, tl_time width) {
     enum { ASKED = 20000 };
@@ -262,7 +264,7 @@ static void test_the_far_past_costs_little_more_than_the_newest(void) {
         double far = cost_of(DEEPEST, DEEPEST / 2) / cost_of(2 * DEEPEST, DEEPEST);
         ratio = far < ratio ? far : ratio;
     }
-    TEST_ASSERT_TRUE_MESSAGE(ratio < 300, "a look-up walks"); /* some 40 looks for one; a walk needs 50000 */
+    TEST_ASSERT_TRUE_MESSAGE(ratio < 300, "a look-up walks"); /* about 40 reads for one; a linear search needs 50000 */
 }
 
 /* ---- a writer that has died ---- */
@@ -270,7 +272,7 @@ static void test_the_far_past_costs_little_more_than_the_newest(void) {
 static void test_a_post_that_was_not_counted_is_found_by_the_successor(void) {
     post(1, 100);
     post(2, 200);
-    placed.count = 1; /* it died before it counted the second one */
+    placed.count = 1; /* the writer died before it counted the second one */
     expect(300, 1, 100);
     tl_sample_buffer_repair(buffer);
     expect(300, 2, 200);
@@ -283,7 +285,7 @@ static void test_a_slot_that_was_left_odd_was_never_begun(void) {
     for (int i = 0; i < DEPTH + 10; i++) {
         post(i, i);
     }
-    tl_sample_buffer_slot *slot = &placed.slots[(DEPTH + 10) % DEPTH]; /* the oldest kept: the next post's */
+    tl_sample_buffer_slot *slot = &placed.slots[(DEPTH + 10) % DEPTH]; /* of the next post */
     slot->sequence = 2 * (uint64_t)(DEPTH + 10) + 1;
     slot->stamp = 5000;
     expect(INT64_MAX, DEPTH + 9, DEPTH + 9);
@@ -316,7 +318,7 @@ enum { POSTS = 4000000 };
 
 static bool done; /* atomic */
 
-/* Value, stamp and quality of a post belong together, so that a torn reading shows. */
+/* Value, stamp and quality of a post match each other, so a torn read is detected. */
 static void *write_many(void *context) {
     (void)context;
     for (int i = 1; i <= POSTS; i++) {
@@ -342,15 +344,15 @@ static void test_two_threads(void) {
         over = __atomic_load_n(&done, __ATOMIC_ACQUIRE);
         if (tl_sample_buffer_at(buffer, INT64_MAX, &reading)) {
             expect_whole(&reading);
-            TEST_ASSERT_TRUE(reading.stamp >= newest); /* time does not go back */
+            TEST_ASSERT_TRUE(reading.stamp >= newest); /* stamps never decrease */
             newest = reading.stamp;
         }
         if (newest > 0 && tl_sample_buffer_at(buffer, newest - 10, &reading)) {
-            expect_whole(&reading); /* that one, or the oldest kept */
+            expect_whole(&reading); /* that reading, or the oldest kept one */
             TEST_ASSERT_TRUE(reading.stamp >= newest - 10);
         }
         if (newest > DEPTH && tl_sample_buffer_at(buffer, 0, &reading)) {
-            expect_whole(&reading); /* the oldest kept: just where the writer goes next */
+            expect_whole(&reading); /* the oldest kept one, next to be overwritten */
             TEST_ASSERT_TRUE(reading.stamp > newest - DEPTH);
         }
     }

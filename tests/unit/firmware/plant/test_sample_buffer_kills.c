@@ -1,4 +1,5 @@
-/* A mailbox whose writer is a process that is killed at any instruction, thousands of times, and has a successor each time. */
+/* A sample buffer whose writer is killed at any instruction, thousands of times. A new writer
+ * follows each time. */
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -17,7 +18,7 @@
 
 enum { DEPTH = 256, KILLS = 3000, FEW_KILLS = 300, LONGEST_NS = 200000, LONGEST_SLOW_NS = 5000000, LOOKS = 500 };
 
-/* Our image of it can only be read; the writers' is another. */
+/* The reader's mapping is read-only; writers have another one. */
 static struct shared {
     tl_sample_buffer_slot slots[DEPTH];
     uint64_t count;
@@ -44,7 +45,8 @@ void tearDown(void) {
 
 /* ---- the writer ---- */
 
-/* From the kernel, to itself: so it comes at any instruction, whoever else wants the processor. */
+/* A timer of the kernel sends the signal, so it arrives at any instruction, also on a busy
+ * machine. */
 static void be_killed_after(long nanoseconds) {
     struct sigevent event = {.sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGKILL};
     const struct itimerspec once = {.it_value = {.tv_nsec = nanoseconds}};
@@ -54,18 +56,18 @@ static void be_killed_after(long nanoseconds) {
     }
 }
 
-/* Value, stamp and quality of a post belong together; the stamp is the number of the post. */
+/* Value, stamp and quality of a post match each other. The stamp is the number of the post. */
 static void post(const tl_sample_buffer *own) {
     tl_time stamp = (tl_time)*own->count;
     const tl_reading reading = {.value = 3.0 * (double)stamp, .stamp = stamp, .quality = (tl_quality)(stamp % 5)};
     tl_sample_buffer_post(own, &reading);
 }
 
-/* Goes on where its predecessor was. */
+/* Continues the posts of the previous writer. */
 static void post_until_killed(long nanoseconds) {
     const tl_sample_buffer own = {.slots = theirs->slots, .count = &theirs->count, .depth = DEPTH};
     tl_sample_buffer_repair(&own);
-    post(&own); /* first, for an emulator translates what is new to it longer than it then runs */
+    post(&own); /* before the timer, because an emulator needs long to translate new code */
     be_killed_after(nanoseconds);
     for (;;) {
         post(&own);
@@ -82,7 +84,7 @@ static pid_t start(tl_test_random *random, long longest_ns) {
     return writer;
 }
 
-/* `options` of waitpid() */
+/* options: as for waitpid(). */
 static bool is_dead(pid_t writer, int options) {
     int status = 0;
     pid_t ended = waitpid(writer, &status, options);
@@ -97,7 +99,7 @@ static void expect_whole(const tl_reading *reading) {
     TEST_ASSERT_EQUAL_INT((int)(reading->stamp % 5), (int)reading->quality);
 }
 
-/* The newest, one that is kept, and the oldest. */
+/* Reads the newest reading, any kept one, and the oldest. */
 static void look(tl_test_random *random) {
     tl_reading reading;
     if (tl_sample_buffer_at(&buffer, INT64_MAX, &reading)) {
@@ -116,7 +118,7 @@ static void look(tl_test_random *random) {
     }
 }
 
-/* Nobody writes: all that was posted is there, but for the one that may have been overwritten halfway. */
+/* Without a writer, all kept posts can be read, except the one that may be half overwritten. */
 static void look_at_what_is_left(void) {
     uint64_t count = ours->count;
     const tl_sample_buffer_slot *next = &ours->slots[count % DEPTH];
@@ -132,7 +134,7 @@ static void look_at_what_is_left(void) {
 
 static void test_killed_at_any_instruction(void) {
     tl_test_random random = {3};
-    const bool is_slow = TL_HAS_SANITIZER || getenv("TL_EMULATOR") != NULL; /* to begin a process */
+    const bool is_slow = TL_HAS_SANITIZER || getenv("TL_EMULATOR") != NULL; /* the start of a process takes long */
     const int kills = is_slow ? FEW_KILLS : KILLS;
     const long longest_ns = is_slow ? LONGEST_SLOW_NS : LONGEST_NS;
     for (int i = 0; i < kills; i++) {
@@ -147,7 +149,7 @@ static void test_killed_at_any_instruction(void) {
     (void)snprintf(was_reported, sizeof was_reported,
                    "of %d kills %u left a slot odd, %u a post that was not counted; %lld posts", kills, left_odd,
                    left_uncounted, (long long)newest);
-    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, was_reported); /* else nothing was tried */
+    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, was_reported); /* otherwise the test was not effective */
     TEST_MESSAGE(was_reported);
 }
 

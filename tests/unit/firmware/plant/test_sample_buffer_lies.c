@@ -1,4 +1,4 @@
-/* A mailbox whose writer is an enemy: it puts what it likes into the memory, also while it is read. */
+/* A sample buffer with a malicious writer, which writes any bytes, also during a read. */
 #include <pthread.h>
 #include <stdbool.h>
 #include <string.h>
@@ -15,12 +15,12 @@
 
 enum { DEPTH = 256, BYTES = DEPTH * sizeof(tl_sample_buffer_slot) + sizeof(uint64_t), ROUNDS = 2000, LOOKS = 20 };
 
-/* A page that cannot be touched is right behind the mailbox, and one before it; the reader cannot write. */
+/* Inaccessible pages surround the sample buffer, and the reader's mapping is read-only. */
 static unsigned char *pages;
 static size_t page, whole;
 static tl_sample_buffer mine, theirs;
 
-/* All of it a second time, for the enemy. */
+/* Maps the buffer a second time, for the attacker. */
 static unsigned char *map(int file, size_t before, int rights) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     unsigned char *made = mmap(NULL, before + whole + page, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -55,7 +55,7 @@ void tearDown(void) {
     (void)munmap(enemy - page, page + whole + page);
 }
 
-/* Numbers at which something could go wrong. */
+/* Numbers that are likely to cause errors. */
 static uint64_t any_word(tl_test_random *random) {
     static const uint64_t ODD[] = {0,
                                    1,
@@ -83,7 +83,7 @@ static void put(uint64_t *word, uint64_t value) {
     __atomic_store_n(word, value, __ATOMIC_RELAXED);
 }
 
-/* A slot that seems to stand as the post of this number, or near it. */
+/* Forges a slot as the post of this number, or with a random number. */
 static void lie(tl_test_random *random, uint64_t post) {
     tl_sample_buffer_slot *slot = &theirs.slots[post % DEPTH];
     put(&slot->sequence, tl_test_random_chance(random, 90) ? 2 * post + 2 : any_word(random));
@@ -100,7 +100,7 @@ static void lie_about_all(tl_test_random *random) {
     }
 }
 
-/* Whether anything was found; and what was, can be. */
+/* Returns true if a reading was found. Each found reading is valid. */
 static bool look(tl_test_random *random) {
     tl_reading reading = {.quality = TL_GOOD};
     tl_time one = (tl_time)any_word(random);
@@ -121,7 +121,7 @@ static void test_nothing_that_lies_there_leads_astray(void) {
             found += look(&random) ? 1 : 0;
         }
     }
-    TEST_ASSERT_TRUE(found > ROUNDS * LOOKS / 2); /* they were good lies */
+    TEST_ASSERT_TRUE(found > ROUNDS * LOOKS / 2); /* the forged slots were accepted */
 }
 
 static void test_a_quality_that_does_not_exist(void) {
@@ -136,7 +136,7 @@ static void test_a_quality_that_does_not_exist(void) {
     }
 }
 
-/* Whatever a dead writer has left there, its successor goes on. */
+/* The next writer can continue, whatever the dead one has left. */
 static void test_a_successor_is_not_led_astray(void) {
     for (uint64_t seed = 1; seed <= ROUNDS; seed++) {
         tl_test_random random = {seed};

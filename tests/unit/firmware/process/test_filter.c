@@ -340,7 +340,7 @@ static void calls_of_other_machines_end_the_process(void) {
 }
 #endif
 
-/* ---- as if the kernel were older ---- */
+/* ---- an older kernel ---- */
 
 static bool make_newer_calls(void *context) {
     static const long numbers[] = {435, 437, 451, 462,

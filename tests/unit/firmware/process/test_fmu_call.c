@@ -1,4 +1,4 @@
-/* The FMU call that is under way: names, functions, and a block that another process has written nonsense into. */
+/* The present FMU call: names, functions, and a block with invalid bytes from another process. */
 #include "firmware/process/fmu_call.h"
 
 #include <stdio.h>

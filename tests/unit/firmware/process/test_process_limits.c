@@ -1,4 +1,5 @@
-/* Limits that are raised: as far as it may be had. Those that a process gives itself for good are tested with the whole (test_confine.c). */
+/* Raising of limits, as far as permitted. test_confine.c tests limits that a process sets for
+ * itself. */
 #include <sys/resource.h>
 
 #include <unity.h>
@@ -9,7 +10,7 @@ enum { SOFT = 20, BETWEEN = 30 };
 
 static struct rlimit before;
 
-/* One that nothing here comes near. */
+/* Sets a soft limit that no test reaches otherwise. */
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &before));
     const struct rlimit soft = {.rlim_cur = SOFT, .rlim_max = before.rlim_max};
@@ -37,7 +38,7 @@ static void test_never_less(void) {
     TEST_ASSERT_EQUAL_UINT64(SOFT, now().rlim_cur);
 }
 
-/* More than the kernel gives to anybody. */
+/* More than the hard limit. */
 static void test_as_much_as_there_is(void) {
     tl_process_limits_permit(RLIMIT_NOFILE, RLIM_INFINITY);
     TEST_ASSERT_EQUAL_UINT64(before.rlim_max, now().rlim_cur);

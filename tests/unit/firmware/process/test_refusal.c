@@ -1,4 +1,4 @@
-/* Refused calls are named to another process, with their arguments. */
+/* Another process gets the names and arguments of refused system calls. */
 #include "firmware/process/refusal.h"
 
 #include <errno.h>
@@ -48,7 +48,7 @@ static void a_refused_call_is_named(void) {
     TEST_ASSERT_EQUAL_STRING("call 8388607", confined.refusals[2].name);
 }
 
-/* A thread with a filter of its own, which asks for a socket. */
+/* A thread with its own filter, which requests a socket. */
 typedef struct asker {
     sem_t listens;
     int listener;
@@ -69,7 +69,7 @@ static void *ask_in_thread(void *context) {
     return NULL;
 }
 
-/* So there is time to look up what it was about. */
+/* The caller waits for the answer, so there is time to read its arguments. */
 static void the_caller_stands_still_until_it_is_answered(void) {
     static asker self;
     pthread_t thread;
@@ -81,19 +81,19 @@ static void the_caller_stands_still_until_it_is_answered(void) {
     struct pollfd waiting = {.fd = self.listener, .events = POLLIN};
     TEST_ASSERT_EQUAL_INT(1, poll(&waiting, 1, 10000));
     TEST_ASSERT_TRUE(tl_refusal_take(self.listener, &refusal));
-    TEST_ASSERT_FALSE(tl_refusal_take(self.listener, &refusal)); /* taken once, though not answered */
+    TEST_ASSERT_FALSE(tl_refusal_take(self.listener, &refusal)); /* reported once, also if not answered yet */
     (void)poll(NULL, 0, 50);
     bool went_on = __atomic_load_n(&self.goes_on, __ATOMIC_SEQ_CST);
     tl_refusal_answer(self.listener, &refusal);
     (void)pthread_join(thread, NULL);
-    tl_refusal_answer(self.listener, &refusal); /* a second time: there is nobody any more */
+    tl_refusal_answer(self.listener, &refusal); /* a second answer: the caller is gone */
     (void)close(self.listener);
     TEST_ASSERT_FALSE(went_on);
     TEST_ASSERT_TRUE(self.refused);
 }
 
 static bool end_while_waiting(void *context) {
-    (void)alarm(1); /* of which it dies, refused or not */
+    (void)alarm(1); /* ends the process, refused or not */
     while (context == NULL) {
         (void)tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0);
     }
@@ -114,12 +114,12 @@ static void where_there_is_no_listener_there_is_nothing_to_take(void) {
     TEST_ASSERT_FALSE(tl_refusal_take(-1, &refusal));
     TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
     TEST_ASSERT_EQUAL_INT(1, write(pipes[1], "a", 1));
-    TEST_ASSERT_FALSE(tl_refusal_take(pipes[0], &refusal)); /* nor where it is something else */
+    TEST_ASSERT_FALSE(tl_refusal_take(pipes[0], &refusal)); /* a descriptor of another kind */
     (void)close(pipes[0]);
     (void)close(pipes[1]);
 }
 
-/* A call that Python makes on import is no cause of a later failure. */
+/* A call that Python makes during import is not the cause of a later failure. */
 static void only_the_failed_call_has_a_cause(void) {
     static tl_fmu_refusals refusals;
     static tl_fmu_calls calls;
@@ -128,17 +128,17 @@ static void only_the_failed_call_has_a_cause(void) {
     uint32_t fmu = tl_fmu_calls_name("motor");
     tl_fmu_call_begin(fmu, TL_FMU_INSTANTIATE);
     TEST_ASSERT_TRUE(tl_fmu_refusals_note(&refusals, &refusal, &calls));
-    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls)); /* it has crashed there */
+    TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls)); /* the FMU may have crashed in this call */
     tl_fmu_call_fail();
     tl_fmu_call_end();
     TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
     tl_fmu_call_begin(fmu, TL_FMU_DO_STEP);
     TEST_ASSERT_FALSE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
-    TEST_ASSERT_FALSE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* again */
+    TEST_ASSERT_FALSE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* noted before */
     TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
     tl_fmu_call_end();
     TEST_ASSERT_FALSE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
-    TEST_ASSERT_TRUE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* by a thread */
+    TEST_ASSERT_TRUE(tl_fmu_refusals_note(&refusals, &refusal, &calls)); /* by a thread, outside a call */
     TEST_ASSERT_TRUE(tl_fmu_refusals_may_be_cause(&refusals, &calls));
     tl_fmu_calls_use(NULL);
 }
@@ -149,6 +149,6 @@ int main(void) {
     RUN_TEST(a_process_that_ends_meanwhile_is_no_trouble);
     RUN_TEST(only_the_failed_call_has_a_cause);
     RUN_TEST(where_there_is_no_listener_there_is_nothing_to_take);
-    RUN_TEST(the_caller_stands_still_until_it_is_answered); /* last: libseccomp listens once in a process */
+    RUN_TEST(the_caller_stands_still_until_it_is_answered); /* last: libseccomp listens once per process */
     return UNITY_END();
 }

@@ -1,4 +1,4 @@
-/* What a trial answers: its result is untrusted, because FMUs have run in a process below it. */
+/* The result of a trial is untrusted, because FMUs have run in the process that wrote it. */
 #include <stdio.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ static const tl_trial_answer good = {
     .budget = TL_SECOND / 2,
     .least = 1,
     .worst = 2};
-static tl_worker_result result; /* it is large */
+static tl_worker_result result; /* too large for the stack */
 static tl_trial_answer taken;
 
 static bool take(const tl_trial_answer *answer) {
@@ -60,7 +60,7 @@ static void test_what_is_no_answer(void) {
     TEST_ASSERT_FALSE(take(&good));
 }
 
-/* A kind is a place in a table of words. */
+/* The kind is an index into a table of words. */
 static void test_a_verdict_of_no_kind(void) {
     static tl_verdict verdict;
     result.verdict.kind = 1000;
@@ -73,7 +73,7 @@ static void test_an_answer_about_states(void) {
     (void)snprintf(result.why, sizeof result.why, "y is\033");
     TEST_ASSERT_TRUE(tl_worker_read_reason(&result, why));
     TEST_ASSERT_EQUAL_STRING("y is\\x1B", why);
-    memset(result.why, 'a', sizeof result.why); /* without an end */
+    memset(result.why, 'a', sizeof result.why); /* not terminated */
     result.is_complete = 0;
     TEST_ASSERT_FALSE(tl_worker_read_reason(&result, why));
     TEST_ASSERT_EQUAL_size_t(TL_TWIN_CHECK_WHY - 1, strlen(why));

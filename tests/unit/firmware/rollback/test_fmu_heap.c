@@ -1,4 +1,5 @@
-/* An FMU's heap: blocks as malloc() promises them, the same addresses for the same calls, and all of it in one piece of bytes. */
+/* An FMU's heap: blocks like those of malloc(), the same addresses for the same calls, all in one
+ * range of bytes. */
 #include <pthread.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -55,7 +56,7 @@ static void take(block *one) {
     memset(one->bytes, one->mark, one->size);
 }
 
-/* One more or one less. */
+/* Allocates or frees a random block. */
 static void change_one(void) {
     block *one = &blocks[tl_test_random_below(&dice, BLOCKS)];
     if (one->bytes == NULL) {
@@ -76,7 +77,7 @@ static void test_no_block_touches_another(void) {
             expect_marked(&blocks[i]);
         }
     }
-    TEST_ASSERT_LESS_THAN_UINT64(RESERVE / 2, tl_fmu_heap_used(&heap)); /* what is given back is used again */
+    TEST_ASSERT_LESS_THAN_UINT64(RESERVE / 2, tl_fmu_heap_used(&heap)); /* freed memory is reused */
 }
 
 static void test_it_is_in_its_bytes(void) {
@@ -130,7 +131,7 @@ static void test_what_lies_behind_is_zero(void) {
     }
 }
 
-/* Back to a small one, and then to a larger one. */
+/* Restores a smaller heap, then a larger one. */
 static void test_in_any_order(void) {
     size_t small = tl_fmu_heap_used(&heap);
     unsigned char *saved = malloc(RESERVE);
@@ -179,12 +180,12 @@ static void test_a_destroyed_head(void) {
     TEST_ASSERT_EQUAL_UINT64(0, tl_fmu_heap_size(taken));
     tl_fmu_heap_release(&heap, taken);
     TEST_ASSERT_NOT_NULL(tl_fmu_heap_allocate(&heap, 100, 16));
-    memset(heap.base, 0xFF, 8); /* how much is used */
+    memset(heap.base, 0xFF, 8); /* the field with the used size */
     TEST_ASSERT_LESS_OR_EQUAL_UINT64(RESERVE, tl_fmu_heap_used(&heap));
     TEST_ASSERT_NULL(tl_fmu_heap_allocate(&heap, 5000, 16));
 }
 
-/* Each takes, marks, looks and gives back: nobody else's block is its own. */
+/* Each thread allocates, marks, checks and frees: no two threads get the same block. */
 static void *work_beside(void *failures) {
     for (int i = 0; i < ROUNDS; i++) {
         unsigned char *own[8];
@@ -212,7 +213,7 @@ static void test_threads_take_and_give_back(void) {
         TEST_ASSERT_EQUAL_INT(0, pthread_join(threads[i], NULL));
         TEST_ASSERT_EQUAL_INT(0, failures[i]);
     }
-    TEST_ASSERT_LESS_THAN_UINT64(8192, tl_fmu_heap_used(&heap)); /* 24 blocks at a time */
+    TEST_ASSERT_LESS_THAN_UINT64(8192, tl_fmu_heap_used(&heap)); /* room for 24 blocks */
 }
 
 static void test_no_addresses(void) {

@@ -1,4 +1,4 @@
-/* What an FMU was given until its first step is given again: all calls, in their order, with their values. */
+/* The calls that an FMU got before its first step are repeated in order, with their values. */
 #include "firmware/rollback/fmu_replay.h"
 
 #include <stdarg.h>
@@ -7,7 +7,7 @@
 #include <unity.h>
 
 static tl_fmu_prologue prologue;
-static char calls[1 << 12]; /* what was called, as text */
+static char calls[1 << 12]; /* the calls, as text */
 static const char *failing;
 static int instance;
 
@@ -94,7 +94,7 @@ static const tl_fmi2 functions = {.set_real = set_real,
                                   .enter_initialization_mode = enter,
                                   .exit_initialization_mode = leave};
 
-/* Arguments are the caller's only until the call returns. */
+/* The arguments are valid only during the call, so they must be copied. */
 static void give_all(void) {
     fmi2ValueReference references[] = {7, 8, 9};
     fmi2Real reals[] = {0.5, 1.5, -2.5};
@@ -151,7 +151,7 @@ static void test_nothing_is_given_again_of_before(void) {
     TEST_ASSERT_EQUAL_STRING(all, calls);
 }
 
-/* What comes after it is not called. */
+/* A failing call ends the repetition. */
 static void test_the_first_that_fails_ends_it(void) {
     give_all();
     failing = "setup";
@@ -175,7 +175,7 @@ static void test_many(void) {
     TEST_ASSERT_EQUAL_STRING_LEN(wanted, calls, strlen(wanted));
 }
 
-/* Not all is kept: nothing is called. */
+/* Some calls were not kept, so none is repeated. */
 static void test_one_that_is_cut(void) {
     give_all();
     prologue.is_cut = true;

@@ -1,4 +1,5 @@
-/* An FMU is led back by a reset and what it was given: to the bit, from wherever it stands, and it is told if it does not do the same again. */
+/* Rollback by reset and replay: bit-identical from any state. An FMU that does not repeat its
+ * values is reported. */
 #include "firmware/rollback/fmu_replay.h"
 
 #include <math.h>
@@ -15,7 +16,7 @@ typedef struct model {
 } model;
 
 static model fmu;
-static double drift; /* added by each step: what no reset takes back */
+static double drift; /* added by each step, and not reset */
 static bool refuses_reset;
 static unsigned resets;
 
@@ -107,7 +108,7 @@ void setUp(void) {
                              .outputs = &outputs};
     fmu = (model){.y = 0.25};
     tl_fmu_replay_begin(&replay);
-    u[0] = 3.5; /* before its first step: a start value */
+    u[0] = 3.5; /* a start value before the first step */
     (void)set_real(&fmu, reference, 1, u);
     tl_fmu_replay_note(&replay, TL_PROLOGUE_SET_REAL, reference, 1, u, fmi2OK);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_start(&replay));
@@ -117,7 +118,7 @@ void tearDown(void) {
     tl_fmu_replay_end(&replay);
 }
 
-/* What a twin does in a step, noted as the guard notes it. */
+/* One step as in a twin, with the notes of the guard. */
 static fmi2Status step(unsigned number, double value) {
     const tl_fmi2_step made = {.now = number * 0.1, .size = 0.1};
     u[0] = value;
@@ -154,7 +155,7 @@ static void test_to_any_place_in_any_order(void) {
     for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
         TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, states[order[i]]));
         TEST_ASSERT_EQUAL_MEMORY(&then[order[i]], &fmu, sizeof fmu);
-        (void)step(order[i], -5.0); /* elsewhere */
+        (void)step(order[i], -5.0); /* from another state */
     }
     TEST_ASSERT_FALSE(was_reported.differs || was_reported.is_over);
     TEST_ASSERT_GREATER_THAN_UINT64(0, was_reported.steps);
@@ -164,7 +165,7 @@ static void test_to_any_place_in_any_order(void) {
     }
 }
 
-/* Of what lies ahead nothing is lost, and nothing is reset. */
+/* A later state is reached without a reset, and steps after a restored state are kept. */
 static void test_forward_without_a_reset(void) {
     fmi2FMUstate begin = NULL;
     fmi2FMUstate end = NULL;
@@ -206,7 +207,7 @@ static void test_one_that_cannot_be_reset(void) {
     tl_fmu_replay_forget(&replay, &state);
 }
 
-/* Where it stands then nobody knows; it is led back all the same. */
+/* A failed step leaves an unknown state; the FMU can be restored all the same. */
 static void test_after_a_step_that_failed(void) {
     fmi2FMUstate state = NULL;
     (void)step(0, 1.0);
@@ -231,7 +232,7 @@ static void test_too_far(void) {
     tl_fmu_replay_forget(&replay, &state);
 }
 
-/* A call of variables that no step has: what it was given is not known any more. */
+/* A call with other variables than in steps: the inputs of the FMU are unknown from then on. */
 static void test_an_unknown_call(void) {
     static const fmi2ValueReference other[] = {5};
     tl_fmu_replay_note(&replay, TL_PROLOGUE_SET_REAL, other, 1, u, fmi2OK);

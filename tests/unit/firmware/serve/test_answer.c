@@ -1,4 +1,4 @@
-/* Replies as lines: each kind, whatever its texts hold; and which status a result is. */
+/* Replies as lines of JSON: each kind, with any texts; and the HTTP status of each result. */
 #include "firmware/serve/dialogue.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@ void setUp(void) {}
 
 void tearDown(void) {}
 
-/* The object of a reply's line, which is one line. */
+/* Parses a reply's line, which has one newline at its end. */
 static cJSON *object_of(const tl_control_reply *reply) {
     size_t length = tl_answer_line(reply, line);
     TEST_ASSERT_GREATER_THAN(0, length);
@@ -51,7 +51,7 @@ static void results_are_words(void) {
     TEST_ASSERT_EQUAL_INT(TL_HTTP_CHANGED, tl_answer_status(TL_CONTROL_CHANGED));
 }
 
-/* The longest texts there are, of the bytes that take most room. */
+/* The longest texts, of characters with the longest escapes. */
 static void the_longest_reply_fits(void) {
     static const char worst[] = {'\x01', '\\', '"', '\xff'};
     for (size_t i = 0; i < sizeof worst; i++) {

@@ -1,4 +1,4 @@
-/* Who may stay, who gives way, and whose time is over. */
+/* Connections: which are admitted, which are closed for others, and which time out. */
 #include "firmware/serve/connections.h"
 
 #include <arpa/inet.h>
@@ -20,7 +20,7 @@ static tl_address address(unsigned number) {
     return tl_address_of((const struct sockaddr *)&socket);
 }
 
-/* The place; who gives way is checked. */
+/* Returns the slot; `gives_way` is the connection that must be closed for it. */
 static int admit(unsigned number, tl_time now, int gives_way) {
     tl_address from = address(number);
     int found = 0;
@@ -54,7 +54,7 @@ static void whoever_has_most_gives_way_at_once(void) {
     tl_connections_leave(&guests, 0);
     TEST_ASSERT_EQUAL_INT(0, admit(100, TL_SECOND / 100, -1));
     TEST_ASSERT_EQUAL_INT(
-        -1, admit(101, TL_SECOND / 100, TL_CONNECTIONS_OF_ADDRESS)); /* the first one of the second address */
+        -1, admit(101, TL_SECOND / 100, TL_CONNECTIONS_OF_ADDRESS)); /* the first connection of the second address */
 }
 
 static void of_many_who_have_one_each_the_oldest_is_safe_for_a_second(void) {

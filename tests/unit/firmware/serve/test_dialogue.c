@@ -1,4 +1,4 @@
-/* A dialogue with a plant that is played here: what the answer is at each moment, and how much of it is kept. */
+/* A dialogue with a simulated plant: the state of the answer, and the limit of buffered bytes. */
 #include "firmware/serve/dialogue.h"
 
 #include <stdlib.h>
@@ -34,7 +34,7 @@ void tearDown(void) {
     (void)rmdir(tl_scratch_path(&scratch, "motor"));
 }
 
-/* Asks; the plant has the request then. */
+/* Sends a request and lets the plant receive it. */
 static void begin(tl_control_verb verb) {
     tl_control_request request;
     size_t size = 0;
@@ -103,7 +103,7 @@ static void a_plant_that_hangs_up_is_told(void) {
     TEST_ASSERT_EQUAL_STRING("failed", dialogue.result);
 }
 
-/* A guest who takes nothing: the plant is listened to no more, and goes its way; all that was taken is in order. */
+/* A client that reads nothing: the server stops reading from the plant. Complete lines are kept. */
 static void what_nobody_takes_is_bounded(void) {
     char piece[4096];
     size_t taken = 0;

@@ -78,7 +78,8 @@ static void a_child_of_a_dead_owner_holds_no_lock(void) {
     (void)close(was_reported[1]);
 }
 
-/* An owner whose lock file was removed does not remove that of the next owner. */
+/* If an owner's lock file was removed, the owner does not remove the lock file of the next
+ * owner. */
 static void a_lock_that_was_removed(void) {
     tl_database_lock first = {.path = ""};
     tl_database_lock second = {.path = ""};

@@ -103,7 +103,7 @@ static void expect_nothing_missing(void) {
                                                        " outputs o WHERE o.run = s.run AND o.step = s.step)"));
 }
 
-/* The database has what the counts and the run's row say, and each batch is complete. */
+/* The database agrees with the counts and the run's row, and each batch is complete. */
 static void expect_whole(int64_t written) {
     TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path,

@@ -267,8 +267,7 @@ static void test_missed_ticks_are_made_up(void) {
     expect_gaps();
 }
 
-/* With a budget that ends at once, all missed ticks are still computed, one at a time. */
-/* What was not permitted is reported with the first miss, once. */
+/* Denied rights are reported once, with the first miss. */
 static void test_what_may_have_caused_a_miss(void) {
     missing = (tl_realtime_missing){.lock_error = ENOMEM, .priority = true};
     make_twin(20 * MILLISECOND, 600 * MILLISECOND, TL_LAG);
@@ -283,6 +282,7 @@ static void test_what_may_have_caused_a_miss(void) {
                                                         "severity = 1 AND text LIKE '%LimitRTPRIO%'"));
 }
 
+/* With a budget that ends at once, all missed ticks are still computed, one at a time. */
 static void test_missed_ticks_without_time(void) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
     twin.assembly.config.budget_time = 1;

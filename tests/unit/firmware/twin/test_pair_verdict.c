@@ -1,4 +1,5 @@
-/* What two twins of one configuration tell: in processes that are this program once more. FMUs that are disturbed by another instance are those of replay_two_instances. */
+/* Verdict on two twins of one configuration. They run in processes that execute this program
+ * again. replay_two_instances tests FMUs that disturb each other. */
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,7 +45,7 @@ static void test_the_same(void) {
     TEST_ASSERT_EQUAL_STRING("", verdict.text);
 }
 
-/* A machine without room for it is no fault of an FMU. */
+/* A machine without room is not a fault of an FMU. */
 static void test_no_room(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1));
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, find(), error.text);

@@ -17,7 +17,7 @@
 
 enum { TICKS = 1200 };
 
-/* %s: "shape", …, then the adjusted variables. A tolerance that is often missed. */
+/* %s: shape of the horizon, and the adjusted variables. The tolerance is often missed. */
 #define CONFIGURATION                                                                                                  \
     "{ \"twinlock\": 1, \"name\": \"late\", \"step_s\": 0.01,\n"                                                       \
     "  \"components\": { \"drive\": { \"fmu\": \"drive.fmu\", \"set\": { \"ref\": 10 } },\n"                           \
@@ -44,21 +44,21 @@ static tl_error error;
 static uint32_t random_state;
 static tl_time clock_now;
 
-/* How a step can be hindered, or not. */
+/* Conditions in SQL: how a step can be limited. */
 static const char *const ways[] = {
-    "stop = 4 AND outcome IN (2, 3)", /* time ended the search, and something was found all the same, */
-    "stop = 4 AND outcome = 4",       /* or nothing, */
-    "stop = 4 AND evaluations = 0",   /* or not even the guess was evaluated */
-    "flags & 4 AND evaluations > 1",  /* no time was left for nominal */
+    "stop = 4 AND outcome IN (2, 3)", /* time ended the search, with a result, */
+    "stop = 4 AND outcome = 4",       /* without one, */
+    "stop = 4 AND evaluations = 0",   /* before the first evaluation */
+    "flags & 4 AND evaluations > 1",  /* no time for the nominal value */
     "outcome = 5",
     "outcome = 6",
     "stop = 1",
-    "stop = 4 AND held IN (1, 2)", /* one of two variables */
+    "stop = 4 AND held IN (1, 2)", /* one of two variables is held */
 };
 
 enum { WAYS = sizeof ways / sizeof ways[0], HELD = WAYS - 1 };
 
-static int64_t seen[WAYS]; /* steps of all runs of a test */
+static int64_t seen[WAYS]; /* number of steps, in all runs of a test */
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
@@ -89,7 +89,7 @@ static uint32_t random_below(uint32_t bound) {
     return (random_state >> 8) % bound;
 }
 
-/* A machine on which every look at the clock takes a while, and some a long one. */
+/* Each read of the clock takes time, sometimes much. */
 static tl_time unsteady_clock(void *context) {
     (void)context;
     clock_now += 100 + (random_below(40) == 0 ? (tl_time)random_below(60000) : 0);
@@ -169,7 +169,7 @@ static void run_again(void) {
     close_run();
 }
 
-/* ---- comparison -------------------------------------------------------------------------------------------------- */
+/* ---- comparison ---- */
 
 static sqlite3_stmt *ask(const char *path, const char *sql, sqlite3 **database) {
     sqlite3_stmt *statement = NULL;
@@ -189,7 +189,7 @@ static void expect_same_row(sqlite3_stmt *one, sqlite3_stmt *other, const char *
     }
 }
 
-/* What both databases answer is the same, to the bit. */
+/* Both databases have the same rows, bit for bit. */
 static void expect_same(const char *sql, const char *what) {
     sqlite3 *databases[2];
     sqlite3_stmt *live = ask(live_path, sql, &databases[0]);
@@ -208,7 +208,7 @@ static void expect_same(const char *sql, const char *what) {
     (void)sqlite3_close(databases[1]);
 }
 
-/* ---- tests ------------------------------------------------------------------------------------------------------- */
+/* ---- tests ---- */
 
 static void configure(const char *horizon, const char *search) {
     FILE *file = fopen(config_path, "w");
@@ -225,7 +225,7 @@ static void count_ways(void) {
     }
 }
 
-/* All but HELD, which needs more than one variable. */
+/* All except HELD, which needs several variables. */
 static void expect_all_ways(void) {
     for (size_t i = 0; i < HELD; i++) {
         TEST_ASSERT_GREATER_THAN_INT64_MESSAGE(0, seen[i], ways[i]);
@@ -274,7 +274,7 @@ static void test_two_solvers(void) {
     expect_all_ways();
 }
 
-/* What turned out not to matter is put back to nominal at the end of a search, where there is time for that. */
+/* A variable without influence returns to nominal at the end of a search, if time remains. */
 static void test_variables_that_are_held(void) {
     static const char held[] = "\"adjust\": { \"motor.d\": { \"nominal\": 0.0031, \"step\": 0.05 },"
                                " \"drive.P\": { \"nominal\": 1, \"step\": 0.1 } }, \"noise_floor\": 5";

@@ -91,7 +91,7 @@ static void sleep_for_ever(void) {
     }
 }
 
-/* Lies before the twin is built. */
+/* A lie before the twin is built. */
 static bool lie_early(const char *lie) {
     if (strcmp(lie, "ends at once") == 0) {
         _exit(0);
@@ -140,7 +140,7 @@ static bool lie_early(const char *lie) {
     return true;
 }
 
-/* Lies afterwards. */
+/* A lie afterwards. */
 static void lie_late(const char *lie) {
     send_built();
     if (strcmp(lie, "built twice") == 0) {

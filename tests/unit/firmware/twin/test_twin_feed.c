@@ -1,4 +1,4 @@
-/* The feed of a twin: which ticks come, in which order, and where it ends. */
+/* The feed of a twin: which ticks come, in which order, and the end. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -49,7 +49,7 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-/* One row a tick, each of ROW bytes, and one more: the last instant is reached. */
+/* Each row has ROW bytes. One more row lets the last instant be reached. */
 static void write_recording(int ticks) {
     FILE *file = fopen(recording_path, "w");
     TEST_ASSERT_NOT_NULL(file);
@@ -67,7 +67,7 @@ static char *replace(char *text, const char *old, const char *new) {
     return changed;
 }
 
-/* `horizon`: its members; `duration`: with its comma, or nothing. */
+/* horizon: members of that object. duration: that member with a comma, or empty. */
 static void write_config(const char *horizon, const char *duration) {
     char *text = tl_test_read_text(LOCK);
     text = replace(text, "\"prediction\": 1, \"measurements\": \"lag\"", horizon);
@@ -97,7 +97,7 @@ static void open_with(const char *horizon, const char *duration, int ticks) {
     open_feed(false, false);
 }
 
-/* What came until the end: ticks from 0 without a gap, records one behind the other. */
+/* Ticks and records up to the end. Both are consecutive. */
 typedef struct tally {
     int64_t steps;
     int64_t records;
@@ -113,7 +113,7 @@ static tally take_all(void) {
         if (end || sum.status != TL_OK) {
             return sum;
         }
-        TEST_ASSERT_EQUAL_INT64(0, sum.lasts); /* nothing behind it */
+        TEST_ASSERT_EQUAL_INT64(0, sum.lasts); /* none after the last one */
         TEST_ASSERT_EQUAL_INT64(sum.steps, fed.tick->sample.tick);
         TEST_ASSERT_EQUAL_INT64(sum.steps, fed.result->tick);
         if (fed.result->ready != 0) {
@@ -131,14 +131,14 @@ static void expect_tally(tally found, int64_t steps, int64_t records, int64_t la
     TEST_ASSERT_EQUAL_INT64(records, found.records);
     TEST_ASSERT_EQUAL_INT64(lasts, found.lasts);
     bool end = false;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error)); /* it stays at its end */
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error)); /* still at the end */
     TEST_ASSERT_TRUE(end);
     TEST_ASSERT_NULL(tl_twin_feed_poll(feed));
 }
 
 /* ---- modes ---- */
 
-/* Each tick is a step, and its record is there at once: y of t_(i+1) is that tick's, one later. */
+/* Each tick computes a step. Its record, with y at t_(i+1), is complete in the same tick. */
 static void test_lag(void) {
     open_with("\"prediction\": 1, \"measurements\": \"lag\"", "", ROWS);
     expect_tally(take_all(), ROWS, ROWS - account.lead, 0);
@@ -157,7 +157,8 @@ static void test_hold(void) {
     expect_tally(found, ROWS, ROWS - account.lead, 0);
 }
 
-/* The last tick computes nothing: the measurement of its step would not come. It completes the record before. */
+/* The last tick computes no step, because its measurement would not come. It completes the last
+ * record. */
 static void test_ahead(void) {
     open_with("\"prediction\": 1, \"measurements\": \"ahead\"", "", ROWS);
     TEST_ASSERT_EQUAL_UINT32(0, account.lead);
@@ -175,7 +176,7 @@ static void test_a_plant_steps_at_each_tick(void) {
 
 /* ---- duration ---- */
 
-/* As many records as steps fit into it; in all modes the same. */
+/* The duration limits the records. Their number is the same in all modes. */
 static void test_the_duration_ends_it(void) {
     static const char *const modes[] = {
         "\"prediction\": 1, \"measurements\": \"lag\"", "\"prediction\": 2, \"measurements\": \"lag\"",
@@ -213,7 +214,7 @@ static void test_a_single_tick(void) {
 
 /* ---- an error in the middle ---- */
 
-/* Somebody writes into the file while it is read: what was before counts, and then comes the error, with nothing behind it. */
+/* The file is overwritten during the read: earlier rows are used, then an error ends the feed. */
 static void test_a_recording_that_breaks(void) {
     bool end = false;
     open_with("\"prediction\": 1, \"measurements\": \"lag\"", "", 100 * ROWS);
@@ -258,7 +259,7 @@ static void test_stopped_it_gives_no_more(void) {
     for (int i = 0; i < SOME; i++) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error));
     }
-    TEST_ASSERT_NOT_NULL(tl_twin_feed_poll(feed)); /* read already, and yet not given */
+    TEST_ASSERT_NOT_NULL(tl_twin_feed_poll(feed)); /* available, but not returned before the stop */
     tl_twin_feed_stop(feed);
     tl_twin_feed_stop(feed);
     TEST_ASSERT_NULL(tl_twin_feed_poll(feed));

@@ -1,4 +1,4 @@
-/* Jobs: what was put in comes out, and one that is cut or too long is refused. */
+/* Jobs: read back as written. A truncated or too long one is refused. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -6,7 +6,7 @@
 
 #include "firmware/twin/twin_role.h"
 
-static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* no zero, which could be a text's end */
+static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* without 0, unlike a text */
 static const unsigned char tunings[] = {8, 1, 77, 6};
 static const unsigned char live[] = {3, 0, 141};
 static const tl_twin_job order = {.task = TL_TASK_LIVE,
@@ -57,7 +57,7 @@ static bool lies_in_block(const void *slot_index) {
     return at >= (uintptr_t)block.bytes && at <= (uintptr_t)block.bytes + block.size;
 }
 
-/* From the descriptor, as another process takes it. */
+/* Read by descriptor, as another process does. */
 static void test_all_of_it_comes_back(void) {
     tl_block taken;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(block.descriptor, 0, TL_BLOCK_IS_WRITTEN, &taken, &error));
@@ -69,7 +69,7 @@ static void test_all_of_it_comes_back(void) {
     TEST_ASSERT_EQUAL_UINT8_ARRAY(tunings, job.tunings, sizeof tunings);
     TEST_ASSERT_EQUAL_size_t(sizeof live, job.live_size);
     TEST_ASSERT_EQUAL_UINT8_ARRAY(live, job.live, sizeof live);
-    block.descriptor = -1; /* which `taken` owns now */
+    block.descriptor = -1; /* `taken` owns it now */
     tl_block_close(&taken);
 }
 
@@ -99,7 +99,7 @@ static void test_without_pieces_that_may_be_missing(void) {
 
 /* ---- damage ---- */
 
-/* Bytes in memory of just that size, so that a sanitizer sees what is read beyond. */
+/* Copies to memory of this size, so that a sanitizer detects overruns. */
 static tl_status read_bytes(const unsigned char *bytes, size_t size) {
     unsigned char *copy = malloc(size > 0 ? size : 1);
     TEST_ASSERT_NOT_NULL(copy);

@@ -1,4 +1,5 @@
-/* Two twins in one process: bit-identical with one configuration, else the difference is reported. */
+/* Two twins in one process: with one configuration they are bit-identical, else the difference is
+ * reported. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Places that FMUs may read: each kind of them, only what exists, and never all of the disk. */
+/* Paths that an FMU may read: each kind, only existing ones, and never the whole disk. */
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -16,7 +16,7 @@ static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPAT
 enum { VARIABLES = sizeof variables / sizeof variables[0], LISTS = 3 };
 
 static tl_scratch scratch;
-static char root[PATH_MAX]; /* of all that the tests make, without links */
+static char root[PATH_MAX]; /* resolved; contains all files of the tests */
 static tl_config_component component;
 static tl_assembly_file found;
 static tl_assembly assembly;
@@ -35,7 +35,7 @@ void tearDown(void) {
     tl_readable_paths_free(&places);
 }
 
-/* Of what is below the root; four at a time. */
+/* A path below the root. Four results are valid at a time. */
 static const char *in_root(const char *name) {
     static char paths[4][PATH_MAX];
     static size_t next;
@@ -86,7 +86,7 @@ static void remove_tree(void) {
     }
 }
 
-/* Just these, in that order; NULL ends them. */
+/* Expects these paths in this order, up to NULL. */
 static void expect_places(const char *const *expected) {
     tl_readable_paths_find(&assembly, &places);
     size_t count = 0;
@@ -101,7 +101,7 @@ static void test_nothing_is_named(void) {
     expect_places((const char *const[]){NULL});
 }
 
-/* Relative to the configuration's folder, or absolute; what is not there is left out. */
+/* Relative to the folder of the configuration, or absolute. Missing paths are left out. */
 static void test_what_a_component_reads(void) {
     tl_config_name reads[] = {
         {.name = "data"}, {.name = "data/../private.csv"}, {.name = "absent"}, {.name = ""}, {.name = NULL}};
@@ -113,7 +113,7 @@ static void test_what_a_component_reads(void) {
     expect_places((const char *const[]){in_root("data"), in_root("private.csv"), absolute, NULL});
 }
 
-/* A text is the name of a file only if it looks like one. Numbers are none. */
+/* Only an absolute path in a text counts as a file name. */
 static void test_texts_in_set(void) {
     char absolute[PATH_MAX];
     (void)snprintf(absolute, sizeof absolute, "%s", in_root("private.csv"));
@@ -127,7 +127,8 @@ static void test_texts_in_set(void) {
     expect_places((const char *const[]){absolute, NULL});
 }
 
-/* What lies in a folder for libraries comes with others; elsewhere it is alone. One that was not found is passed over. */
+/* A library in a library folder brings the whole folder. A library elsewhere comes alone, a
+ * missing one not at all. */
 static void test_libraries(void) {
     char with_others[PATH_MAX];
     char alone[PATH_MAX];
@@ -151,7 +152,7 @@ static void test_folders_in_variables(void) {
     }
 }
 
-/* An environment, and the installation that it was made from; only that of the first. */
+/* A virtual environment and its base installation, of the first interpreter in PATH only. */
 static void test_python(void) {
     char list[3 * PATH_MAX];
     (void)snprintf(list, sizeof list, "%s::%s:/usr/bin", in_root("data"), in_root("venv/bin"));
@@ -167,7 +168,7 @@ static void test_pythons_home(void) {
     expect_places((const char *const[]){in_root("python/lib"), in_root("python/lib64"), NULL});
 }
 
-/* Whatever a variable says: neither a home nor what it lies in, but what lies in it. */
+/* Neither a home folder nor its parents, but folders inside a home. */
 static void test_never_a_home(void) {
     char list[4 * PATH_MAX];
     (void)snprintf(list, sizeof list, "%s:%s:%s:%s:/tmp:/var/", root, in_root("venv"), in_root("venv/lib/.."),
@@ -181,7 +182,7 @@ static void test_never_a_home(void) {
     }
 }
 
-/* However it is written. */
+/* In any spelling. */
 static void test_never_everything(void) {
     tl_config_name reads[] = {
         {.name = "/"}, {.name = "//"}, {.name = "/tmp/.."}, {.name = "data/../../../../../../../../.."}};
@@ -200,7 +201,7 @@ static void test_never_everything(void) {
     expect_places((const char *const[]){NULL});
 }
 
-/* What is named twice is one place. */
+/* A repeated path counts once. */
 static void test_more_than_there_is_room_for(void) {
     static tl_config_name reads[MANY];
     static char names[MANY][16];

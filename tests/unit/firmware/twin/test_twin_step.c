@@ -1,4 +1,4 @@
-/* What another process may say of a tick, and what it may not. */
+/* Results of a tick from the untrusted FMU process: valid and invalid values. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -12,7 +12,7 @@ enum { TICK = 50, LEAST = 40 };
 static const tl_config config = {.signal_count = 2, .component_count = 2, .match_count = 2, .adjust_count = 1};
 static tl_twin_result result;
 
-/* A good one; what the configuration has no signals for is rubbish. */
+/* A valid result. Fields without a signal have arbitrary bytes. */
 void setUp(void) {
     memset(&result, 0xA5, sizeof result);
     result.tick = TICK;
@@ -54,7 +54,7 @@ static void test_the_ends_of_all_ranges(void) {
     TEST_ASSERT_TRUE(is_sound());
 }
 
-/* Numbers are the plant's and the FMU's affair. */
+/* Values of plant and FMU are not checked. */
 static void test_numbers_are_not_judged(void) {
     result.record.objective = (double)NAN;
     result.record.y[0] = (double)INFINITY;
@@ -74,7 +74,7 @@ static void test_of_another_tick(void) {
     }
 }
 
-/* Nor is it this process that is interrupted: the run would look as if its user had ended it. */
+/* The FMU process must not report an interruption, which would look like one by the user. */
 static void test_a_status_that_is_none(void) {
     const int32_t wrong[] = {TL_INTERRUPTED, TL_INTERRUPTED + 1, -1, INT32_MIN, INT32_MAX};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
@@ -137,7 +137,7 @@ static void test_a_quality_that_is_none(void) {
     TEST_ASSERT_TRUE(is_sound());
 }
 
-/* It is not looked at. */
+/* Without a ready record, its bytes are ignored. */
 static void test_a_record_that_is_not_there(void) {
     memset(&result.record, 0xFF, sizeof result.record);
     TEST_ASSERT_FALSE(is_sound());

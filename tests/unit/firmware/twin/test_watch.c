@@ -40,7 +40,8 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* What was logged since the last call: so many lines; free() it. */
+/* Returns the lines logged since the last call; there must be `count` of them. The caller frees
+ * them. */
 static char *told_lines(size_t count) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     tl_journal_drain(&journal);

@@ -1,4 +1,4 @@
-/* Start-up memory: zeroed, aligned, sealed, given back as a whole. */
+/* Start-up memory: zeroed, aligned, sealed, released as a whole. */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 
 #include "master/base/arena.h"
 
-/* The strictest alignment of what C99 knows. */
+/* A type with the strictest alignment in C99. */
 typedef union widest {
     long double number;
     int64_t integer;
@@ -89,7 +89,7 @@ static void a_released_arena_can_be_used_again(void) {
     TEST_ASSERT_EQUAL_UINT64(0, tl_arena_used(&arena));
     TEST_ASSERT_NOT_NULL(tl_arena_take(&arena, 1, 8));
     tl_arena_release(&arena);
-    tl_arena_release(&arena); /* twice does no harm */
+    tl_arena_release(&arena); /* a second release has no effect */
 }
 
 int main(void) {

@@ -1,4 +1,4 @@
-/* The name that was probably meant. */
+/* The known name nearest to a misspelled one. */
 #include <string.h>
 
 #include <unity.h>
@@ -48,7 +48,7 @@ static void test_too_far(void) {
     expect_far("toxxxance", "tolerance");
     expect_far("tolera", "tolerance");
     expect_far("tolerancexyz", "tolerance");
-    expect_far("time", "file"); /* 2 of 4 */
+    expect_far("time", "file"); /* 2 of 4 characters differ */
     expect_far("mix", "me");
     expect_far("x", "to");
     expect_far("", "");

@@ -1,4 +1,4 @@
-/* Failures with words, reports of many problems, exit codes, and the small vocabulary of signals and time. */
+/* Errors with texts, reports of several problems, exit codes, signal types and times. */
 #include <string.h>
 #include <unity.h>
 
@@ -92,14 +92,14 @@ static void qualities_and_types_have_names(void) {
 }
 
 static void an_instant_is_computed_from_its_index(void) {
-    tl_time step = tl_time_of_seconds(0.1); /* no double, but a whole number of ns */
+    tl_time step = tl_time_of_seconds(0.1); /* a whole number of ns, not a double */
     TEST_ASSERT_EQUAL_INT64(100000000, step);
     TEST_ASSERT_EQUAL_INT64(5 + 100000000 * INT64_C(31536000000), tl_time_of_step(5, step, INT64_C(31536000000)));
     TEST_ASSERT_TRUE(tl_seconds(tl_time_of_step(0, step, 3)) == 0.3);
     TEST_ASSERT_EQUAL_INT64(-1500000000, tl_time_of_seconds(-1.5));
 }
 
-/* Stamps may be anything that a database holds. */
+/* A database may contain any stamp. */
 static void test_the_age_of_a_reading(void) {
     static tl_sample sample = {.instant = 1000};
     sample.stamps[0] = TL_TIME_NEVER;

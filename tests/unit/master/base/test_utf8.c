@@ -1,4 +1,4 @@
-/* Characters of UTF-8: every short sequence, and what may be shown. */
+/* UTF-8 characters: every short sequence, and which ones may be printed. */
 #include <unity.h>
 
 #include "master/base/text.h"
@@ -6,7 +6,7 @@
 void setUp(void) {}
 void tearDown(void) {}
 
-/* The table of the Unicode standard (3-7) as ranges of code points. */
+/* Table 3-7 of the Unicode standard, as ranges of code points. */
 static size_t expected_of(const unsigned char byte[3], uint32_t *point) {
     if (byte[0] < 0x80) {
         *point = byte[0];
@@ -50,9 +50,9 @@ static void test_characters_of_four_bytes(void) {
     expect(4, 0x10000, "\xF0\x90\x80\x80", 4);
     expect(4, 0x10FFFF, "\xF4\x8F\xBF\xBF", 4);
     expect(0, 0, "\xF0\x8F\xBF\xBF", 4); /* overlong */
-    expect(0, 0, "\xF4\x90\x80\x80", 4); /* beyond */
+    expect(0, 0, "\xF4\x90\x80\x80", 4); /* beyond U+10FFFF */
     expect(0, 0, "\xF5\x80\x80\x80", 4);
-    expect(0, 0, "\xF0\x90\x80\x80", 3); /* not whole */
+    expect(0, 0, "\xF0\x90\x80\x80", 3); /* incomplete */
     expect(0, 0, "\xC3\xA9", 1);
 }
 

@@ -1,5 +1,5 @@
-/* One component behind its cache: table 4.1, commits, catching up, failures, full pools. TL_TEST_WALKS says how many random
- * walks there are. */
+/* One component with a cache: table 4.1, commits, catching up, failures, full pools. TL_TEST_WALKS
+ * is the number of random walks. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -14,10 +14,10 @@ enum { WIDTH = 2, PREDICTION = 3, ROOM = 64, READY = 256 /* handles made at the 
 static const double CIRCLE = 1.0; /* o and * of the thesis */
 static const double STAR = 2.0;
 
-/* Where ports without integers point to. */
+/* Target of the pointers of ports without integers. */
 static fmi2Integer none;
 
-/* A component with its ports; with a cache or without. */
+/* A component with its ports. */
 typedef struct unit {
     tl_component component;
     fmi2ValueReference references[2 * WIDTH];
@@ -27,8 +27,8 @@ typedef struct unit {
 static tl_test_log call_log;
 static tl_test_fmu fmu;
 static tl_arena arena;
-static unit behind;  /* the cache, */
-static unit without; /* which is not there */
+static unit behind;  /* with a cache */
+static unit without; /* without a cache, as the reference */
 static fmi2FMUstate without_state;
 static tl_cached_component cached;
 static tl_error error;
@@ -36,7 +36,7 @@ static int64_t step; /* of the root */
 static uint32_t depth;
 static char where[64];
 
-/* Which variables are ports: names are unimportant, references come from the FMU. */
+/* Sets the ports. References come from the FMU; the names do not matter. */
 static void place(unit *self) {
     static const char *const names[] = {"u0", "u1", "y0", "y1"};
     memset(self, 0, sizeof *self);
@@ -102,7 +102,7 @@ static void set_inputs(double u) {
     behind.values[1] = -u;
 }
 
-/* One step of the candidate; how many executions it took. */
+/* One step of the candidate. Returns the number of executions. */
 static uint64_t advance(double u) {
     uint64_t before = behind.component.executions;
     set_inputs(u);
@@ -128,7 +128,7 @@ static uint64_t commit(double u) {
     return executions;
 }
 
-/* A candidate from the root; `inputs` of o and *. */
+/* A candidate from the root; `inputs` consists of o and *. Returns the number of executions. */
 static uint64_t candidate(const char *inputs) {
     uint64_t executions = 0;
     rewind_candidate();
@@ -139,8 +139,8 @@ static uint64_t candidate(const char *inputs) {
 }
 
 /* ---- table 4.1 ----
- * Left column: of the states only that of t_1 is there, where each iteration begins; what is known delivers its outputs, and is
- * executed all the same as soon as a later input differs. Right column: a state behind each sequence. */
+ * Left column: only the state of t_1 is kept, from which each candidate starts. Known steps deliver
+ * their outputs, but are executed if a later input differs. Right column: all states are kept. */
 
 static const char *const SEQUENCES[] = {"ooo", "***", "ooo", "o**", "*o*", "**o"};
 
@@ -165,7 +165,7 @@ static void table_4_1_with_states_stored_too(void) {
     assert_table(TL_KEEP_STATES, expected);
 }
 
-/* States are saved when the FMU leaves a place, once each, and loaded only to execute from somewhere else. */
+/* A state is saved when the FMU leaves it, once, and loaded only for an execution from there. */
 static void states_are_saved_and_loaded_only_where_needed(void) {
     start(TL_KEEP_STATES, PREDICTION, ROOM);
     uint64_t saves = fmu.calls[TL_TEST_GET_STATE];
@@ -177,9 +177,9 @@ static void states_are_saved_and_loaded_only_where_needed(void) {
     (void)candidate("oo");
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SET_STATE]);
     (void)candidate("o*");
-    TEST_ASSERT_EQUAL_UINT64(saves + 4, fmu.calls[TL_TEST_GET_STATE]); /* the end of the first one */
+    TEST_ASSERT_EQUAL_UINT64(saves + 4, fmu.calls[TL_TEST_GET_STATE]); /* the end of the first candidate */
     TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_SET_STATE]);
-    (void)candidate("o**"); /* goes on from where the FMU is */
+    (void)candidate("o**"); /* continues from the FMU's state */
     TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_SET_STATE]);
     (void)candidate("oooo");
     TEST_ASSERT_EQUAL_UINT64(2, fmu.calls[TL_TEST_SET_STATE]);
@@ -216,7 +216,7 @@ static void a_committed_root_moves(void) {
     (void)candidate("ooo");
     (void)candidate("***");
     TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
-    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.count); /* what began with * is gone */
+    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.count); /* sequences with * first are dropped */
     TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
     TEST_ASSERT_EQUAL_UINT64(1, candidate("ooo"));
     TEST_ASSERT_EQUAL_UINT64(1, candidate("*"));
@@ -239,7 +239,7 @@ static void commits_without_candidates_cost_one_execution_and_no_node(void) {
     }
 }
 
-/* The way back to the last state is kept as long as it is needed, and caught up on. */
+/* The path back to the last state is kept while it is needed; the FMU catches up along it. */
 static void outputs_only_catches_up_over_commits(void) {
     start(TL_KEEP_OUTPUTS, 5, ROOM);
     TEST_ASSERT_EQUAL_UINT64(1, commit(CIRCLE));
@@ -248,7 +248,7 @@ static void outputs_only_catches_up_over_commits(void) {
     TEST_ASSERT_EQUAL_UINT64(3, candidate("*")); /* from t0: o * * */
     TEST_ASSERT_EQUAL_UINT64(2, cached.repeated);
     TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
-    TEST_ASSERT_EQUAL_UINT64(4, candidate("o")); /* the FMU was in what is given up: o * o o */
+    TEST_ASSERT_EQUAL_UINT64(4, candidate("o")); /* the FMU was in a dropped state: o * o o */
     TEST_ASSERT_EQUAL_UINT64(5, cached.repeated);
     TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
     finish();
@@ -258,7 +258,7 @@ static void outputs_only_catches_up_over_commits(void) {
 
 enum { KEYED = 5 };
 
-/* A component whose inputs are of all types, a tunable parameter that is adjusted among them. */
+/* A component with inputs of all types, one of them an adjusted tunable parameter. */
 typedef struct keyed {
     tl_component component;
     fmi2ValueReference reals[3]; /* u0, gain; y0 */
@@ -302,7 +302,7 @@ static void place_typed(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&typed.component, &error));
 }
 
-/* One input is not as it usually is: 0 … KEYED − 1; else all are. */
+/* Sets one input (0 … KEYED − 1) to an unusual value; KEYED: none. */
 static void set_typed(size_t other) {
     typed.real_values[0] = other == 0 ? 0.5 : 0.0;
     typed.real_values[1] = other == 1 ? 0.5 : 1.0;
@@ -367,7 +367,8 @@ static void zeros_of_different_sign_are_executed_both(void) {
     finish();
 }
 
-/* An output that is not finite is a result as any other: NaN, to the bit, without a second execution. */
+/* An output that is not finite is cached like others: as NaN with the same bits, without a second
+ * execution. */
 static void not_a_number_is_stored(void) {
     static const double nan_bits = (double)NAN;
     start(TL_KEEP_STATES, PREDICTION, ROOM);
@@ -382,7 +383,8 @@ static void not_a_number_is_stored(void) {
     finish();
 }
 
-/* A long run takes no more handles than the pool has; with outputs only, no more than there are states at a time. */
+/* A long run uses no more handles than the pool has; with outputs only, as many as states are kept
+ * at a time. */
 static void handles_are_pooled(void) {
     static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS};
     static const size_t most[] = {40, 3};
@@ -399,7 +401,8 @@ static void handles_are_pooled(void) {
     }
 }
 
-/* The pool is made for the worst case, its handles are not: some are there from the start, and more come only as needed. */
+/* The pool is sized for the worst case. Only some handles exist at the start; others are created
+ * when needed. */
 static void handles_beyond_those_of_the_start_are_made_as_needed(void) {
     char longest[READY + 8] = "";
     start(TL_KEEP_STATES, PREDICTION, 10 * READY);
@@ -420,7 +423,8 @@ static void handles_beyond_those_of_the_start_are_made_as_needed(void) {
 
 /* ---- final steps ---- */
 
-/* Each step from `first` in the log on that began at `time`, s, was final, and no other one; returns how many. */
+/* Of the logged steps from `first` on, exactly those that began at `time` (s) were final. Returns
+ * their number. */
 static size_t assert_final_at(size_t first, double time) {
     size_t finals = 0;
     const tl_test_entry *entry = tl_test_log_step(&call_log, &fmu, first);
@@ -435,21 +439,22 @@ static size_t steps_logged(void) {
     return tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP);
 }
 
-/* What is not known is executed: o and * once from each root, and the committed step. */
+/* Unknown steps are executed: o and * once from each root, and the committed step. */
 static void a_step_from_the_root_is_final(void) {
     start(TL_KEEP_STATES, PREDICTION, ROOM);
     for (size_t i = 0; i < 20; i++) {
         size_t first = steps_logged();
         (void)candidate("oo*");
-        (void)candidate("*oo"); /* goes back to the root */
+        (void)candidate("*oo"); /* restores the root */
         (void)candidate("o**");
-        TEST_ASSERT_EQUAL_UINT64(1, commit(3.0)); /* not known yet */
+        TEST_ASSERT_EQUAL_UINT64(1, commit(3.0)); /* unknown */
         TEST_ASSERT_EQUAL_size_t(3, assert_final_at(first, 0.1 * (double)(step - 1)));
     }
     finish();
 }
 
-/* With outputs only it is the newest saved state on the way to the root: later ones are still behind a possible return. */
+/* With outputs only, a step from the newest saved state on the path to the root is final. Later
+ * steps are not: the FMU may be restored to that state again. */
 static void with_outputs_only_a_step_from_the_last_state_above_the_root_is_final(void) {
     start(TL_KEEP_OUTPUTS, 5, ROOM);
     (void)candidate("oo");
@@ -457,7 +462,7 @@ static void with_outputs_only_a_step_from_the_last_state_above_the_root_is_final
     TEST_ASSERT_EQUAL_size_t(2, assert_final_at(0, 0.0));
     (void)commit(STAR);
     size_t first = steps_logged();
-    (void)candidate("o"); /* the FMU goes back to t_0, and catches up */
+    (void)candidate("o"); /* the FMU is restored to t_0 and catches up */
     TEST_ASSERT_EQUAL_size_t(first + 2, steps_logged());
     TEST_ASSERT_EQUAL_size_t(1, assert_final_at(first, 0.0));
     (void)commit(CIRCLE);
@@ -469,11 +474,11 @@ static void with_outputs_only_a_step_from_the_last_state_above_the_root_is_final
     for (size_t n = first; n < steps_logged(); n++) {
         finals += tl_test_log_step(&call_log, &fmu, n)->final;
     }
-    TEST_ASSERT_EQUAL_size_t(20 / 5, finals); /* where a state was saved on the way */
+    TEST_ASSERT_EQUAL_size_t(20 / 5, finals); /* one for each state that is saved on the path */
     finish();
 }
 
-/* A candidate beyond the pool is after t_i, whatever it does. */
+/* Beyond the pool, a candidate is always after t_i. */
 static void beyond_the_pool_nothing_is_final(void) {
     start(TL_KEEP_STATES, PREDICTION, 3);
     (void)candidate("oo*o*");
@@ -506,10 +511,10 @@ static void a_full_pool_executes_counts_and_gives_the_same(void) {
 static void the_committed_step_finds_room(void) {
     start(TL_KEEP_STATES, PREDICTION, 4);
     (void)candidate("ooo");
-    TEST_ASSERT_EQUAL_UINT64(1, commit(STAR)); /* all that was known is given up for it */
+    TEST_ASSERT_EQUAL_UINT64(1, commit(STAR)); /* all known sequences are dropped for it */
     TEST_ASSERT_EQUAL_UINT64(0, cached.uncached);
     TEST_ASSERT_EQUAL_UINT64(3, candidate("ooo"));
-    TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE)); /* known: nothing is given up */
+    TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE)); /* known: nothing is dropped */
     TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
     finish();
 }
@@ -518,7 +523,8 @@ static void the_committed_step_finds_room(void) {
 
 enum { FAILING_CALLS = 40 };
 
-/* Walks as a search would; steps that fail end the candidate. Sums up what came out of the committed steps. */
+/* Walks as a search does; a failing step ends the candidate. Returns the sum of the committed
+ * outputs. */
 static uint64_t walk_with_failures(size_t *failures) {
     static const char *const walks[] = {"ooo", "*o*", "oo*", "***", "o*o"};
     uint64_t sum = 0;
@@ -530,7 +536,7 @@ static uint64_t walk_with_failures(size_t *failures) {
             walking = tl_cached_component_step(&cached, step + depth++, &error) == TL_OK;
         }
         *failures += !walking;
-        for (size_t again = 0; again < 3; again++) { /* a commit is repeated as synchroniser.c does */
+        for (size_t again = 0; again < 3; again++) { /* synchroniser.c repeats a commit, too */
             rewind_candidate();
             set_inputs(i % 2 == 0 ? CIRCLE : STAR);
             tl_cached_component_make_room(&cached);
@@ -551,8 +557,8 @@ static uint64_t walk_with_failures(size_t *failures) {
     return sum;
 }
 
-/* An FMU that has answered fmi2Error stands still where it could not be saved; if the next candidate goes on from there, it is
- * the one that finds out. */
+/* If an FMU answers fmi2Error while its state is saved, it keeps that state. The next candidate
+ * that continues from there may be the first to fail. */
 static void assert_failed(tl_test_call call, tl_test_fault_kind kind, bool reached, size_t failures) {
     size_t most = call == TL_TEST_GET_STATE && kind == TL_TEST_ERROR ? 2 : 1;
     TEST_ASSERT_TRUE_MESSAGE(reached ? failures >= 1 && failures <= most : failures == 0, where);
@@ -569,7 +575,7 @@ static void assert_failures(tl_test_call call, tl_test_fault_kind kind, tl_keep 
         (void)snprintf(where, sizeof where, "%s %u, kind %u, keep %u", tl_test_call_name(call), (unsigned)n,
                        (unsigned)kind, (unsigned)keep);
         start(keep, PREDICTION, 20);
-        if (n <= fmu.calls[call]) { /* while starting */
+        if (n <= fmu.calls[call]) { /* during the start */
             finish();
             continue;
         }
@@ -638,7 +644,7 @@ static void nothing_is_called_after_fatal(void) {
     tl_arena_release(&arena);
 }
 
-/* ---- against executing everything ---- */
+/* ---- compared with executing everything ---- */
 
 static void assert_same_step(double u) {
     double now = 0.1 * (double)(step + depth);
@@ -653,7 +659,7 @@ static void restore_without(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&without.component, without_state, &error));
 }
 
-/* What must hold whatever was walked. */
+/* Invariants after any walk. */
 static void assert_sound(void) {
     const tl_sequence_cache *tree = &cached.tree;
     uint32_t used = 0;

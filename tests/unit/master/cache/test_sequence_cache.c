@@ -1,5 +1,5 @@
-/* One tree of input sequences: keys to the bit, a fixed pool, what is given up comes back. TL_TEST_WALKS says how many random
- * walks there are. */
+/* A tree of input sequences: exact keys, a fixed pool, and reuse of dropped nodes. TL_TEST_WALKS
+ * is the number of random walks. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -77,7 +77,7 @@ static void the_next_number_is_another_one(void) {
     TEST_ASSERT_EQUAL_UINT32(TL_NO_NODE, find(root, nextafter(1.0, 0.0)));
 }
 
-/* Not a number is nothing but its bits: it is found again by the same ones only. */
+/* A NaN is found again only by the same bits. */
 static void not_a_number_matches_its_own_bits_only(void) {
     static const uint64_t quiet = UINT64_C(0x7FF8000000000000);
     static const uint64_t other = UINT64_C(0x7FF8000000000001);
@@ -102,7 +102,7 @@ static void the_last_byte_of_a_long_key_counts(void) {
     TEST_ASSERT_EQUAL_UINT32(node, tl_sequence_cache_find(&cache, root, key));
 }
 
-/* A component without inputs has but one sequence; one without outputs has nothing to keep. */
+/* A component without inputs has one sequence only. A component without outputs has no values. */
 static void keys_and_values_may_be_empty(void) {
     start(0, 0, ROOM);
     uint32_t one = tl_sequence_cache_add(&cache, root, "", "");
@@ -149,7 +149,8 @@ static void what_is_given_up_is_used_again(void) {
     TEST_ASSERT_EQUAL_UINT32(ROOM, cache.peak);
 }
 
-/* The handle of a node that is given up serves the next state; there is one for each state that is kept, and no more. */
+/* The handle of a dropped node is reused for the next state, so there are no more handles than
+ * kept states. */
 static void handles_go_from_node_to_node(void) {
     int states[2];
     TEST_ASSERT_NULL(tl_sequence_cache_take_spare(&cache));
@@ -186,7 +187,7 @@ static void a_committed_root_keeps_what_is_below_it(void) {
     TEST_ASSERT_FALSE(cache.nodes[two].used);
 }
 
-/* The way from the last state down to the root stays, but nothing beside it. */
+/* The path from the last state to the root is kept; branches beside it are not. */
 static void the_way_back_to_an_ancestor_is_kept(void) {
     uint32_t one = add(root, 1.0);
     uint32_t two = add(one, 2.0);
@@ -204,7 +205,7 @@ static void the_way_back_to_an_ancestor_is_kept(void) {
     TEST_ASSERT_EQUAL_UINT32(one, cache.nodes[two].parent);
 }
 
-/* Only the part below a node. */
+/* Only the part below a node is dropped. */
 static void a_branch_is_pruned_and_its_siblings_stay(void) {
     uint32_t one = add(root, 1.0);
     uint32_t two = add(root, 2.0);
@@ -218,11 +219,12 @@ static void a_branch_is_pruned_and_its_siblings_stay(void) {
     TEST_ASSERT_EQUAL_UINT32(five, find(two, 5.0));
 }
 
-/* ---- against a list of all sequences ---- */
+/* ---- compared with a list of all sequences ---- */
 
 enum { MOST = 64, LONGEST = 24 };
 
-/* Sequences that must be known, as text from the root on; the tree's values are their numbers. */
+/* The sequences that must be known, as texts from the root on. The values in the tree are their
+ * numbers. */
 typedef struct model {
     char sequences[MOST][LONGEST];
     double numbers[MOST];
@@ -240,7 +242,7 @@ static size_t look_up(const char *sequence) {
     return i;
 }
 
-/* The root goes down by one: sequences that begin otherwise are gone. */
+/* The root moves to a child: sequences with another beginning are dropped. */
 static void shift_model(char first) {
     size_t kept = 0;
     for (size_t i = 0; i < expected.count; i++) {
@@ -252,7 +254,7 @@ static void shift_model(char first) {
     expected.count = kept;
 }
 
-/* Walks a sequence and adds what is not there. */
+/* Walks a sequence and adds missing nodes. */
 static void walk(tl_test_random *random, double *number) {
     char sequence[LONGEST] = "";
     uint32_t at = root;
@@ -312,7 +314,7 @@ static void random_walks_know_what_a_list_knows(void) {
     }
 }
 
-/* Whatever was in it, and whichever node is the root: all nodes are free, and all handles are spare. */
+/* Whatever it contained: all nodes are free, and all handles are spare. */
 static void a_cleared_tree_is_empty(void) {
     static int handles[ROOM];
     for (int round = 0; round < 3; round++) {

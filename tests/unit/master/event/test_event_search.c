@@ -1,4 +1,4 @@
-/* Which u is tried next: by itself, on a plant whose event comes at a known instant for each u. */
+/* Which u is tried next: the search alone, with a plant whose event time is known for each u. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -11,9 +11,9 @@ enum { EVALUATIONS = 60, HALF = 8 };
 
 static tl_arena arena;
 static tl_event_search search;
-static double wanted; /* instant of the plant's event, steps */
+static double wanted; /* instant of the plant's event, in steps */
 static double travel; /* the simulated event comes after travel/u steps */
-static bool rises;    /* or after travel·u */
+static bool rises;    /* true: after travel·u steps */
 
 void setUp(void) {
     tl_arena_init(&arena);
@@ -33,7 +33,7 @@ static void make(const tl_optimiser_class *solver, double step, double lower, do
     TEST_ASSERT_TRUE(tl_event_search_init(&search, &arena, &settings));
 }
 
-/* J and side as a window of 2·HALF + 1 samples shows them. */
+/* Reports J and the side, as a window of 2·HALF + 1 samples gives them. */
 static void try(double u) {
     double steps = ceil(rises ? travel * u : travel / u);
     double late = fmin(fmax(steps - wanted, -HALF), HALF + 1);
@@ -45,7 +45,7 @@ static void try(double u) {
     tl_event_search_report(&search, u, fabs(late), side);
 }
 
-/* The whole search; the best u. */
+/* A whole search; returns the best u. */
 static double run(double guess) {
     double u = guess;
     tl_event_search_begin(&search);
@@ -80,7 +80,7 @@ static void every_first_step_finds_the_throttle(void) {
     }
 }
 
-/* Where there is a u that is exact, it is found: whichever side the guess is on, whichever way u works. */
+/* An exact u is found, from a guess on either side, and if u speeds up or slows down the event. */
 static void any_plant_is_found(void) {
     tl_test_random chance = {11};
     size_t most = 0;
@@ -109,7 +109,7 @@ static void a_guess_that_is_exact_is_all(void) {
     TEST_ASSERT_FALSE(tl_event_search_met_plateau(&search));
 }
 
-/* No u leads there: both bounds are tried, and it ends. */
+/* If no u is right, the search tries both bounds and ends. */
 static void a_plateau_without_an_end_is_given_up(void) {
     make(&tl_nelder_mead, 0.1, 0.5, 2.0);
     travel = 1000.0;
@@ -118,11 +118,11 @@ static void a_plateau_without_an_end_is_given_up(void) {
     TEST_ASSERT_NOT_NULL(tl_event_search_find(&search, 0.5));
     TEST_ASSERT_NOT_NULL(tl_event_search_find(&search, 2.0));
     TEST_ASSERT_TRUE(search.count < 20);
-    TEST_ASSERT_TRUE(tl_event_search_best(&search) == &search.trials[0]); /* of equals the first */
+    TEST_ASSERT_TRUE(tl_event_search_best(&search) == &search.trials[0]); /* the first of equal ones */
 }
 
 static void the_room_for_trials_is_the_limit(void) {
-    make(&tl_nelder_mead, 1e-9, 0.0, HUGE_VAL); /* so small a step that widening takes 30 of them */
+    make(&tl_nelder_mead, 1e-9, 0.0, HUGE_VAL); /* a step so small that it must be widened 30 times */
     search.most = 5;
     travel = 55 * 0.023;
     wanted = 55;
@@ -131,7 +131,7 @@ static void the_room_for_trials_is_the_limit(void) {
     TEST_ASSERT_TRUE(tl_event_search_is_full(&search));
 }
 
-/* What fails tells nothing, and is nothing to go on from. */
+/* A failed trial gives no information, and the search does not continue from it. */
 static void a_trial_that_fails_is_passed_by(void) {
     make(&tl_nelder_mead, 0.01, 0.0, 1.0);
     travel = 55 * 0.023;
@@ -149,7 +149,7 @@ static void a_trial_that_fails_is_passed_by(void) {
     assert_exact(tl_event_search_best(&search)->u);
 }
 
-/* Asked again without being told, it says the same: nothing is kept between two questions. */
+/* Without a report, the next question is the same. */
 static void the_same_question_has_the_same_answer(void) {
     make(&tl_nelder_mead, 0.02, 0.0, 1.0);
     travel = 55 * 0.023;

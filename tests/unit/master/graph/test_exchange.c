@@ -159,7 +159,7 @@ static void all_inputs_are_from_before_the_step(void) {
     }
 }
 
-/* Its outputs are delivered after initialisation. It is not read again before, not even after a reset. */
+/* Its outputs are read after initialisation and not before, also after a reset. */
 static void an_fmu_that_is_not_read_in_initialisation_mode(void) {
     make_chain(false);
     tl_test_fmu_fail(&fmus[0], TL_TEST_GET_REAL, TL_TEST_DISCARD, 1, 1);
@@ -228,7 +228,7 @@ static void units_are_converted_on_the_way(void) {
     TEST_ASSERT_EQUAL_DOUBLE(293.15, input(1));
 }
 
-/* A model whose u0 is in K, driven by a signal in degC. */
+/* A model with u0 in K and a driving signal in degC. */
 static void add_in_kelvin(void) {
     static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0},
                                     {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15}};
@@ -356,7 +356,7 @@ static void a_failure_while_initialising_stops_it(void) {
 
 /* ---- cut connections ---- */
 
-/* A model whose u0 is adjusted; returns the port of u0. */
+/* A model with u0 adjusted; returns the port of u0. */
 static const tl_port *build_adjusted(void) {
     const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
     plan.plan.adjust_count = 1; /* reserves a port */

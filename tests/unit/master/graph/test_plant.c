@@ -33,7 +33,7 @@ void tearDown(void) {
     tl_arena_release(&arena);
 }
 
-/* Pushes tick `tick` with a value of all signals. */
+/* Pushes the sample of `tick`. All signals have this value. */
 static void push(int64_t tick, double value, tl_quality quality) {
     sample.tick = tick;
     for (size_t i = 0; i < SIGNALS; i++) {
@@ -105,7 +105,7 @@ static void a_bad_value_is_held_and_its_quality_stays(void) {
     push(3, 8.0, TL_GOOD);
     tl_plant_deliver(&plant, 3);
     TEST_ASSERT_EQUAL_DOUBLE(8.0, real);
-    tl_plant_deliver(&plant, 2); /* holding is by the order of time */
+    tl_plant_deliver(&plant, 2); /* a bad value is replaced by an earlier one */
     TEST_ASSERT_EQUAL_DOUBLE(5.0, real);
 }
 
@@ -157,22 +157,22 @@ static void a_step_that_is_known_is_delivered_without_an_execution(void) {
         step(3, 3, 40.0);
     }
     push(5, 50.0, TL_GOOD);
-    step(2, 3, 30.0); /* the next horizon: what overlaps is known */
+    step(2, 3, 30.0); /* the next horizon: its overlap is known */
     step(3, 3, 40.0);
     step(4, 4, 50.0);
 }
 
-/* Also where it is the same value: it is the number of the sample that counts. */
+/* Also if the values are equal: the sample's number identifies it. */
 static void what_was_stood_for_is_not_taken_for_the_real_one(void) {
     TEST_ASSERT_TRUE(tl_plant_save_executions(&plant, &arena, 3));
     push(0, 1.0, TL_GOOD);
     push(1, 1.0, TL_GOOD);
     step(0, 1, 1.0);
-    step(1, 2, 1.0); /* sample 1 stands for 2 and 3 */
+    step(1, 2, 1.0); /* sample 1 is used for 2 and 3 */
     step(2, 3, 1.0);
     push(2, 1.0, TL_GOOD);
     step(1, 4, 1.0);
-    step(2, 5, 1.0); /* sample 2 stands for 3 now */
+    step(2, 5, 1.0); /* sample 2 is used for 3 now */
     step(1, 5, 1.0);
     step(2, 5, 1.0);
 }

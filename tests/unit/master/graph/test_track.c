@@ -1,6 +1,7 @@
-/* The track: whatever was walked before, a candidate gives what executing everything gives, after every single step. Random
- * networks; candidates that come again or differ in one value, components that fail on the way, caches that are too
- * small, candidates left early. TL_TEST_GRAPHS says how many graphs there are, TL_TEST_SEED where they begin. */
+/* The track: after each step, a candidate gives the same values as the execution of everything.
+ * Random networks; repeated and changed candidates, failing components, small caches, and
+ * candidates that end early. TL_TEST_GRAPHS is the number of graphs, TL_TEST_SEED the first
+ * seed. */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -17,12 +18,12 @@ static tl_test_network network;
 static tl_test_rig tracked;
 static tl_test_rig plain; /* without sequences, so without a track */
 static double known[4][TL_MAX_UNKNOWNS];
-static unsigned char course[LONGEST][LARGEST]; /* all values after each of the plain candidate's steps */
-static uint32_t walked;                        /* of the plain candidate */
+static unsigned char course[LONGEST][LARGEST]; /* all values after each step of the plain candidate */
+static uint32_t walked;                        /* steps of the plain candidate */
 static uint64_t seed;
 static char where[96];
-static uint64_t failed; /* candidates that did */
-static uint64_t left;   /* that were left early */
+static uint64_t failed; /* failed candidates */
+static uint64_t left;   /* candidates that ended early */
 
 void setUp(void) {
     tl_test_log_clear(&call_log);
@@ -44,8 +45,9 @@ static void keep_course(tl_test_rig *rig, uint32_t depth) {
     walked = depth;
 }
 
-/* Whether a port says something after `depth` steps: an output where its component took part in the last one, an input
- * where it will in the next one. What is adjusted is set by the candidate before each step, whatever is there. */
+/* Returns true if a port's value is defined after `depth` steps: an output if its component was in
+ * the last step, an input if it is in the next one. The candidate sets adjusted inputs before each
+ * step, so these do not count. */
 static bool is_telling(const tl_test_rig *rig, const tl_port *port, uint32_t depth) {
     if (port->input && (port->adjusted || depth == rig->horizon.prediction)) {
         return false;
@@ -60,7 +62,7 @@ static void assert_same_value(const void *value, tl_type type, uint32_t depth) {
     TEST_ASSERT_TRUE_MESSAGE(memcmp(&course[depth][offset], value, size) == 0, where);
 }
 
-/* The values of both lie in the same order. */
+/* Both have their values in the same order. */
 static void compare(tl_test_rig *rig, uint32_t depth) {
     const tl_graph *graph = &rig->graph;
     TEST_ASSERT_TRUE_MESSAGE(depth <= walked, where);
@@ -106,7 +108,7 @@ static void push(tl_test_random *random) {
     tl_test_rig_push(&plain, values);
 }
 
-/* A candidate that was, with another value somewhere or not; or all of it new. */
+/* A known candidate with up to three changed values, or a new one. */
 static void vary(tl_test_random *random, double *u) {
     size_t count = tracked.horizon.count;
     size_t changes = tl_test_random_below(random, 4);
@@ -132,7 +134,7 @@ static void try_both(tl_test_random *random) {
     left += leaves;
 }
 
-/* False where the step cannot be committed, with any of a few u. */
+/* Tries a few u; returns false if the step cannot be committed with any of them. */
 static bool commit_both(tl_test_random *random) {
     double u[TL_MAX_UNKNOWNS];
     for (size_t i = 0; i < 5; i++) {
@@ -168,7 +170,7 @@ static uint64_t count_unstored(void) {
     return sum;
 }
 
-/* Some components fail where they are driven hard. */
+/* Some components fail beyond a limit of their input. */
 static void make_fragile(tl_test_random *random) {
     static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN};
     for (size_t k = 0; k < network.count; k++) {
@@ -179,7 +181,7 @@ static void make_fragile(tl_test_random *random) {
     }
 }
 
-/* How many results found no room. */
+/* Returns the number of results that did not fit into a cache. */
 static uint64_t walk_graphs(bool fragile, size_t graphs) {
     size_t first = tl_test_campaign("TL_TEST_SEED", 1);
     uint64_t uncached = 0;
@@ -202,7 +204,7 @@ static uint64_t walk_graphs(bool fragile, size_t graphs) {
     return uncached;
 }
 
-/* A campaign of some length must have met it. */
+/* A long campaign must have covered it. */
 static void assert_met(uint64_t times, size_t graphs) {
     TEST_ASSERT_TRUE(graphs < 200 || times > 100);
 }

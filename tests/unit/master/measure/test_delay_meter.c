@@ -1,4 +1,5 @@
-/* The delay between y and ŷ, found from both: with noise, without excitation, when it drifts. */
+/* Delay between y and ŷ, estimated from both: with noise, without excitation, and while it
+ * drifts. */
 #include <math.h>
 #include <string.h>
 
@@ -15,10 +16,10 @@ static tl_arena arena;
 static tl_delay_meter *meter;
 static tl_test_random chance;
 
-/* A plant, and how it is measured. */
+/* A plant and its measurement. */
 typedef struct scene {
-    double delay;  /* of y against ŷ, ms: what is to be found */
-    double period; /* of readings of ŷ, ms */
+    double delay;  /* of y against ŷ, ms: the expected result */
+    double period; /* interval of readings of ŷ, ms */
     double phase;
     double noise;
     double gain, offset;
@@ -38,7 +39,7 @@ void tearDown(void) {
     tl_arena_release(&arena);
 }
 
-/* About normal, of variance 1. */
+/* Approximately normal, of variance 1. */
 static double normal(void) {
     double sum = -6.0;
     for (int i = 0; i < 12; i++) {
@@ -55,7 +56,7 @@ static double response(double t) {
     return t <= 0.0 ? 0.0 : 1.0 - exp(-d * omega * t) * (cos(damped * t) + d * omega / damped * sin(damped * t));
 }
 
-/* Steps up and down at odd times, about one a second. */
+/* Steps up and down at irregular times, about one a second. */
 static double plant(double t) {
     double sum = 0.0;
     for (int i = 0; i < 24; i++) {
@@ -70,14 +71,14 @@ static double still(double t) {
 }
 
 static double wave(double t) {
-    return sin(6.283185307179586 * t / 0.06); /* its period is shorter than the range */
+    return sin(6.283185307179586 * t / 0.06); /* the period is shorter than the range */
 }
 
 static double ramp(double t) {
     return 3.0 * t;
 }
 
-/* All ticks from `from` s on. */
+/* Plays all ticks from `from` (s) on. */
 static void play(const scene *s, double (*course)(double t), double from, bool free) {
     double next = s->phase + s->period * ceil((from * 1e3 - s->phase) / s->period);
     for (int64_t tick = llround(from * 1e3 / STEP) + 1; tick * STEP <= llround((from + s->length) * 1e3); tick++) {
@@ -140,7 +141,8 @@ static void gain_and_offset_do_not_matter(void) {
     expect_delay(10, 0.3 * STEP);
 }
 
-/* σ = 5 % of the step: within one cycle of the truth. TL_TEST_NOISES says how often. */
+/* σ = 5 % of the step: the error is within one cycle. TL_TEST_NOISES is the number of
+ * repetitions. */
 static void noise(void) {
     size_t count = tl_test_campaign("TL_TEST_NOISES", 25);
     double squares = 0.0;
@@ -169,7 +171,7 @@ static void nothing_that_moves_tells_nothing(void) {
     expect_unknown();
 }
 
-/* y moves, and what is measured is something else. */
+/* y moves, but the measurement is unrelated. */
 static void what_does_not_belong_together_is_not_taken_for_it(void) {
     for (uint64_t seed = 1; seed <= 20; seed++) {
         restarted();
@@ -211,15 +213,15 @@ static void what_was_learned_stays_while_nothing_moves(void) {
     expect_delay(10, STEP);
     for (int64_t tick = 2001; tick < 100000; tick++) {
         tl_delay_meter_see(meter, tick * STEP * MS, 0.02 * normal(), true);
-        tl_delay_meter_step(meter, tick, 1e-4 * sin(0.3 * (double)tick),
-                            true); /* of a model that is never quite at rest */
+        tl_delay_meter_step(meter, tick, 1e-4 * sin(0.3 * (double)tick), true); /* a model that never quite rests */
     }
     tl_delay_measured after = tl_delay_meter_get(meter);
     TEST_ASSERT_EQUAL_INT64(before.delay, after.delay);
     TEST_ASSERT_FALSE(after.lost);
 }
 
-/* From 10 to 22 ms in the middle: it is followed, once, and never to anything far from both. */
+/* The delay drifts from 10 to 22 ms. The estimate follows in few changes and is never far from
+ * both. */
 static void drift(void) {
     scene s = CLEAN;
     size_t changes = 0;
@@ -241,7 +243,7 @@ static void drift(void) {
     TEST_ASSERT_TRUE(changes >= 1 && changes <= 6);
 }
 
-/* Not even where they agree well. */
+/* Also if they agree well. */
 static void a_few_steps_are_not_enough(void) {
     scene s = CLEAN;
     double first = 0.0;
@@ -257,7 +259,7 @@ static void lost_and_found_again(void) {
     scene s = CLEAN;
     play(&s, plant, 0.0, true);
     expect_delay(10, STEP);
-    for (int64_t tick = 2001; tick <= 5000; tick++) { /* the sensor sticks to noise */
+    for (int64_t tick = 2001; tick <= 5000; tick++) { /* the sensor gives only noise */
         tl_delay_meter_see(meter, tick * STEP * MS, normal(), true);
         tl_delay_meter_step(meter, tick, plant((double)(tick % 3000) * STEP / 1e3), true);
     }
@@ -271,7 +273,7 @@ static void lost_and_found_again(void) {
     expect_delay(8, STEP);
 }
 
-/* A twin that is corrected follows what is measured as it is paired: y looks as if there were no delay. */
+/* A corrected twin follows the paired measurements, so y seems to have no delay. */
 static void steps_that_were_corrected_do_not_count(void) {
     scene s = CLEAN;
     s.delay = 0.0;

@@ -1,4 +1,4 @@
-/* Noise is told from what a plant does. */
+/* Noise is distinguished from the motion of a plant. */
 #include <math.h>
 
 #include <unity.h>
@@ -16,7 +16,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* About normal, of variance 1. */
+/* Approximately normal, of variance 1. */
 static double normal(void) {
     double sum = -6.0;
     for (int i = 0; i < 12; i++) {
@@ -43,7 +43,7 @@ static void noise_is_found_whatever_it_is_on(void) {
     }
 }
 
-/* Repeated by a source that is slower than the twin. */
+/* A source slower than the twin repeats values. */
 static void repeated_values_count_once(void) {
     for (int i = 0; i < 9000; i++) {
         static double held;
@@ -56,7 +56,7 @@ static void repeated_values_count_once(void) {
 static void what_a_plant_does_is_no_noise(void) {
     double speed = 0.0;
     double place = 0.0;
-    for (int i = 0; i < 3000; i++) { /* pushed about at random: its second differences are as large as they are new */
+    for (int i = 0; i < 3000; i++) { /* random acceleration of variance 1 */
         speed += normal();
         place += speed;
         tl_noise_estimate_push(&noise, place);

@@ -1,5 +1,5 @@
-/* Delays of chains: table 5.16, groups, and densities against a numerical convolution. TL_TEST_CHAINS says how many random
- * chains there are. */
+/* Delays of chains: table 5.16, groups, and densities against a numerical convolution.
+ * TL_TEST_CHAINS is the number of random chains. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -101,7 +101,8 @@ static void two_uniforms_are_a_trapezoid(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.0, tl_delay_density_at(&density, 8 * MS + MS / 10));
 }
 
-/* Irwin and Hall: of three equal ones the middle is 3/4 of the cycle's reciprocal, of four 2/3. */
+/* Irwin and Hall: the density in the middle is 3/4 of the reciprocal cycle for three equal cycles,
+ * 2/3 for four. */
 static void equal_uniforms_are_irwin_and_hall(void) {
     const tl_time equal[] = {MS, MS, MS, MS};
     const tl_delay_density three = density_of(3, equal);
@@ -113,7 +114,7 @@ static void equal_uniforms_are_irwin_and_hall(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 2000.0 / 3.0, tl_delay_density_at(&four, 2 * MS));
 }
 
-/* Truncated powers would lose all digits here: 1 ns beside 1 s. */
+/* With 1 ns beside 1 s, truncated powers would lose all digits. */
 static void nothing_cancels(void) {
     const tl_delay_density density = density_of(7, (const tl_time[]){1, 1, 2, 3, TL_SECOND, 5, 1});
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.0, tl_delay_density_at(&density, TL_SECOND / 2));
@@ -121,13 +122,14 @@ static void nothing_cancels(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND, tl_delay_mode(&density));
 }
 
-/* ---- against a numerical convolution ---- */
+/* ---- compared with a numerical convolution ---- */
 
 enum { CELLS = 4096, LONGEST = 500 };
 
 static double cells[CELLS];
 
-/* A cell is 1 ns: the chance that a sum of uniforms, each rounded down to whole ns, is so much. Exact but for rounding. */
+/* Cells of 1 ns: the probability of each sum of uniforms that are rounded down to whole ns. Exact
+ * except for rounding errors. */
 static void convolve(const tl_delay_density *density) {
     for (size_t i = 0; i < CELLS; i++) {
         cells[i] = i == 0 ? 1.0 : 0.0;
@@ -144,7 +146,7 @@ static void convolve(const tl_delay_density *density) {
     }
 }
 
-/* The sum of n fractions of a nanosecond moves the cells up by n/2 ns on average, and smears them. */
+/* The rounding down shifts the cells by (n − 1)/2 ns on average, and blurs them. */
 static void expect_convolution(const tl_delay_density *density) {
     tl_time half = (tl_time)(density->count - 1) / 2;
     double top = 0.0;
@@ -171,7 +173,7 @@ static void expect_mode(const tl_delay_density *density) {
     }
 }
 
-/* Odd counts, so that the cells' shift is whole. */
+/* Odd counts, so that the shift is a whole number of cells. */
 static void random_sums_are_what_convolving_gives(void) {
     tl_test_random chance = {.state = 11};
     const char *wanted = getenv("TL_TEST_CHAINS");

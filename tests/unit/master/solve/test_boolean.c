@@ -1,4 +1,5 @@
-/* The Boolean solver: which questions it asks, what it keeps, and what rests after a change. */
+/* The Boolean solver: which evaluations it requests, what it keeps, and how long a variable rests
+ * after a change. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,10 +19,10 @@ static tl_optimiser *solver;
 static uint32_t dwell[MOST];
 static tl_optimiser_space space;
 
-/* What is asked, and what is answered: the number of variables that are not as wanted. */
+/* The objective is the number of variables that differ from `wanted`. */
 static double wanted[MOST];
 static size_t questions;
-static size_t limit; /* says stop at this question; 0: never */
+static size_t limit; /* the search is stopped at this evaluation; 0: never */
 static double asked[ASKED][MOST];
 
 void setUp(void) {
@@ -40,7 +41,7 @@ static void create(size_t count) {
     space = (tl_optimiser_space){.count = count, .step = step, .lower = lower, .upper = upper, .dwell = dwell};
     solver = tl_boolean.create(&arena, &space);
     TEST_ASSERT_NOT_NULL(solver);
-    tl_arena_seal(&arena); /* nothing is taken after this */
+    tl_arena_seal(&arena); /* later allocations would fail */
 }
 
 static double cost(const double *u) {
@@ -85,7 +86,7 @@ static void assert_asked(size_t question, double first, double second, double th
     }
 }
 
-/* How many questions the next search has of one variable that is `value` now. */
+/* Number of evaluations in the next search of one variable that has `value` now. */
 static size_t asks_at(double value) {
     const double start[MOST] = {value};
     (void)search(start);
@@ -115,7 +116,7 @@ static void each_variable_is_asked_about_with_the_others_at_their_best(void) {
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(start));
     TEST_ASSERT_EQUAL_UINT64(3, questions);
     assert_asked(0, 1.0, 0.0, 1.0); /* better: kept */
-    assert_asked(1, 1.0, 1.0, 1.0); /* worse: taken back */
+    assert_asked(1, 1.0, 1.0, 1.0); /* worse: changed back */
     assert_asked(2, 1.0, 0.0, 0.0);
 }
 
@@ -173,7 +174,7 @@ static void a_search_leaves_no_trace_in_the_next(void) {
     assert_asked(2, 0.0, 0.0, 1.0);
 }
 
-/* A value stays for `dwell` steps, the step it was new in included. */
+/* A value stays for `dwell` steps, including the step of its change. */
 static void a_variable_rests_after_a_change(void) {
     for (uint32_t steps = 0; steps <= 4; steps++) {
         dwell[0] = steps;
@@ -203,7 +204,7 @@ static void the_first_commit_is_no_change(void) {
     TEST_ASSERT_EQUAL_UINT64(1, asks_at(1.0));
 }
 
-/* The asker may commit what was not searched for: nominal. The rest begins anew. */
+/* The caller may commit nominal without a search. The rest starts again. */
 static void a_change_while_resting_begins_the_rest_anew(void) {
     dwell[0] = 3;
     create(1);
@@ -246,7 +247,7 @@ static void variables_rest_independently(void) {
     assert_asked(0, 0.0, 0.0, 1.0);
 }
 
-/* Nothing rests, and the next commit is no change: there was nothing before. */
+/* After forget(), nothing rests, and the next commit is no change. */
 static void what_it_forgets_is_forgotten(void) {
     dwell[0] = 5;
     create(1);
@@ -265,7 +266,7 @@ static void it_never_guesses(void) {
 }
 
 static void without_memory_there_is_no_solver(void) {
-    create(1); /* and seals */
+    create(1); /* seals the memory, too */
     TEST_ASSERT_NULL(tl_boolean.create(&arena, &space));
     tl_arena_release(&arena);
     space.count = SIZE_MAX;

@@ -1,4 +1,4 @@
-/* NLopt's four behind the solver contract: what they ask, where, how often, and how they end. */
+/* The four solvers of NLopt: the points that they evaluate, their number, and how a search ends. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -9,18 +9,18 @@
 
 enum { MOST = 5, ASKED = 4000, SOLVERS = 4 };
 
-/* L-BFGS: part of the step between the points of a difference. */
+/* L-BFGS: distance of the points of a difference, in steps. */
 static const double DIFFERENCE = 1e-3;
 
 static const tl_optimiser_class *const classes[SOLVERS] = {&tl_nelder_mead, &tl_bobyqa, &tl_lbfgs, &tl_sbplx};
 
-/* The asker of a search: a function of u, and everything that was asked of it. */
+/* The caller of a search: a function of u, and all its evaluations. */
 typedef struct asker {
     double (*function)(const double *u);
     size_t count;
-    size_t limit; /* says stop at this question; 0: never */
+    size_t limit; /* the search is stopped at this evaluation; 0: never */
     size_t questions;
-    size_t outside; /* questions that were not within the bounds */
+    size_t outside; /* evaluations outside the bounds */
     double asked[ASKED][MOST];
     double best[MOST];
     double best_value;
@@ -82,7 +82,7 @@ static void create(const tl_optimiser_class *kind, size_t count) {
     space = (tl_optimiser_space){.count = count, .step = step, .lower = lower, .upper = upper};
     solver = class->create(&arena, &space);
     TEST_ASSERT_NOT_NULL(solver);
-    tl_arena_seal(&arena); /* nothing is taken after this */
+    tl_arena_seal(&arena); /* later allocations would fail */
     self.count = count;
 }
 
@@ -110,7 +110,7 @@ static double square(double x) {
     return x * x;
 }
 
-/* ---- What is minimised ------------------------------------------------------------------------------------------- */
+/* ---- Functions to minimise ---- */
 
 static double valley(const double *u) {
     return square(u[0] - 3.0);
@@ -124,7 +124,7 @@ static double bowl(const double *u) {
     return square(u[0] - 3.0) + square(3.0 * (u[1] + 1.0) + 0.2 * u[0]);
 }
 
-/* Residuals that depend on each other; all are 0 at 1, 2, 3, 4, 5. */
+/* Coupled residuals, which are all 0 at 1, 2, 3, 4, 5. */
 static double chain(const double *u) {
     double sum = square(2.0 * (u[0] - 1.0));
     for (size_t i = 1; i < 5; i++) {
@@ -143,7 +143,7 @@ static double level(const double *u) {
     return 5.0;
 }
 
-/* ---- The optimum is found ---------------------------------------------------------------------------------------- */
+/* ---- The optimum is found ---- */
 
 static void smooth_problems_of_any_size_are_solved(void) {
     const double start[MOST] = {0};
@@ -247,7 +247,7 @@ static double bent_at_offset(const double *u) {
     return square(10.0 * (u[0] - offset) + square(u[0] - offset));
 }
 
-/* Among so many searches, BOBYQA ends some because of rounding. */
+/* In so many searches, rounding limits BOBYQA in some. */
 static void to_be_limited_by_rounding_is_no_failure(void) {
     const double start[] = {0.0};
     for (size_t k = 0; k < SOLVERS; k++) {
@@ -260,7 +260,7 @@ static void to_be_limited_by_rounding_is_no_failure(void) {
     }
 }
 
-/* ---- What is asked ----------------------------------------------------------------------------------------------- */
+/* ---- Evaluations ---- */
 
 static void the_start_is_never_asked_about(void) {
     const double start[] = {0.3, 0.7};
@@ -289,7 +289,7 @@ static void the_start_value_is_believed(void) {
     const double start[] = {0.0};
     for (size_t k = 0; k < SOLVERS; k++) {
         create(classes[k], 1);
-        (void)search_valued(valley, start, -1.0); /* better than anything there is */
+        (void)search_valued(valley, start, -1.0); /* below the minimum */
         TEST_ASSERT_DOUBLE_WITHIN_MESSAGE(1e-2, 0.0, self.asked[self.questions - 1][0], class->name);
     }
 }
@@ -304,13 +304,13 @@ static void every_question_is_within_the_bounds(void) {
     for (size_t k = 0; k < SOLVERS; k++) {
         create(classes[k], 2);
         for (size_t i = 0; i < sizeof starts / sizeof starts[0]; i++) {
-            (void)search(bowl, starts[i]); /* looks at the bounds at each question */
+            (void)search(bowl, starts[i]); /* the caller checks the bounds at each evaluation */
             TEST_ASSERT_TRUE(self.questions > 3);
         }
     }
 }
 
-/* A gradient asks four times for each unknown, and leaves the others alone. */
+/* A gradient evaluates four points for each unknown; the other unknowns do not move. */
 static void a_gradient_is_a_four_point_difference(void) {
     const double around[] = {2.0, 1.0, -1.0, -2.0};
     const double start[] = {1.0, 2.0, 3.0};
@@ -343,7 +343,8 @@ static void beside_a_bound_a_gradient_is_one_sided(void) {
     }
 }
 
-/* Both formulas are exact for a polynomial of degree 4; a wrong one would miss the optimum by about h. */
+/* Both formulas are exact for polynomials of degree 4. A wrong one would miss the optimum by about
+ * h. */
 static void an_optimum_beside_a_bound_is_as_exact(void) {
     const double start[] = {1.5};
     lower[0] = 0.0;
@@ -356,9 +357,9 @@ static void an_optimum_beside_a_bound_is_as_exact(void) {
     }
 }
 
-/* ---- Stop -------------------------------------------------------------------------------------------------------- */
+/* ---- Stop ---- */
 
-/* Each solver, told to stop at the first question, the second … the one numbered `most`. */
+/* Each solver is stopped at evaluation 1, 2 … `most`. */
 static void expect_stops(double (*of)(const double *u), const double *start, size_t most) {
     for (size_t k = 0; k < SOLVERS; k++) {
         create(classes[k], 2);
@@ -370,7 +371,8 @@ static void expect_stops(double (*of)(const double *u), const double *start, siz
     }
 }
 
-/* A question after the last one fails in the asker. Of L-BFGS most are within a gradient. */
+/* The caller asserts that no evaluation follows the stop. L-BFGS is mostly stopped within a
+ * gradient. */
 static void told_to_stop_it_asks_no_more(void) {
     const double start[] = {0.2, 0.1};
     expect_stops(bowl, start, 20);
@@ -384,7 +386,7 @@ static void told_to_stop_among_failures_it_asks_no_more(void) {
     expect_stops(wall_at_offset, start, 15);
 }
 
-/* ---- Searches do not know of each other -------------------------------------------------------------------------- */
+/* ---- Searches are independent ---- */
 
 static void a_search_leaves_no_trace_in_the_next(void) {
     static asker first;
@@ -405,7 +407,8 @@ static void a_search_leaves_no_trace_in_the_next(void) {
     }
 }
 
-/* A recorded run is replayed with as many questions as it had. These are NLopt 2.7's. */
+/* A replay must use as many evaluations as the recorded run. These numbers are those of NLopt
+ * 2.7. */
 static void the_number_of_questions_is_the_same_on_every_machine(void) {
     const size_t expected[SOLVERS] = {45, 15, 14, 74};
     const double start[] = {0.0};
@@ -416,9 +419,9 @@ static void the_number_of_questions_is_the_same_on_every_machine(void) {
     }
 }
 
-/* ---- Failures ---------------------------------------------------------------------------------------------------- */
+/* ---- Failures ---- */
 
-/* Fails beyond the offset; the optimum is at 2 in every variable. */
+/* Fails if u0 is beyond the offset. The optimum is at 2 in both variables. */
 static double wall_at_offset(const double *u) {
     return u[0] > offset ? HUGE_VAL : square(10.0 * (u[0] - 2.0)) + square(10.0 * (u[1] - 2.0));
 }
@@ -488,7 +491,7 @@ static double immense(const double *u) {
     return 1e300 * square(u[0] - 3.0);
 }
 
-/* So large that their squares are not finite. To L-BFGS the start is a failure then. */
+/* The squares of the values are not finite. For L-BFGS that is a failed start. */
 static void immense_values_end_by_themselves(void) {
     const double start[] = {0.0};
     for (size_t k = 0; k < SOLVERS; k++) {
@@ -506,7 +509,7 @@ static double gap(const double *u) {
     return u[0] < gap_low || u[0] > gap_high ? HUGE_VAL : square(u[0] - 3.0);
 }
 
-/* Where a part of its points fails, a gradient is made from the others. The fifth question is the first step. */
+/* If some of its points fail, the gradient uses the others. Evaluation 5 is the first step. */
 static void a_gradient_makes_do_with_the_points_that_do_not_fail(void) {
     const double h = DIFFERENCE;
     const double gaps[][2] = {{-0.5, 0.5}, {-0.5, 1.5}, {-1.5, 0.5}, {-2.5, 0.5}, {-0.5, 2.5}};
@@ -532,7 +535,7 @@ static void what_nlopt_gives_up_is_a_failure(void) {
     const double start[] = {0.0, 0.0};
     offset = 1.6;
     create(&tl_lbfgs, 2);
-    TEST_ASSERT_EQUAL_INT(TL_SEARCH_FAILED, search(wall_at_offset, start)); /* no line to go down along */
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_FAILED, search(wall_at_offset, start)); /* no direction of descent */
 }
 
 static void what_nlopt_refuses_is_a_failure(void) {

@@ -1,4 +1,4 @@
-/* The solvers there are: their names and the numbers the thesis gave them. */
+/* The available solvers: their names, and their numbers in the thesis. */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -34,7 +34,7 @@ static void solvers_are_found_by_the_thesiss_number(void) {
     TEST_ASSERT_EQUAL_PTR(&tl_bobyqa, tl_optimiser_numbered(1000));
 }
 
-/* 0 is no number: it says that a solver has none. */
+/* The number 0 means that a solver has none in the thesis. */
 static void other_numbers_are_nobodys(void) {
     const int numbers[] = {0, -1, 2, 10, 101, 10000};
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {

@@ -1,4 +1,4 @@
-/* The secant solver alone: what it asks about functions whose residuals are known, and what it remembers. */
+/* The secant solver alone: its evaluations of functions with known residuals, and its memory. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -9,7 +9,7 @@
 
 enum { MOST = 3, ROWS = 4, ASKED = 400 };
 
-/* Residuals of u; false where the point fails. */
+/* Computes the residuals of u; false if the point fails. */
 typedef bool function(const double *u, double *residuals);
 
 static tl_arena arena;
@@ -21,7 +21,7 @@ static tl_optimiser_space space;
 
 static function *asked_function;
 static size_t questions;
-static size_t limit; /* says stop at this question; 0: never */
+static size_t limit; /* the search is stopped at this evaluation; 0: never */
 static double good_enough;
 static const double quiet[ROWS];
 static double asked[ASKED][MOST];
@@ -58,10 +58,10 @@ static void create(size_t unknowns, size_t residual_count) {
                                  .sample_count = residual_count};
     solver = tl_secant.create(&arena, &space);
     TEST_ASSERT_NOT_NULL(solver);
-    tl_arena_seal(&arena); /* nothing is taken after this */
+    tl_arena_seal(&arena); /* later allocations would fail */
 }
 
-/* J and residuals at u. */
+/* Returns J and sets the residuals at u. */
 static double evaluate(const double *u, double *residuals) {
     double sum = 0.0;
     if (!asked_function(u, residuals)) {
@@ -134,7 +134,7 @@ static void a_slope_that_is_remembered_is_not_measured_again(void) {
     }
 }
 
-/* Residuals in other units, as of another tolerance: what is known of the slope is known in them. */
+/* After a change of the tolerance, residuals have other units. The known slope is converted. */
 static void a_slope_goes_along_into_other_units(void) {
     const double factors[ROWS] = {20.0, 20.0, 20.0, 20.0};
     const double start[] = {0.0};
@@ -151,7 +151,7 @@ static void a_slope_goes_along_into_other_units(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, -4.0, best[0]);
 }
 
-/* Residuals that were not there before are learnt from the first question; those that go are forgotten. */
+/* New residuals are learned from the first evaluation; removed ones are forgotten. */
 static bool line_and_penalty(const double *u, double *r) {
     r[0] = 2.0 * (u[0] - target);
     r[1] = 0.5 * u[0];
@@ -209,7 +209,7 @@ static void a_wrong_slope_is_recovered_from(void) {
         TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
         TEST_ASSERT_TRUE(questions <= 12);
         TEST_ASSERT_DOUBLE_WITHIN(1e-2, 3.0, best[0]);
-        (void)search(line, start); /* and the new one is learnt */
+        (void)search(line, start); /* learns the new slope */
         TEST_ASSERT_TRUE(questions <= 2);
     }
 }
@@ -236,7 +236,7 @@ static void a_move_is_no_longer_than_25_steps(void) {
     limit = 2;
     create(1, 1);
     (void)search(line, start);
-    TEST_ASSERT_EQUAL_DOUBLE(25.0 + asked[0][0], asked[1][0]); /* the slope's question was better already */
+    TEST_ASSERT_EQUAL_DOUBLE(25.0 + asked[0][0], asked[1][0]); /* moves on from the better point of the slope */
 }
 
 /* ---- curves ---- */
@@ -269,7 +269,7 @@ static bool cliff(const double *u, double *r) {
 static void points_that_fail_are_turned_back_from(void) {
     const double start[] = {0.0};
     fails_above = 2.0;
-    step[0] = 3.0; /* the slope's own question fails */
+    step[0] = 3.0; /* the evaluation for the slope fails */
     good_enough = 1e-6;
     create(1, 1);
     (void)search(cliff, start);
@@ -283,7 +283,7 @@ static bool always_fails(const double *u, double *r) {
     return false;
 }
 
-/* 1, 2, 4 … 32 steps to either side. */
+/* A start is searched 1, 2, 4 … 32 steps away on both sides. */
 static void a_start_is_looked_for_up_to_32_steps_away(void) {
     const double start[] = {0.0};
     create(1, 1);
@@ -292,7 +292,7 @@ static void a_start_is_looked_for_up_to_32_steps_away(void) {
     TEST_ASSERT_TRUE(asked[10][0] == 32.0 && asked[11][0] == -32.0);
     fails_above = -3.0;
     (void)search(cliff, start);
-    TEST_ASSERT_TRUE(asked[5][0] == -4.0); /* the first that can be evaluated */
+    TEST_ASSERT_TRUE(asked[5][0] == -4.0); /* the first point that does not fail */
     TEST_ASSERT_DOUBLE_WITHIN(0.1, -3.0, best[0]);
     limit = 3;
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(always_fails, start));
@@ -301,14 +301,14 @@ static void a_start_is_looked_for_up_to_32_steps_away(void) {
 static double lowest;
 static double highest;
 
-/* Between two walls; the second unknown may not move at all if they are equal. */
+/* The point must lie between two walls. If they are equal, the second unknown cannot move. */
 static bool walls(const double *u, double *r) {
     r[0] = u[0] - 1.9;
     r[1] = u[1];
     return u[0] <= fails_above && u[1] >= lowest && u[1] <= highest;
 }
 
-/* The slope's question is repeated to the other side and with quarters of the step. */
+/* If an evaluation for the slope fails, the other side is tried, then quarters of the step. */
 static void a_slope_is_measured_where_it_can_be(void) {
     const double start[] = {0.0, 0.0};
     const double expected[] = {6.0, -6.0, 1.5};
@@ -320,7 +320,7 @@ static void a_slope_is_measured_where_it_can_be(void) {
     create(2, 2);
     (void)search(walls, start);
     TEST_ASSERT_TRUE(asked[0][0] == expected[0] && asked[1][0] == expected[1]);
-    TEST_ASSERT_TRUE(asked[2][1] == 1.0); /* the first unknown is known from -6 */
+    TEST_ASSERT_TRUE(asked[2][1] == 1.0); /* the first unknown was measured at -6 */
     TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
     lower[0] = 0.0; /* no room on the other side */
     tl_secant.forget(solver);
@@ -329,7 +329,8 @@ static void a_slope_is_measured_where_it_can_be(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-2, 1.9, best[0]);
 }
 
-/* An unknown whose column could not be measured does not stop the other one, and is tried again. */
+/* If the column of an unknown cannot be measured, the other one still moves. The column is
+ * measured later. */
 static void a_missing_column_is_measured_later(void) {
     const double start[] = {0.0, 0.0};
     fails_above = 100.0;
@@ -348,7 +349,7 @@ static void a_missing_column_is_measured_later(void) {
     TEST_ASSERT_EQUAL_UINT64(1, questions);
 }
 
-/* A solver that could measure nothing is new in the next search, too. */
+/* A solver that could measure nothing also starts as new in the next search. */
 static void nothing_measured_is_no_slope(void) {
     const double start[] = {0.0};
     fails_above = 0.0;
@@ -364,7 +365,7 @@ static void nothing_measured_is_no_slope(void) {
 
 /* ---- several ---- */
 
-/* Least squares: u0 = 1.5 and u1 = −1 leave residuals (0.5, −0.5, 0). */
+/* Least squares: u0 = 1.5 and u1 = −1 give residuals (0.5, −0.5, 0). */
 static bool overdetermined(const double *u, double *r) {
     r[0] = u[0] - 1.0;
     r[1] = u[0] - 2.0;
@@ -439,7 +440,7 @@ static void an_optimum_on_a_bound_is_found(void) {
     create(2, 2);
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(coupled, start));
     TEST_ASSERT_EQUAL_DOUBLE(1.0, best[0]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 1.0, best[1]); /* the other one makes the best of it */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 1.0, best[1]); /* the other unknown is at its optimum */
     TEST_ASSERT_TRUE(questions <= 30);
 }
 
@@ -447,7 +448,7 @@ static void a_start_on_a_bound_is_left(void) {
     const double start[] = {1.0, 1.0};
     upper[0] = 1.0;
     upper[1] = 1.0;
-    lower[0] = 0.7; /* closer than a step */
+    lower[0] = 0.7; /* less than a step away */
     create(2, 2);
     (void)search(coupled, start);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, best[0]);
@@ -457,7 +458,7 @@ static void a_start_on_a_bound_is_left(void) {
 
 static uint32_t seed;
 
-/* −1 … 1. */
+/* A random number in −1 … 1. */
 static double any(void) {
     seed = seed * 1664525U + 1013904223U;
     return (double)(seed >> 8) / 8388608.0 - 1.0;
@@ -472,10 +473,10 @@ static bool random_function(const double *u, double *r) {
             r[i] += weights[i][k] * u[k] + weights[i][MOST + 1] * sin(u[k]);
         }
     }
-    return r[0] < 6.0; /* fails now and then */
+    return r[0] < 6.0; /* fails sometimes */
 }
 
-/* The asker asserts that no question is outside the bounds. */
+/* The caller asserts that evaluations are within the bounds. */
 static void it_never_asks_outside_the_bounds_and_always_ends(void) {
     size_t most = 0;
     for (seed = 1; seed < 2000000000U; seed += 9000000U) {
@@ -503,7 +504,7 @@ static void it_never_asks_outside_the_bounds_and_always_ends(void) {
 
 /* ---- least squares in closed form ---- */
 
-static size_t rows; /* in use */
+static size_t rows; /* rows in use */
 
 /* r = weights·u + the last weight of the row. */
 static bool linear(const double *u, double *r) {
@@ -554,7 +555,7 @@ static void solve_normal(size_t n, double *u) {
     }
 }
 
-/* Rows that are not near to one another in direction, so that the normal equations are worth comparing with. */
+/* Rows with different directions, so that the normal equations are accurate enough. */
 static void draw_problem(size_t n) {
     for (size_t i = 0; i < rows; i++) {
         for (size_t k = 0; k <= MOST; k++) {
@@ -573,7 +574,8 @@ static void move_problem(size_t n, double *start) {
     }
 }
 
-/* Of n unknowns: found where Cramer's rule says, with so many questions at most. */
+/* With n unknowns, the search finds the solution of Cramer's rule, in at most `most`
+ * evaluations. */
 static void expect_solution(size_t n, size_t most) {
     double start[MOST] = {0};
     double solution[MOST];
@@ -586,7 +588,7 @@ static void expect_solution(size_t n, size_t most) {
     TEST_ASSERT_TRUE(questions <= most);
 }
 
-/* A slope costs a question for each unknown, once; the way there one more, which confirms it. */
+/* A slope needs one evaluation per unknown, once. The move needs another, which confirms it. */
 static void a_linear_problem_ends_at_its_least_squares(void) {
     for (uint32_t number = 0; number < 200; number++) {
         tearDown();
@@ -613,7 +615,7 @@ static double linear_value(double first, double second) {
     return sum;
 }
 
-/* The smallest J with one of two unknowns at `at`, the other within its bounds. */
+/* The smallest J if unknown `fixed` is `at` and the other one is within its bounds. */
 static double value_on_edge(size_t fixed, double at) {
     size_t moving = 1 - fixed;
     double along = 0.0;
@@ -626,7 +628,7 @@ static double value_on_edge(size_t fixed, double at) {
     return fixed == 0 ? linear_value(at, other) : linear_value(other, at);
 }
 
-/* The smallest J within the bounds of two unknowns: that without bounds, or on one of the four edges. */
+/* The smallest J within the bounds of two unknowns: inside, or on one of the four edges. */
 static double value_within_bounds(void) {
     double u[MOST];
     solve_normal(2, u);
@@ -666,7 +668,8 @@ static bool saturating(const double *u, double *r) {
     return true;
 }
 
-/* For one unknown and one residual each question after the first is that of the secant method. */
+/* With one unknown and one residual, all evaluations after the first are those of the secant
+ * method. */
 static void one_unknown_is_the_secant_method(void) {
     const double start[] = {1.0};
     good_enough = 1e-8;
@@ -693,14 +696,15 @@ static bool bent(const double *u, double *r) {
     return true;
 }
 
-/* Δ of G·Δ = −r. */
+/* Solves G·Δ = −r. */
 static void solve_two(double g[2][2], const double *r, double *move) {
     double d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
     move[0] = -(r[0] * g[1][1] - r[1] * g[0][1]) / d;
     move[1] = -(r[1] * g[0][0] - r[0] * g[1][0]) / d;
 }
 
-/* Two unknowns: each question is Broyden's, from the slope that the first two have measured. */
+/* Two unknowns: all evaluations are those of Broyden's method, with the initial slope from the
+ * first two. */
 static void two_unknowns_are_broydens_method(void) {
     const double start[] = {0.0, 0.0};
     double g[2][2];
@@ -712,7 +716,7 @@ static void two_unknowns_are_broydens_method(void) {
     TEST_ASSERT_TRUE(questions > 5);
     memcpy(at, start, sizeof at);
     (void)bent(at, r);
-    for (size_t k = 0; k < 2; k++) { /* measured from the best point so far */
+    for (size_t k = 0; k < 2; k++) { /* from the best point so far */
         double there[2];
         (void)bent(asked[k], there);
         g[0][k] = there[0] - r[0];
@@ -742,13 +746,14 @@ static void two_unknowns_are_broydens_method(void) {
 
 static double wall;
 
-/* Behind the wall everything fails. */
+/* All points behind the wall fail. */
 static bool blocked(const double *u, double *r) {
     r[0] = u[0] - 10.0;
     return u[0] <= wall;
 }
 
-/* A move that fails tells no slope; the next one is half as long, and after the second the slope is measured anew. */
+/* A failed move gives no slope. The next one is half as long; after the second failure the slope
+ * is measured again. */
 static void a_failed_move_is_halved_and_then_the_slope_is_measured_anew(void) {
     const double start[] = {0.0};
     wall = 1e9;
@@ -760,11 +765,11 @@ static void a_failed_move_is_halved_and_then_the_slope_is_measured_anew(void) {
     TEST_ASSERT_EQUAL_UINT64(4, questions);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 10.0, asked[0][0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 5.0, asked[1][0]);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, asked[2][0]); /* the slope's question: a step from the start */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, asked[2][0]); /* for the slope: a step from the start */
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 3.5, asked[3][0]);
 }
 
-/* Each failure damps eight times as much, so that in the end the good side of a wall is come close to. */
+/* Each failure multiplies the damping by eight, so that the search comes close to the wall. */
 static void damping_leads_to_the_good_side_of_a_wall(void) {
     const double start[] = {0.0};
     wall = 1e9;
@@ -776,7 +781,7 @@ static void damping_leads_to_the_good_side_of_a_wall(void) {
     TEST_ASSERT_TRUE(questions < 30);
 }
 
-/* A search begins undamped, whatever the one before had to do. */
+/* A search starts without damping, whatever the previous one needed. */
 static void damping_is_forgotten(void) {
     const double start[] = {0.0};
     wall = 1e9;
@@ -794,7 +799,7 @@ static bool not_a_number(const double *u, double *r) {
     return u[0] <= wall;
 }
 
-/* What a failed point has left in the residuals is not looked at: here by two moves and the slope's question. */
+/* Residuals of a failed point are ignored, here of two moves and an evaluation for the slope. */
 static void residuals_that_are_not_numbers_leave_no_trace(void) {
     const double start[] = {0.0};
     wall = 1e9;
@@ -810,7 +815,7 @@ static void residuals_that_are_not_numbers_leave_no_trace(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 10.0, asked[0][0]);
 }
 
-/* Two unknowns that do the same: the shortest way is to move both alike. */
+/* Two unknowns with the same effect: the shortest move changes both equally. */
 static void what_does_the_same_is_moved_alike(void) {
     const double start[] = {0.0, 0.5};
     good_enough = 1e-8;
@@ -824,14 +829,14 @@ static void what_does_the_same_is_moved_alike(void) {
 
 /* ---- what a move promises ---- */
 
-/* J is 8 at best, at 1. */
+/* The minimum of J is 8, at 1. */
 static bool never_within(const double *u, double *r) {
     r[0] = u[0] - 1.0 - 2.0;
     r[1] = u[0] - 1.0 + 2.0;
     return true;
 }
 
-/* The guess was to come down to this J, and did: a slope that keeps its promise and has nothing better is believed. */
+/* The guess reaches its predicted J, and the slope predicts nothing better: the search ends. */
 static void a_guess_that_kept_its_promise_ends_the_search(void) {
     const double start[] = {0.0};
     const double u[] = {0.5};
@@ -847,7 +852,7 @@ static void a_guess_that_kept_its_promise_ends_the_search(void) {
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(never_within, guess));
     TEST_ASSERT_EQUAL_UINT64(0, questions);
     TEST_ASSERT_TRUE(tl_secant.guess(solver, &forecast, guess));
-    const double elsewhere[] = {guess[0] + 0.25}; /* is no guess */
+    const double elsewhere[] = {guess[0] + 0.25}; /* not the guess */
     (void)search(never_within, elsewhere);
     TEST_ASSERT_TRUE(questions > 0);
 }
@@ -862,7 +867,7 @@ static bool both(const double *u, double *r) {
 
 static void create_held(size_t unknowns, size_t residual_count) {
     create(unknowns, residual_count);
-    space.held = true; /* the solver reads it when it moves */
+    space.held = true; /* read at each move */
 }
 
 static void a_held_u_moves_only_as_far_as_will_do(void) {
@@ -877,7 +882,7 @@ static void a_held_u_moves_only_as_far_as_will_do(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.3, best_value);
 }
 
-/* Two unknowns: the whole move would be to (3, 2); the part of it that leads to J = 0.3. */
+/* The full move would lead to (3, 2). The solver makes the part of it that leads to J = 0.3. */
 static void a_held_move_keeps_its_direction(void) {
     const double start[] = {0.0, 0.0};
     create_held(2, 2);
@@ -937,16 +942,16 @@ static void rows_of_exactly_0_take_no_part(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, 33.0 / 17.0, best[0]); /* both rows fitted */
     second_is_measured = false;
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(two_rows, elsewhere));
-    TEST_ASSERT_EQUAL_UINT64(1, questions); /* the first row alone */
+    TEST_ASSERT_EQUAL_UINT64(1, questions); /* fits the first row alone */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.0, best[0]);
     second_is_measured = true;
     target = 3.0;
     limit = 1;
     (void)search(two_rows, elsewhere);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 99.0 / 17.0, best[0]); /* its slope was kept meanwhile */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 99.0 / 17.0, best[0]); /* the slope of the second row was kept */
 }
 
-/* A penalty is 0 at nominal, which is where many a search begins. */
+/* The penalty is 0 at nominal, where many searches start. */
 static bool penalised(const double *u, double *r) {
     r[0] = 2.0 * (u[0] - 3.0);
     r[1] = 4.0 * u[0];
@@ -995,12 +1000,12 @@ static void a_guess_moves_what_is_free_and_stays_within_the_bounds(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1.0, guess[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 2.5, guess[1]);
     TEST_ASSERT_TRUE(tl_secant.guess(solver, &loose, guess));
-    TEST_ASSERT_EQUAL_DOUBLE(2.5, guess[0]); /* of the 4 that it wants */
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, guess[0]); /* limited; the solver wants 4 */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 2.5, guess[1]);
-    TEST_ASSERT_EQUAL_UINT64(0, questions); /* nothing is asked for it */
+    TEST_ASSERT_EQUAL_UINT64(0, questions); /* a guess needs no evaluation */
 }
 
-/* r = 2·(u − 3), from a u that is held at 1; the guess of a solver that knows this. */
+/* r = 2·(u − 3): the guess of a solver with this slope, from u = 1. */
 static double guess_towards(double nominal, double noise) {
     const double start[] = {0.0};
     const double u[] = {1.0};
@@ -1020,22 +1025,23 @@ static double guess_towards(double nominal, double noise) {
     return guess[0];
 }
 
-/* No more is corrected than is needed: up to a square of 0.03. */
+/* A guess corrects only until the square is 0.03. */
 static void a_guess_stays_near_nominal(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.03) / 2.0, guess_towards(0.0, 0.0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 + sqrt(0.03) / 2.0, guess_towards(9.0, 0.0));
-    TEST_ASSERT_EQUAL_DOUBLE(2.95, guess_towards(2.95, 0.0)); /* which is good enough itself */
+    TEST_ASSERT_EQUAL_DOUBLE(2.95, guess_towards(2.95, 0.0)); /* nominal is good enough */
 }
 
-/* What noise makes of the square is not needed. */
+/* A guess does not correct the part of the square that comes from noise. */
 static void a_guess_does_not_follow_noise(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.45 * 0.4) / 2.0, guess_towards(0.0, 0.4));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.03) / 2.0, guess_towards(0.0, 0.01));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.5) / 2.0,
-                              guess_towards(0.0, 100.0)); /* within tolerance all the same */
+                              guess_towards(0.0, 100.0)); /* but it stays within tolerance */
 }
 
-/* A u that has leaned to one side for long is let back further, but to half a tolerance at most. */
+/* If u has been on one side of nominal for long, the guess moves further back, by at most half a
+ * tolerance. */
 static void a_guess_lets_go_of_a_u_that_leans(void) {
     const double nominal[] = {0.0};
     const double residuals[] = {0.0625};
@@ -1050,7 +1056,7 @@ static void a_guess_lets_go_of_a_u_that_leans(void) {
         TEST_ASSERT_TRUE(guess[0] <= before);
         before = guess[0];
     }
-    /* r = 0 at 0.5 − 0.0625/2; 0.8·2·0.5 would be 0.8. */
+    /* r = 0 at 0.5 − 0.0625/2. Without the limit, the move back would be 0.8·2·0.5. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.5 - 0.0625 / 2.0 - 0.5 / 2.0, guess[0]);
 }
 
@@ -1064,7 +1070,7 @@ static void it_stops_when_told(void) {
         setUp();
         limit = wanted;
         create(2, 3);
-        tl_search_end end = search(overdetermined, start); /* the asker asserts that no question follows */
+        tl_search_end end = search(overdetermined, start); /* the caller asserts that no evaluation follows */
         TEST_ASSERT_TRUE(end == TL_SEARCH_DONE || questions == limit);
         TEST_ASSERT_TRUE(end == TL_SEARCH_DONE || end == TL_SEARCH_STOPPED);
     }
@@ -1087,7 +1093,7 @@ static void equal_searches_ask_the_same(void) {
     TEST_ASSERT_EQUAL_MEMORY(first, asked, count * sizeof first[0]);
 }
 
-/* It asks as one that is new, and its slope is not one that a failure could leave in force. */
+/* After forget(), the solver measures a new slope. */
 static void what_it_forgets_is_forgotten(void) {
     const double start[] = {0.0};
     const double nominal[] = {0.0};
@@ -1105,7 +1111,7 @@ static void what_it_forgets_is_forgotten(void) {
     TEST_ASSERT_TRUE(tl_secant.is_new(solver));
     TEST_ASSERT_FALSE(tl_secant.guess(solver, &forecast, guess));
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
-    TEST_ASSERT_EQUAL_UINT64(2, questions); /* the slope, and the move */
+    TEST_ASSERT_EQUAL_UINT64(2, questions); /* one for the slope, one for the move */
     const double u[] = {1.0};
     const double away[] = {-4.0};
     const tl_forecast again = {u, away, quiet, free, nominal};

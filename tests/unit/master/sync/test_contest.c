@@ -1,4 +1,5 @@
-/* Which of two twins is nearer to the plant: by processes whose true value is known, and of which the contest sees errors only. */
+/* The free-run check: which of two twins is nearer to the plant. The test knows the true value;
+ * the check sees only errors. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -11,20 +12,20 @@ enum { GUARD = 4, TRIALS = 600 };
 /* A plant whose true value is 0, and two twins of it. */
 typedef struct world {
     double noise;  /* standard deviation of a measurement */
-    double gain;   /* the part of it that the locked twin follows */
-    double bias;   /* of the twin that is left alone, for good, */
-    double drift;  /* more in each trial, */
-    double unrest; /* and what it does not know from trial to trial: nor does a prediction */
-    double swing;  /* the same, up and down, */
-    double pace;   /* by so much of its phase in each trial */
-    bool spikes;   /* one measurement in fifty is far off */
+    double gain;   /* the part of the noise that the locked twin follows */
+    double bias;   /* constant error of the free twin */
+    double drift;  /* its change in each trial */
+    double unrest; /* random error of the free twin and of a prediction, new in each trial */
+    double swing;  /* amplitude of a periodic error of both */
+    double pace;   /* its phase per trial */
+    bool spikes;   /* one of fifty measurements is far off */
 } world;
 
 static tl_free_run_check free_run_check;
 static tl_free_run_check_verdict verdict;
 static tl_test_random numbers;
-static double followed; /* by the locked twin, of the last measurement's noise */
-static uint32_t trial;  /* so many were over before the verdict */
+static double followed; /* noise of the last measurement that the locked twin follows */
+static uint32_t trial;  /* trials so far */
 
 void setUp(void) {
     free_run_check = (tl_free_run_check){.guard = GUARD};
@@ -36,7 +37,7 @@ void setUp(void) {
 
 void tearDown(void) {}
 
-/* As good as normal: of twelve uniform ones. */
+/* Approximately normal: the sum of twelve uniform numbers. */
 static double normal(double deviation) {
     double sum = -6.0;
     for (int i = 0; i < 12; i++) {
@@ -45,7 +46,7 @@ static double normal(double deviation) {
     return deviation * sum;
 }
 
-/* Where the prediction began, the twin had followed the noise that was there then. */
+/* The prediction starts from the locked twin, which had followed the noise of that moment. */
 static void one_trial(const world *of) {
     double began = followed;
     double swing = of->swing * sin(of->pace * trial);
@@ -64,7 +65,7 @@ static void one_trial(const world *of) {
     trial++;
 }
 
-/* Until it says something, or for good. */
+/* Until a verdict, at most `most` trials. */
 static void go_on(const world *of, uint32_t most) {
     verdict = (tl_free_run_check_verdict){0};
     for (trial = 0; trial < most && !verdict.turned && !verdict.renew;) {
@@ -86,7 +87,8 @@ static void and_if_it_is_a_little_off(void) {
     TEST_ASSERT_TRUE(verdict.turned && free_run_check.rests);
 }
 
-/* Whoever held it against what was measured would see no more than 0.2² + 0.3², of which the locked twin has nothing. */
+/* Against the measurements, the locked twin would seem nearer, because it follows part of their
+ * noise. */
 static void and_if_the_lock_follows_only_a_part_of_the_noise(void) {
     go_on(&(world){.noise = 0.3, .gain = 0.7, .bias = 0.05}, TRIALS);
     TEST_ASSERT_TRUE(verdict.turned && free_run_check.rests);
@@ -97,13 +99,14 @@ static void it_stays_locked_if_the_free_twin_is_further_off(void) {
     TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
-/* A prediction is no better than the free twin then; what was measured is. */
+/* A prediction is then no better than the free twin, but the measurement is. */
 static void it_stays_locked_if_nobody_can_predict(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .unrest = 0.5}, 5 * TL_FREE_RUN_CHECK_TRIALS);
     TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
-/* Up and down it looks like noise, which is in two predictions in a row with opposite signs. But noise is less than half a tolerance. */
+/* A swing has opposite signs in two consecutive predictions, like noise. But noise is below half a
+ * tolerance. */
 static void it_stays_locked_if_what_it_does_not_know_swings(void) {
     for (int i = 1; i <= 31; i++) {
         setUp();
@@ -122,7 +125,7 @@ static void outliers_do_not_decide(void) {
     TEST_ASSERT_FALSE(verdict.turned || free_run_check.rests);
 }
 
-/* It was the better one on the whole, and is not any more. */
+/* The free twin was nearer on average, but is not any more. */
 static void a_free_twin_that_drifts_away_is_not_adopted(void) {
     uint32_t adopted = 0;
     uint32_t turned = 0;
@@ -142,7 +145,8 @@ static void one_that_has_lost_for_long_begins_anew(void) {
     TEST_ASSERT_EQUAL_UINT32(TL_FREE_RUN_CHECK_LOST * TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
-/* Until u rests; the trials that it took, or `most`. A free twin that begins anew does not end it. */
+/* Returns the number of trials until u rests, at most `most`. A restart of the free twin does not
+ * end the count. */
 static uint32_t trials_to_rest(const world *of, uint32_t most) {
     for (trial = 0; trial < most && !free_run_check.rests;) {
         verdict = (tl_free_run_check_verdict){0};
@@ -151,7 +155,7 @@ static uint32_t trials_to_rest(const world *of, uint32_t most) {
     return trial;
 }
 
-/* What the model did not know hid the noise, and averages over a thousand trials would be full of that for minutes. */
+/* The disturbance hid the noise. An average over a thousand trials would contain it for minutes. */
 static void it_forgets_what_was_before_times_have_changed(void) {
     uint32_t most = TL_FREE_RUN_CHECK_MEMORY;
     TEST_ASSERT_EQUAL_UINT32(most,
@@ -162,14 +166,14 @@ static void it_forgets_what_was_before_times_have_changed(void) {
     TEST_ASSERT_TRUE(free_run_check.known.noise.mean > 0.0);
 }
 
-/* So much worse that each prediction looks as if the plant were upset. */
+/* The noise is so much larger that each prediction looks like a disturbance of the plant. */
 static void and_if_a_sensor_becomes_worse(void) {
     uint32_t most = 5 * TL_FREE_RUN_CHECK_TRIALS;
     TEST_ASSERT_EQUAL_UINT32(most, trials_to_rest(&(world){.noise = 0.1, .gain = 1.0, .bias = 0.2}, most));
     TEST_ASSERT_LESS_THAN_UINT32(most, trials_to_rest(&(world){.noise = 0.4, .gain = 1.0, .bias = 0.2}, most));
 }
 
-/* ---- while it rests ---- */
+/* ---- while u rests ---- */
 
 static void let_it_rest(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
@@ -196,7 +200,7 @@ static void what_is_off_for_long_ends_it(void) {
     TEST_ASSERT_LESS_THAN_UINT32(TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
-/* ---- what is no number, and what is not there ---- */
+/* ---- missing and invalid values ---- */
 
 static void nothing_measured_says_nothing(void) {
     const tl_free_run_check_errors errors = {.weight = 1.0};
@@ -204,8 +208,7 @@ static void nothing_measured_says_nothing(void) {
         verdict = tl_free_run_check_step(&free_run_check, &errors, i % 3 == 0);
         TEST_ASSERT_FALSE(verdict.turned || verdict.renew || verdict.adopt);
     }
-    TEST_ASSERT_EQUAL_UINT32(0,
-                             free_run_check.known.count); /* two predictions in a row never ended with a measurement */
+    TEST_ASSERT_EQUAL_UINT32(0, free_run_check.known.count); /* no prediction ended with a measurement */
 }
 
 static void what_is_not_finite_is_as_far_as_can_be(void) {

@@ -1,4 +1,5 @@
-/* The second solver: it goes on where the first one fails, stagnates or finds no more, and the record says so. */
+/* The second solver: it continues if the first one fails, stagnates or finds nothing better. The
+ * record reports it. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -40,9 +41,10 @@ static double tried(size_t n) {
     return tl_test_log_step(&call_log, &fmu, n)->u[0];
 }
 
-/* ---- no more to be found ---- */
+/* ---- nothing better exists ---- */
 
-/* Nelder-Mead ends on the bound after three questions; BOBYQA then varies that point by its unit. */
+/* Nelder-Mead ends at the bound after three evaluations. BOBYQA then varies that point by its
+ * step. */
 static const tl_record *search_out_of_reach(const char *fallback) {
     tl_plan_adjust *adjust = begin("nelder-mead", fallback, 0);
     adjust->lower = -1.0;
@@ -81,7 +83,7 @@ static void within_tolerance_nobody_takes_over(void) {
     }
 }
 
-/* The limit is that of the step, whoever uses it. */
+/* The limit of the step covers both solvers. */
 static void both_share_the_budget(void) {
     for (uint32_t budget = 1; budget < 12; budget++) {
         tl_plan_adjust *adjust = begin("nelder-mead", "bobyqa", 0);
@@ -102,7 +104,7 @@ static double objective(size_t n, double y0) {
     return pow((tried(n) - y0) / 0.01, 2.0);
 }
 
-/* A solver is ended at its n-th evaluation in a row whose J is not smaller by a hundredth. */
+/* A solver ends after n evaluations in a row that do not reduce J by a hundredth. */
 static void a_solver_is_ended_where_it_makes_no_progress(void) {
     for (uint32_t most = 1; most < 8; most++) {
         (void)begin("nelder-mead", NULL, most);
@@ -133,12 +135,12 @@ static void one_that_stagnates_hands_over(void) {
     (void)tick(8.3, 8.3);
     record = tick(8.3, 8.3);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
-    TEST_ASSERT_EQUAL_UINT32(0, record->flags); /* they are those of the step */
+    TEST_ASSERT_EQUAL_UINT32(0, record->flags); /* flags apply to this step only */
 }
 
 /* ---- failures ---- */
 
-/* All but the start is not a number: the first one ends, and so does the second, and nominal is committed. */
+/* All points except the start are NaN: both solvers end, and nominal is committed. */
 static void where_both_find_nothing_it_is_nominal(void) {
     static const char *const names[] = {"secant", "nelder-mead", "bobyqa", "sbplx"};
     for (size_t i = 0; i < 4; i++) {
@@ -160,7 +162,7 @@ static void expect_found(uint32_t flags, const tl_record *record) {
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5, record->u[0]);
 }
 
-/* Nominal, which is 1.5, fails: our own solver looks for a start beside it. */
+/* Nominal (1.5) fails: our own solver looks for a start near it. */
 static void secant_looks_for_a_start(void) {
     static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN};
     for (size_t i = 0; i < 3; i++) {
@@ -178,7 +180,7 @@ static void secant_looks_for_a_start(void) {
     }
 }
 
-/* Nominal, which is 3, and the last u, which is 2, both fail. */
+/* Nominal (3) and the last u (2) both fail. */
 static void a_solver_that_cannot_begin_hands_over(void) {
     static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN};
     for (size_t i = 0; i < 3; i++) {

@@ -28,10 +28,9 @@ static struct ways {
     bool refuses;    /* fails to restore the kept state */
     bool is_by_copy;
     bool was_final;
-    bool sees_final; /* y depends on the final flag of a step */
-    bool
-        lacks_mode; /* own states lack a mode, which the first step enters, and which only shows where u is not nominal */
-    bool mode;      /* entered, and not restored */
+    bool sees_final;  /* y depends on the final flag of a step */
+    bool lacks_mode;  /* own states lack a mode; the first step enters it, and it shows only if u is not nominal */
+    bool mode;        /* entered, and not restored */
     bool is_complete; /* restored by a copy */
     bool is_shown;    /* y shows the mode */
     double offset;    /* set last */
@@ -97,7 +96,8 @@ static void end_proof(fmi2Component instance) {
     }
 }
 
-/* Hides the final flag from the call checker, because a copy can go back behind a final step. */
+/* Hides the final flag from the call checker, because a copy can be restored to before a final
+ * step. */
 static fmi2Status do_step(fmi2Component instance, fmi2Real point, fmi2Real step, fmi2Boolean final) {
     fmi2Status status = ways.own.do_step(instance, point, step, fmi2False);
     ways.was_final = final != fmi2False;
@@ -250,7 +250,8 @@ static void the_time_of_a_step_counts(void) {
     expect_copy();
 }
 
-/* Own states are kept for their speed. They lack a mode that only excursions enter, and repeat themselves. */
+/* Own states are kept because they are fast. They lack a mode that only excursions enter, but
+ * repeat their values exactly. */
 static void fast_states_must_agree_with_copies(void) {
     ways.by_copy = 4 * SLOW;
     ways.lacks_mode = true;

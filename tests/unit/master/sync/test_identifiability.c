@@ -1,4 +1,5 @@
-/* Identifiability: what is matched must react to what is adjusted, or that is held at nominal for the step, by name. */
+/* Identifiability: an adjusted variable that no matched output reacts to is held at nominal for
+ * the step. The record names it. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -22,7 +23,7 @@ void tearDown(void) {
     tl_test_run_end(&run, &plan);
 }
 
-/* y0 = gain·cmd + offset: while cmd is 0 the gain does not matter. */
+/* y0 = gain·cmd + offset. If cmd is 0, the gain has no effect. */
 static void begin(const char *algorithm) {
     tl_test_run_end(&run, &plan);
     tl_test_plan_single(&plan, &fmu, &call_log);
@@ -47,7 +48,8 @@ static const tl_record *tick(double cmd, double y0) {
     return tl_test_run_single(&run, &call_log, cmd, y0);
 }
 
-/* What varies a variable by a twentieth of its step or more can judge it; the differences of L-BFGS are smaller. */
+/* A solver that moves a variable by at least a twentieth of its step can judge it. L-BFGS moves it
+ * less. */
 static bool judges(size_t solver) {
     return strcmp(solvers[solver], "l-bfgs") != 0;
 }
@@ -67,7 +69,7 @@ static void what_does_not_matter_is_held_at_nominal(void) {
                 TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
                 assert_nominal(record, 0);
                 TEST_ASSERT_TRUE(!judges(s) || record->held == 1);
-                TEST_ASSERT_TRUE(!judges(s) || record->evaluations == 2); /* nominal, and one that told nothing */
+                TEST_ASSERT_TRUE(!judges(s) || record->evaluations == 2); /* nominal, and one without effect */
             }
         }
     }
@@ -83,7 +85,7 @@ static void without_a_noise_floor_nothing_is_held(void) {
     TEST_ASSERT_TRUE(record->evaluations > 2);
 }
 
-/* The floor is in tolerances per step: here a step moves y0 by cmd·0.1/0.01 of them. */
+/* The noise floor is in tolerances per step. Here a step moves y0 by cmd·0.1/0.01 tolerances. */
 static void the_noise_floor_is_in_tolerances_for_a_step(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
         for (int above = 0; above < 2; above++) {
@@ -103,8 +105,8 @@ static void it_comes_back_when_it_matters_again(void) {
             build_with_gain(solvers[s], prediction);
             for (int i = 0; i < 60; i++) {
                 bool matters = i / 10 % 2 == 0;
-                const tl_record *record = tick(matters ? 1.0 : 0.04, 1.5); /* it would help a little */
-                if (i % 10 > (int)prediction) {                            /* the whole horizon is of one kind */
+                const tl_record *record = tick(matters ? 1.0 : 0.04, 1.5); /* the gain would help a little */
+                if (i % 10 > (int)prediction) {                            /* the whole horizon has the same cmd */
                     TEST_ASSERT_TRUE(!judges(s) || record->held == (matters ? 0 : 1));
                     TEST_ASSERT_TRUE(!matters || record->outcome <= TL_OPTIMISED);
                     TEST_ASSERT_TRUE(!matters || fabs(record->u[0] - 1.5) < 0.01);
@@ -127,7 +129,7 @@ static void the_other_one_is_still_adjusted(void) {
             build();
             for (int i = 0; i < 10; i++) {
                 const tl_record *record = tick(0.0, 2.0 + 0.1 * i);
-                bool guessed = s == 0 && i > 0; /* with a slope that leaves the blind one where it is */
+                bool guessed = s == 0 && i > 0; /* a known slope does not move a variable without effect */
                 TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
                 TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0 + 0.1 * i, record->u[1 - blind]);
                 TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, record->nominal[blind], record->u[blind]);
@@ -137,7 +139,7 @@ static void the_other_one_is_still_adjusted(void) {
     }
 }
 
-/* Where there is no time to settle it, it does not go astray either. */
+/* A budget too small for a judgement does not let a variable drift either. */
 static void under_a_tight_budget_nothing_drifts(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
         for (uint32_t budget = 2; budget < 12; budget++) {
@@ -148,7 +150,7 @@ static void under_a_tight_budget_nothing_drifts(void) {
             build();
             run.budget.evaluations = budget;
             for (int i = 0; i < 40; i++) {
-                double faint = s == 0 || !judges(s) ? 0.0 : 0.01; /* a slope that is known is used, however small */
+                double faint = s == 0 || !judges(s) ? 0.0 : 0.01; /* a known slope is used, however small */
                 const tl_record *record = tick(faint, 2.0 + 0.1 * (i % 7));
                 TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, 1.0, record->u[1]);
             }
@@ -158,7 +160,7 @@ static void under_a_tight_budget_nothing_drifts(void) {
 
 static uint32_t seed;
 
-/* Whatever the budget and the horizon: what the record names is at nominal in what was committed. */
+/* With any budget and horizon: each variable that the record names is committed at nominal. */
 static void what_is_named_is_at_nominal(void) {
     uint32_t named = 0;
     for (uint32_t number = 1; number <= 400; number++) {

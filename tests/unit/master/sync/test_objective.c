@@ -1,4 +1,4 @@
-/* J = Σ weight·((y − ŷ)/tolerance)² over what is good. */
+/* J = Σ weight·((y − ŷ)/tolerance)² over good samples. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -22,7 +22,7 @@ static tl_horizon horizon;
 static tl_objective_penalty penalties[TL_MAX_ADJUST];
 static tl_objective objective;
 static bool damps;
-static double *y; /* of the two Real terms */
+static double *y; /* of both Real terms */
 static fmi2Boolean *on;
 static double residuals[32];
 static double course[32];
@@ -73,7 +73,7 @@ static void push(double a, double b, bool is_on) {
     sample.tick++;
 }
 
-/* Of terms, horizon and penalties as they stand now. */
+/* With the present terms, horizon and penalties. */
 static void init(void) {
     const tl_objective_settings settings = {.exchange = &exchange,
                                             .horizon = &horizon,
@@ -89,7 +89,7 @@ static double at(uint32_t depth) {
     return tl_objective_at(&objective, depth, residuals, course);
 }
 
-/* J of a horizon of one step that ends with the sample of `tick`. */
+/* Returns J of a horizon of one step that ends with the sample of `tick`. */
 static double value_at(int64_t tick) {
     init();
     TEST_ASSERT_TRUE(tl_objective_prepare(&objective, tick - 1));
@@ -141,17 +141,17 @@ static void bad_measurements_are_left_out(void) {
     push(1.0, 2.0, false);
     sample.quality[SIGNAL_A] = TL_STALE;
     push(100.0, 5.0, false);
-    TEST_ASSERT_EQUAL_DOUBLE(25.0, value_at(1)); /* of b alone */
+    TEST_ASSERT_EQUAL_DOUBLE(25.0, value_at(1)); /* b alone */
     TEST_ASSERT_EQUAL_DOUBLE(0.0, residuals[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, tl_objective_measured(&objective, TERM_A, 1, &quality)); /* the last good one */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, tl_objective_measured(&objective, TERM_A, 1, &quality)); /* the last good value */
     TEST_ASSERT_EQUAL_INT(TL_STALE, quality);
-    TEST_ASSERT_EQUAL_DOUBLE(5.0, value_at(0)); /* at its own instant it still counts */
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, value_at(0)); /* it counts at its own instant */
 }
 
 static void a_weight_of_0_is_compared_only(void) {
     push(1.0, 2.0, false);
     terms[TERM_B].weight = 0.0;
-    terms[TERM_B].tolerance = 0.0; /* need not be one */
+    terms[TERM_B].tolerance = 0.0; /* without weight it needs no tolerance */
     TEST_ASSERT_EQUAL_DOUBLE(1.0, value_at(0));
     TEST_ASSERT_EQUAL_UINT64(2, objective.residual_count);
 }
@@ -175,14 +175,14 @@ static void it_is_measured_where_one_weighted_term_is_good_once(void) {
     for (size_t i = 0; i < 3; i++) {
         sample.quality[SIGNAL_A] = TL_NO_LINK;
         sample.quality[SIGNAL_B] = i == 1 ? TL_GOOD : TL_OUT_OF_RANGE;
-        sample.quality[SIGNAL_ON] = TL_GOOD; /* but without weight */
+        sample.quality[SIGNAL_ON] = TL_GOOD; /* has no weight */
         push(0.0, 0.0, false);
     }
     TEST_ASSERT_FALSE(is_measured(0, 0));
     TEST_ASSERT_TRUE(is_measured(1, 1));
     TEST_ASSERT_TRUE(is_measured(0, 2));
     TEST_ASSERT_FALSE(is_measured(2, 2));
-    TEST_ASSERT_FALSE(is_measured(3, 9)); /* the newest stands for them */
+    TEST_ASSERT_FALSE(is_measured(3, 9)); /* the newest sample replaces them */
 }
 
 /* ---- the horizon ---- */
@@ -268,7 +268,7 @@ static void penalties_are_residuals_of_their_own(void) {
 static const double rising[] = {5.0, 7.0, 7.5};
 static const double from[] = {3.0};
 
-/* A dynamic horizon of three steps, the measurements at the end of which are good or not. */
+/* A dynamic horizon of three steps. The measurements at their ends are good or not. */
 static void prepare_three(bool first, bool second, bool third) {
     static uint32_t way[] = {0, 1};
     const bool good[] = {true, first, second, third};
@@ -293,7 +293,7 @@ static double damping(void) {
 static void what_a_sample_sees_is_not_damped(void) {
     prepare_three(true, true, true);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, damping());
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, sqrt(TL_UNSEEN_RATE) * 4.0, residuals[9]); /* filled all the same */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, sqrt(TL_UNSEEN_RATE) * 4.0, residuals[9]); /* filled, although it does not count */
 }
 
 static void what_no_sample_sees_is_damped(void) {
@@ -372,7 +372,7 @@ static void a_change_is_the_largest_of_a_sample(void) {
     static const double there[] = {1.5, 1.0, 3.0, 0.0, 0.0};
     penalties[0].rate = 1.0;
     init();
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_objective_change(&objective, here, there)); /* a penalty is none */
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_objective_change(&objective, here, there)); /* without the penalty */
 }
 
 int main(void) {

@@ -1,8 +1,8 @@
-/* In time whatever takes the time: not only executions, but the solver, the ledger, the way back and the commit. And the clock that
- * tells is read no more often than it must be.
+/* A step stays within its time, whatever takes the time: executions, solver, ledger, states or
+ * commit. The clock is read only as often as needed.
  *
- * Emulated: every part that works is the real one; beside its work it moves a clock of the test's on. tl_ledger_expect() and
- * tl_ledger_commit() are wrapped by the linker, the solver by its class. */
+ * The parts are real, but each of their calls also advances a fake clock. The linker wraps
+ * tl_ledger_expect() and tl_ledger_commit(); a class wraps the solver. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -23,7 +23,7 @@ static tl_test_fmu fmus[FMUS];
 static tl_test_plan plan;
 static tl_test_run run;
 
-/* ns that each call of a part takes. */
+/* Time of each call of a part, ns. */
 typedef struct work {
     tl_time expecting;
     tl_time committing;
@@ -54,7 +54,8 @@ static tl_time read_clock(void *context) {
 
 /* ---- parts that take time ---- */
 
-/* To the linker the first of each two is __real_NAME, and the second, called in its place, __wrap_NAME. */
+/* For the linker, the first of each two is __real_NAME. The second, __wrap_NAME, is called
+ * instead. */
 void plain_expect(tl_ledger *ledger, const double *u) __asm__("__real_tl_ledger_expect");
 void slow_expect(tl_ledger *ledger, const double *u) __asm__("__wrap_tl_ledger_expect");
 void plain_commit(tl_ledger *ledger, const double *values) __asm__("__real_tl_ledger_commit");
@@ -83,7 +84,7 @@ static fmi2Status costly_set(fmi2Component component, fmi2FMUstate state) {
     return plain_set(component, state);
 }
 
-/* The solver in force, thinking before each question. */
+/* The used solver, with additional time before each evaluation. */
 static tl_optimiser_class thoughtful;
 static const tl_optimiser_class *plain_solver;
 static const tl_search *plain_search;
@@ -115,7 +116,7 @@ static void wrap_solver(tl_synchroniser *synchroniser) {
 
 /* ---- the twin ---- */
 
-/* cmd → drive → motor, which are to be where they cannot both be. */
+/* cmd → drive → motor. Their targets contradict each other. */
 static void build(const char *solver, uint32_t prediction, bool saving) {
     static const char *const names[FMUS] = {"drive", "motor"};
     tl_test_run_end(&run, &plan);
@@ -166,7 +167,8 @@ static void step(void) {
 
 /* ---- in time ---- */
 
-/* All but the first steps, in which it is found out. How many evaluations were made. */
+/* The first steps, in which the costs are learned, do not count. Returns the number of
+ * evaluations. */
 static uint32_t run_in_time(const char *solver, uint32_t prediction, bool saving, work costs) {
     uint32_t evaluations = 0;
     setUp();
@@ -197,12 +199,12 @@ static void all_that_a_search_does_is_in_its_estimate(void) {
         for (uint32_t number = 0; number < SOLVERS * 8; number++) {
             uint32_t evaluations =
                 run_in_time(solvers[number % SOLVERS], 1 + number / SOLVERS % 4, number / (SOLVERS * 4) != 0, costs[c]);
-            TEST_ASSERT_TRUE(evaluations > TICKS); /* and it is not given up */
+            TEST_ASSERT_TRUE(evaluations > TICKS); /* searches continue */
         }
     }
 }
 
-/* What can never be done in time is tried ever less often. */
+/* What never fits into the time is tried less and less often. */
 static void what_is_never_in_time_is_hardly_ever_late(void) {
     static const work costs[] = {{.guessing = 3 * (TL_SECOND / 50)}, {.expecting = 3 * (TL_SECOND / 50)}};
     for (size_t c = 0; c < 2; c++) {
@@ -223,7 +225,7 @@ static void what_is_never_in_time_is_hardly_ever_late(void) {
 
 /* ---- repeated ---- */
 
-/* One output that can be had, and tolerance enough for the solver to lean to a side. */
+/* One reachable output, with a tolerance that lets u stay on one side. */
 static void build_loose(void) {
     build("secant", 1, true);
     tl_twin_destroy(run.twin);
@@ -239,8 +241,8 @@ static bool was_late(const tl_record *record) {
     return record->stop == TL_STOP_TIME || (record->flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
 }
 
-/* A guess that takes long is sometimes not asked for, and sometimes there is no time left for what was guessed. A repetition cannot tell
- * the two apart, and need not. */
+/* A guess that takes long is sometimes not made, and sometimes not evaluated. A repetition cannot
+ * distinguish the two, and need not. */
 static void a_guess_that_was_not_evaluated_leaves_nothing_behind(void) {
     static tl_record live[TICKS];
     uint32_t unguessed = 0;
@@ -271,8 +273,8 @@ static void a_guess_that_was_not_evaluated_leaves_nothing_behind(void) {
 
 /* ---- the clock ---- */
 
-/* One reading for each macro step, one or two for each question, of which the last may be refused, and some for the step. Where a step
- * is looked at closely, one for each component. */
+/* One read per macro step, one or two per evaluation (the last one may be refused), and some per
+ * step. If a step is timed in detail, one more per component. */
 static void the_clock_is_read_once_for_each_macro_step(void) {
     for (uint32_t prediction = 1; prediction <= 16; prediction *= 2) {
         for (int saving = 0; saving < 2; saving++) {
@@ -296,7 +298,7 @@ static void the_clock_is_read_once_for_each_macro_step(void) {
     }
 }
 
-/* Where nothing is saved the clock does not keep components from being executed in one go. */
+/* If nothing is saved, the clock does not split the execution of the components. */
 static void a_clock_does_not_part_what_is_executed_in_one_go(void) {
     build("nelder-mead", 4, false);
     run.budget.time = 1000 * BUDGET;

@@ -1,4 +1,5 @@
-/* Boolean variables in a locked twin: the better of value and negation, at rest after a change, one after the other. */
+/* Boolean variables in a locked twin: the better of a value and its negation, one variable after
+ * the other, and a rest after a change. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -6,7 +7,7 @@
 
 #include "tests/support/test_plan.h"
 
-enum { MOST = 3, COMMAND = MOST }; /* signals: what each switch really is, then what it is told to be */
+enum { MOST = 3, COMMAND = MOST }; /* signals: the true states of the switches, then their commands */
 
 static const char *const names[MOST] = {"a", "b", "c"};
 static const char *const inputs[MOST] = {"a.flag", "b.flag", "c.flag"};
@@ -19,7 +20,7 @@ static tl_test_fmu fmus[MOST];
 static tl_test_plan plan;
 static tl_test_run run;
 static size_t switches;
-static bool hopeless; /* another match, that no switch can satisfy: no search is ever within tolerance */
+static bool hopeless; /* another match that no switch can satisfy, so no search is ever within tolerance */
 
 void setUp(void) {
     hopeless = false;
@@ -40,7 +41,7 @@ static void add_switch(size_t i, tl_time dwell) {
     tl_test_plan_match(&plan, outputs[i], signals[i], 0.5);
 }
 
-/* So many switches, each matched by what it really is; `dwell` in steps. */
+/* Each switch is matched by its true state; `dwell` in steps. */
 static void build(size_t count, uint32_t prediction, int64_t dwell) {
     tl_test_run_end(&run, &plan);
     switches = count;
@@ -63,13 +64,13 @@ static void build(size_t count, uint32_t prediction, int64_t dwell) {
     tl_test_run_build(&run, &plan);
 }
 
-/* Bits of the plant and of what it is told. */
+/* Bits of the true states and of the commands. */
 static const tl_record *tick(unsigned real, unsigned was_reported) {
     for (size_t i = 0; i < switches; i++) {
         run.sample.values[i] = (double)(real >> i & 1U);
         run.sample.values[switches + i] = (double)(was_reported >> i & 1U);
     }
-    run.sample.values[2 * switches] = 1.0; /* which is 0 in the twin */
+    run.sample.values[2 * switches] = 1.0; /* 0 in the twin */
     return tl_test_run_tick(&run, &call_log);
 }
 
@@ -83,7 +84,8 @@ static unsigned committed(const tl_record *record) {
 
 /* ---- values ---- */
 
-/* Everything that may be told and be real, one after the other, twice each: found at once, and then guessed. */
+/* All combinations of commands and true states, twice each: found in the first step, guessed in
+ * the second. */
 static void what_is_real_is_found_whatever_is_told(void) {
     for (size_t count = 1; count <= MOST; count++) {
         build(count, 1, 0);
@@ -104,7 +106,7 @@ static void what_is_real_is_found_whatever_is_told(void) {
     }
 }
 
-/* What is told is ours to correct, and both are in the record as 0 and 1. */
+/* The command is nominal, the true state is u. The record has both as 0 and 1. */
 static void the_record_tells_both(void) {
     build(1, 1, 0);
     (void)tick(1, 0);
@@ -113,12 +115,13 @@ static void the_record_tells_both(void) {
     TEST_ASSERT_TRUE(record->y[0] == 1.0 && record->measured[0] == 1.0);
 }
 
-/* The start, then each negated in turn: what was no better is taken back before the next. */
+/* The start, then the negation of each variable in turn. A negation without improvement is undone
+ * before the next. */
 static void one_is_settled_after_the_other(void) {
     build(3, 1, 0);
     (void)tick(0, 0);
     const tl_record *record = tick(1, 0);
-    TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* within tolerance, the others are not asked about */
+    TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* within tolerance: the others are not tried */
     record = tick(4, 0);
     TEST_ASSERT_EQUAL_UINT32(4, record->evaluations);
     TEST_ASSERT_EQUAL_HEX32(4, committed(record));
@@ -126,7 +129,7 @@ static void one_is_settled_after_the_other(void) {
 
 /* ---- out of tolerance ---- */
 
-/* Value and negation are all there is: one of them is nominal, and it is evaluated once. */
+/* There are only two values, one of them nominal. It is evaluated once. */
 static void a_switch_costs_two_evaluations_at_most(void) {
     hopeless = true;
     build(1, 1, 0);
@@ -142,7 +145,7 @@ static void a_switch_costs_two_evaluations_at_most(void) {
 
 /* ---- rest ---- */
 
-/* A plant that flickers: a change is followed by at least so many steps without one. */
+/* The true state flickers: after a change, the variable rests for at least `dwell` steps. */
 static void after_a_change_it_rests(void) {
     for (int64_t dwell = 0; dwell <= 4; dwell++) {
         build(1, 1, dwell);
@@ -154,7 +157,7 @@ static void after_a_change_it_rests(void) {
             const tl_record *record = tick(number & 1U, 0);
             bool changed = committed(record) != before;
             TEST_ASSERT_TRUE(!changed || since >= dwell);
-            TEST_ASSERT_TRUE(changed || since < dwell || before == (number & 1U)); /* and no longer than that */
+            TEST_ASSERT_TRUE(changed || since < dwell || before == (number & 1U)); /* but not longer */
             since = changed ? 1 : since + 1;
             changes += changed ? 1 : 0;
         }
@@ -162,7 +165,8 @@ static void after_a_change_it_rests(void) {
     }
 }
 
-/* More steps than can be counted are no fewer: at steps of 10 µs that is half a day. */
+/* A rest of more steps than a counter holds is limited, not truncated. With steps of 10 µs the
+ * limit is half a day. */
 static void a_rest_of_any_length_is_one(void) {
     static const int64_t rests[] = {UINT32_MAX, (int64_t)UINT32_MAX + 1, (int64_t)UINT32_MAX + 2,
                                     INT64_MAX / TL_SECOND};
@@ -176,7 +180,7 @@ static void a_rest_of_any_length_is_one(void) {
     }
 }
 
-/* A rest that ends within a step lasts until that step does, however near to the greatest time it is. */
+/* A rest that ends inside a step lasts until the end of that step, also near the largest time. */
 static void a_rest_is_whole_steps(void) {
     build(1, 1, 0);
     tl_plan_adjust *adjust = &plan.adjust[0];
@@ -195,7 +199,7 @@ static void a_rest_is_whole_steps(void) {
     }
 }
 
-/* Rests are each one's own. */
+/* Each variable has its own rest. */
 static void one_that_rests_does_not_keep_the_others(void) {
     build(2, 1, 5);
     (void)tick(0, 0);
@@ -207,7 +211,7 @@ static void one_that_rests_does_not_keep_the_others(void) {
     TEST_ASSERT_EQUAL_HEX32(2, committed(tick(2, 0)));
 }
 
-/* A longer horizon: the switch is held over it, and found by most of its samples. */
+/* With a longer horizon, the switch is constant over it and follows the majority of its samples. */
 static void a_horizon_of_several_steps_is_held(void) {
     build(2, 3, 0);
     for (unsigned number = 0; number < 40; number++) {

@@ -1,4 +1,5 @@
-/* One synchronised step: the guess, the search, its budgets, its failures, and what is committed. */
+/* One synchronised step: the guess, the search, its budgets, its failures, and the committed
+ * values. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -22,7 +23,8 @@ void tearDown(void) {
     tl_test_run_end(&run, &plan);
 }
 
-/* "m" with two channels: u0 driven by cmd, u1 constant at 0; y0 is matched with a tolerance of 0.01. */
+/* "m" with two channels: cmd drives u0, and u1 is constant at 0. y0 is matched with a tolerance of
+ * 0.01. */
 static void make_plan(void) {
     tl_test_fmu_init(&fmus[0], 2, false, &call_log);
     tl_test_plan_component(&plan, "m", &fmus[0]);
@@ -46,7 +48,7 @@ static void plant(double cmd, double y0) {
     run.sample.values[Y0] = y0;
 }
 
-/* The u0 of the n-th step that this tick made of "m", trials included. */
+/* Returns u0 of the n-th step of "m" in this tick, including candidates. */
 static double tried(size_t n) {
     const tl_test_entry *entry = tl_test_log_step(&call_log, &fmus[0], n);
     TEST_ASSERT_NOT_NULL(entry);
@@ -57,10 +59,10 @@ static tl_time read_clock(void *context) {
     return *(tl_time *)context;
 }
 
-/* From now on a clock that each step of "m" moves on by 1 ms, and a budget of so many ms for the next step. */
+/* From now on, each step of "m" takes 1 ms of the fake clock. The next step has this budget. */
 static void use_clock(tl_time budget_ms) {
     if (run.sample.tick == 0) {
-        tl_test_run_step(&run); /* initialises, which takes time too */
+        tl_test_run_step(&run); /* initialises, which takes time */
     }
     fmus[0].control.clock = &now;
     fmus[0].control.cost = TL_SECOND / 1000;
@@ -80,7 +82,7 @@ static void a_guess_within_tolerance_is_committed_without_a_search(void) {
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_EQUAL_INT(TL_STOP_NONE, record->stop);
     TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
-    TEST_ASSERT_EQUAL_UINT32(4, record->executions); /* K = 2: once tried, once committed */
+    TEST_ASSERT_EQUAL_UINT32(4, record->executions); /* K = 2: one candidate and the commit */
     TEST_ASSERT_TRUE(record->u[0] == 2.0);
     TEST_ASSERT_TRUE(record->nominal[0] == 2.0);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.25, record->objective);
@@ -114,7 +116,7 @@ static void the_best_point_is_committed_not_the_last(void) {
     for (size_t i = 0; i < record->evaluations; i++) {
         best = fabs(tried(i) - 2.6) < fabs(best - 2.6) ? tried(i) : best;
     }
-    TEST_ASSERT_TRUE(tried(record->evaluations - 1) != best); /* or this test proves nothing */
+    TEST_ASSERT_TRUE(tried(record->evaluations - 1) != best); /* otherwise the test proves nothing */
     TEST_ASSERT_TRUE(record->u[0] == best);
     TEST_ASSERT_EQUAL_DOUBLE(pow((best - 2.6) / 0.01, 2.0), record->objective);
 }
@@ -187,7 +189,7 @@ static void steps_before_the_distance_do_not_count(void) {
     TEST_ASSERT_EQUAL_DOUBLE(2.0 * 90000.0, record->objective_nominal);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 3.0, record->u[0]);
-    TEST_ASSERT_TRUE(record->y[0] == 0.0); /* not reached yet after the committed step */
+    TEST_ASSERT_TRUE(record->y[0] == 0.0); /* the committed step does not reach it yet */
 }
 
 /* ---- a solver that guesses ---- */
@@ -200,14 +202,14 @@ static void it_learns_at_the_first_step_though_all_is_well(void) {
     const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
     TEST_ASSERT_TRUE(tried(0) == 2.0);
-    TEST_ASSERT_TRUE(tried(1) == 3.0); /* a step aside */
+    TEST_ASSERT_TRUE(tried(1) == 3.0); /* one step away */
     TEST_ASSERT_TRUE(record->u[0] == 2.0);
-    for (int i = 0; i < 2; i++) { /* it forecasts from two outputs */
+    for (int i = 0; i < 2; i++) { /* forecasts need two outputs */
         record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
         TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     }
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.03, record->objective); /* good enough; no nearer than that is needed */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.03, record->objective); /* within tolerance; a guess goes no nearer */
     TEST_ASSERT_TRUE(record->u[0] > 2.0 && record->u[0] < 2.005);
 }
 
@@ -257,7 +259,7 @@ static void at_a_longer_prediction_the_guess_is_the_last_u(void) {
     tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
     (void)tl_test_run_tick(&run, &call_log);
-    TEST_ASSERT_TRUE(tried(0) == 1.0); /* nothing is committed yet: nominal */
+    TEST_ASSERT_TRUE(tried(0) == 1.0); /* no u yet: nominal */
     for (int i = 0; i < 4; i++) {
         double last = run.record.u[0];
         plant(1.0, 5.0 + (double)i);
@@ -289,7 +291,7 @@ static void the_search_stays_within_the_bounds(void) {
     for (size_t c = 0; c < 2; c++) {
         setUp();
         tl_plan_adjust *adjust = make_observer();
-        adjust->lower = -configured[c]; /* the narrower one of these and the FMU's holds */
+        adjust->lower = -configured[c]; /* the narrower one of these bounds and those of the FMU applies */
         adjust->upper = configured[c];
         tl_test_fmu_variable(&fmus[0], "u0")->minimum = -2.0;
         tl_test_fmu_variable(&fmus[0], "u0")->maximum = 2.0;
@@ -315,11 +317,11 @@ static void a_nominal_outside_the_bounds_stays_what_it_is(void) {
     plant(7.0, 2.0);
     const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(record->nominal[0] == 7.0);
-    TEST_ASSERT_TRUE(tried(0) == 7.0); /* evaluated as it is */
-    TEST_ASSERT_TRUE(tried(1) == 3.0); /* and searched from the nearest point within */
+    TEST_ASSERT_TRUE(tried(0) == 7.0); /* evaluated although out of bounds */
+    TEST_ASSERT_TRUE(tried(1) == 3.0); /* the search starts from the nearest point within */
     for (size_t n = 1; n < record->evaluations; n++) {
         TEST_ASSERT_TRUE(tried(n) >= 0.0 && tried(n) <= 3.0);
-        TEST_ASSERT_TRUE(n == 1 || tried(n) != 3.0); /* which is evaluated once */
+        TEST_ASSERT_TRUE(n == 1 || tried(n) != 3.0); /* evaluated once */
     }
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0, record->u[0]);
@@ -334,7 +336,7 @@ static void a_nominal_outside_the_bounds_may_be_right(void) {
     const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] == 7.0);
-    plant(7.0, 8.0); /* nothing within is better */
+    plant(7.0, 8.0); /* no u within the bounds is better */
     record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] == 7.0);
@@ -348,7 +350,7 @@ static void an_old_nominal_outside_the_bounds_is_not_guessed_again(void) {
     tl_test_run_build(&run, &plan);
     plant(7.0, 7.0);
     const tl_record *record = tl_test_run_tick(&run, &call_log);
-    TEST_ASSERT_TRUE(record->u[0] == 7.0); /* û, which may be anything */
+    TEST_ASSERT_TRUE(record->u[0] == 7.0); /* û may be out of bounds */
     plant(9.0, 7.0);
     for (int i = 0; i < 4; i++) {
         record = tl_test_run_tick(&run, &call_log);
@@ -361,7 +363,7 @@ static void an_old_nominal_outside_the_bounds_is_not_guessed_again(void) {
 static const tl_record *correct_a_little(double margin) {
     tl_plan_adjust *adjust = make_observer();
     adjust->lower = -1.0;
-    adjust->upper = 0.05; /* of the 10 that are needed: J falls by 1 % at most */
+    adjust->upper = 0.05; /* 10 are needed: J decreases by 1 % at most */
     plan.plan.margin = margin;
     tl_test_run_build(&run, &plan);
     plant(0.0, 10.0);
@@ -391,7 +393,7 @@ static void a_gain_above_the_margin_is_worth_it(void) {
 
 static void nothing_better_than_nominal_is_nominal(void) {
     make_plan();
-    tl_test_plan_adjust(&plan, "m.gain", 1.0)->lower = 0.5; /* J is the same for every gain, as u0 is 0 */
+    tl_test_plan_adjust(&plan, "m.gain", 1.0)->lower = 0.5; /* u0 is 0, so J does not depend on the gain */
     tl_test_run_build(&run, &plan);
     plant(0.0, 5.0);
     const tl_record *record = tl_test_run_tick(&run, &call_log);
@@ -407,9 +409,9 @@ static void a_bad_last_u_is_held_against_the_nominal(void) {
     (void)tl_test_run_tick(&run, &call_log);
     (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 6.0, run.record.u[0]);
-    run.budget.evaluations = 3; /* the guess, one of the search, nominal */
+    run.budget.evaluations = 3; /* the guess, one evaluation of the search, nominal */
     plant(0.0, 0.005);
-    (void)tl_test_run_tick(&run, &call_log); /* J still has one sample of 6 */
+    (void)tl_test_run_tick(&run, &call_log); /* one sample of J is still 6 */
     (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(3, run.record.evaluations);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, run.record.outcome);
@@ -433,7 +435,7 @@ static void the_budget_of_evaluations_is_kept(void) {
                 plant(0.1 * (double)i, 9.0 + (double)i); /* out of reach */
                 const tl_record *record = tl_test_run_tick(&run, &call_log);
                 TEST_ASSERT_TRUE(record->evaluations >= 1 && record->evaluations <= limit);
-                TEST_ASSERT_TRUE(isfinite(record->objective_nominal)); /* always among them */
+                TEST_ASSERT_TRUE(isfinite(record->objective_nominal)); /* nominal is always evaluated */
                 TEST_ASSERT_TRUE(record->objective <= record->objective_nominal);
                 TEST_ASSERT_EQUAL_UINT32(2 + 2 * prediction * record->evaluations, record->executions);
             }
@@ -507,7 +509,7 @@ static void without_a_clock_time_does_not_matter(void) {
     TEST_ASSERT_EQUAL_INT64(0, record->used);
 }
 
-/* A clock that goes as it wants: at its n-th reading it jumps. */
+/* A clock that jumps at its n-th reading. */
 static tl_time jump;
 static int jump_at;
 static int readings;
@@ -557,7 +559,7 @@ static void failing_candidates_are_worst_and_never_end_the_run(void) {
             tl_test_run_build(&run, &plan);
             tl_test_fmu_fail_above(&fmus[0], survivable[kind], 2.5);
             for (int i = 0; i < 6; i++) {
-                plant(0.0, i < 3 ? 2.4 : 3.0); /* from the left of the limit, and beyond it */
+                plant(0.0, i < 3 ? 2.4 : 3.0); /* below the limit, then beyond it */
                 const tl_record *record = tl_test_run_tick(&run, &call_log);
                 TEST_ASSERT_TRUE(record->u[0] <= 2.5);
                 TEST_ASSERT_TRUE(isfinite(record->objective));
@@ -579,11 +581,11 @@ static void a_failing_guess_is_left(void) {
         plant(0.0, 0.0);
         (void)tl_test_run_tick(&run, &call_log);
         tl_test_fmu_fail_above(&fmus[0], survivable[kind], 2.5);
-        plant(5.0, 1.0);                         /* û itself fails */
+        plant(5.0, 1.0);                         /* û fails */
         (void)tl_test_run_tick(&run, &call_log); /* lag: cmd is an input from the next tick on */
         const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
-        TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* the last u will do */
+        TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* the last u is good enough */
         TEST_ASSERT_DOUBLE_WITHIN(0.01, 1.0, record->u[0]);
         TEST_ASSERT_TRUE(isnan(record->objective_nominal));
         TEST_ASSERT_TRUE(record->nominal[0] == 5.0);
@@ -598,13 +600,13 @@ static void a_search_after_a_failing_guess_has_the_whole_budget(void) {
     plant(0.0, 3.0);
     (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 3.0, run.record.u[0]);
-    tl_test_fmu_fail_above(&fmus[0], TL_TEST_DISCARD, 2.5); /* from now on the last u fails */
+    tl_test_fmu_fail_above(&fmus[0], TL_TEST_DISCARD, 2.5); /* now the last u fails */
     run.budget.evaluations = 9;
     plant(0.0, 100.0);
     const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_STOP_EVALUATIONS, record->stop);
     TEST_ASSERT_EQUAL_UINT32(9, record->evaluations);
-    TEST_ASSERT_TRUE(tried(1) == 0.0);                              /* nominal comes second, and once */
+    TEST_ASSERT_TRUE(tried(1) == 0.0);                              /* nominal is second, and evaluated once */
     TEST_ASSERT_EQUAL_DOUBLE(9e4 + 1e8, record->objective_nominal); /* the samples are 3 and 100 */
     TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, record->outcome);
 }
@@ -656,7 +658,7 @@ static void where_everything_fails_the_step_fails(void) {
     }
 }
 
-/* It is not the fault of any u: no trial is refused, and nominal is committed. */
+/* No u is the cause: no candidate counts as refused, and nominal is committed. */
 static void where_an_output_is_never_finite_it_is_nominal(void) {
     (void)make_observer();
     tl_test_run_build(&run, &plan);
@@ -681,14 +683,14 @@ static void a_commit_that_fails_is_replaced_by_nominal(void) {
         tl_test_run_build(&run, &plan);
         plant(0.0, 3.0);
         (void)tl_test_run_tick(&run, &call_log);
-        uint64_t commit = fmus[0].calls[TL_TEST_DO_STEP] + run.record.evaluations + 1; /* the same search again */
+        uint64_t commit = fmus[0].calls[TL_TEST_DO_STEP] + run.record.evaluations + 1; /* if the search is the same */
         tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, survivable[kind], commit, commit);
         const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
         TEST_ASSERT_TRUE(record->u[0] == 0.0);
         TEST_ASSERT_TRUE(record->y[0] == 0.0);
         TEST_ASSERT_EQUAL_DOUBLE(90000.0, record->objective);
-        TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tl_test_run_tick(&run, &call_log)->outcome); /* and life goes on */
+        TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tl_test_run_tick(&run, &call_log)->outcome); /* the run continues */
         tl_test_run_end(&run, &plan);
     }
 }
@@ -699,10 +701,10 @@ static void nothing_is_called_after_fatal(void) {
     static const tl_test_call calls[] = {TL_TEST_SET_REAL, TL_TEST_DO_STEP, TL_TEST_GET_REAL, TL_TEST_GET_STATE,
                                          TL_TEST_SET_STATE};
     for (size_t i = 0; i < sizeof calls / sizeof calls[0]; i++) {
-        for (uint64_t later = 1; later < 12; later++) { /* in the guess, the search, the commit, the next step */
+        for (uint64_t later = 1; later < 12; later++) { /* in the guess, the search, the commit, or the next step */
             setUp();
             tl_test_fmu_init(&fmus[1], 1, false, &call_log);
-            tl_test_plan_component(&plan, "bystander", &fmus[1]); /* of another FMU, comes first in each step */
+            tl_test_plan_component(&plan, "bystander", &fmus[1]); /* another FMU, first in each step */
             tl_test_plan_set(&plan, "u0", 0.0);
             (void)make_observer();
             plan.plan.prediction = 1 + (uint32_t)(later % 2);
@@ -721,15 +723,15 @@ static void nothing_is_called_after_fatal(void) {
             TEST_ASSERT_EQUAL_INT(calls[i], call_log.entries[call_log.count - 1].call);
             TEST_ASSERT_EQUAL_PTR(&fmus[0], call_log.entries[call_log.count - 1].fmu);
             size_t count = call_log.count;
-            tl_test_run_step(&run); /* a caller that does not listen */
+            tl_test_run_step(&run); /* the caller steps the twin all the same */
             TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
             tl_test_run_catch_up(&run);
             TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
             TEST_ASSERT_EQUAL_UINT64(count, call_log.count);
             tl_twin_destroy(run.twin);
             run.twin = NULL;
-            TEST_ASSERT_EQUAL_UINT64(1, fmus[0].living); /* left alone, */
-            TEST_ASSERT_EQUAL_UINT64(0, fmus[1].living); /* while the bystander is freed */
+            TEST_ASSERT_EQUAL_UINT64(1, fmus[0].living); /* not freed, */
+            TEST_ASSERT_EQUAL_UINT64(0, fmus[1].living); /* but the bystander is */
             tl_test_run_end(&run, &plan);
         }
     }
@@ -751,7 +753,7 @@ static void fatal_is_for_all_instances_of_the_fmu(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
     tl_twin_destroy(run.twin);
     run.twin = NULL;
-    TEST_ASSERT_EQUAL_UINT64(2, fmus[0].living); /* not even freed */
+    TEST_ASSERT_EQUAL_UINT64(2, fmus[0].living); /* not freed */
     TEST_ASSERT_EQUAL_UINT64(0, fmus[1].living);
 }
 
@@ -773,9 +775,9 @@ static void without_a_good_measurement_nothing_is_searched(void) {
         TEST_ASSERT_TRUE(record->u[0] == record->nominal[0]);
         TEST_ASSERT_TRUE(isnan(record->objective));
         TEST_ASSERT_EQUAL_UINT8(TL_STALE, record->measured_quality[0]);
-        TEST_ASSERT_TRUE(record->measured[0] == 1.0); /* the last good one */
+        TEST_ASSERT_TRUE(record->measured[0] == 1.0); /* the last good value */
         TEST_ASSERT_TRUE(tl_test_log_step(&call_log, &fmus[0], 0)->final);
-        TEST_ASSERT_EQUAL_UINT64(1, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE)); /* should the step fail */
+        TEST_ASSERT_EQUAL_UINT64(1, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE)); /* in case the step fails */
         TEST_ASSERT_EQUAL_UINT64(0, tl_test_log_count(&call_log, NULL, TL_TEST_SET_STATE));
     }
     run.sample.quality[Y0] = TL_GOOD;
@@ -803,11 +805,11 @@ static void one_of_two_matches_may_be_bad(void) {
     run.sample.values[Y1] = 7.0;
     plant(0.0, 2.0);
     (void)tl_test_run_tick(&run, &call_log);
-    TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, run.record.outcome); /* 2 and 7 cannot both be had */
+    TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, run.record.outcome); /* 2 and 7 contradict each other */
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 4.5, run.record.u[0]);
     run.sample.quality[Y1] = TL_OUT_OF_RANGE;
     const tl_record *record = tl_test_run_tick(&run, &call_log);
-    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome); /* by y0 alone */
+    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome); /* y0 alone */
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0, record->u[0]);
     TEST_ASSERT_EQUAL_UINT8(TL_GOOD, record->measured_quality[0]);
     TEST_ASSERT_EQUAL_UINT8(TL_OUT_OF_RANGE, record->measured_quality[1]);
@@ -829,7 +831,7 @@ static void a_bad_sample_in_the_horizon_is_left_out(void) {
     TEST_ASSERT_EQUAL_INT(TL_FREE_RUN, run.record.outcome);
     run.sample.quality[Y0] = TL_GOOD;
     plant(0.0, 5.0);
-    (void)tl_test_run_tick(&run, &call_log); /* the newest one alone is good */
+    (void)tl_test_run_tick(&run, &call_log); /* only the newest one is good */
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, run.record.outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 5.0, run.record.u[0]);
 }
@@ -893,8 +895,7 @@ static void a_missed_step_is_made_up_with_the_last_u(void) {
     TEST_ASSERT_EQUAL_UINT32(2, run.record.executions);
     TEST_ASSERT_TRUE(isnan(run.record.objective));
     TEST_ASSERT_TRUE(tl_test_log_step(&call_log, &fmus[0], 0)->final);
-    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED,
-                          tl_test_run_tick(&run, &call_log)->outcome); /* the next step is searched again */
+    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tl_test_run_tick(&run, &call_log)->outcome); /* searched again */
 }
 
 static void before_any_step_it_is_made_up_with_nominal(void) {

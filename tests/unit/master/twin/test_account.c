@@ -1,4 +1,4 @@
-/* An account comes from another process: what of it is believed. */
+/* An account comes from an untrusted process: which values are accepted. */
 #include "master/twin/account.h"
 
 #include <stdio.h>
@@ -86,7 +86,7 @@ static void test_enumerations_exist(void) {
 static void test_executions_are_those_of_all_components(void) {
     account.component[0].executions = 40;
     account.component[1].executions = 2;
-    account.component[2].executions = 1000; /* there is no such component */
+    account.component[2].executions = 1000; /* does not exist */
     TEST_ASSERT_EQUAL_UINT64(42, tl_account_executions(&account));
 }
 

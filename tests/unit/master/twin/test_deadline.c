@@ -1,8 +1,10 @@
-/* Always in time: what FMUs cost may change at any execution; accuracy is what is lost, and a repetition repeats it.
+/* Each step is in time, although the cost of FMUs may change at any execution. The accuracy
+ * suffers instead. A repetition gives the same bits.
  *
- * Bound: before each macro step of a candidate it is known by what was measured that this one, the rest of the candidate
- *        and the committing step fit. So where everything becomes slower by a factor, late is at most what was not to be
- *        known: (factor − 1) times one macro step and one committing step. */
+ * Bound: before each macro step of a candidate, this step, the rest of the candidate and the
+ * commit must fit, by the measured costs. If all costs rise by a factor, only the first slow steps
+ * cannot be foreseen. So a step is late by at most (factor − 1) times one macro step and one
+ * commit. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -15,7 +17,8 @@
 enum { CMD, Y0, SUM, FLAG, OTHER_FLAG }; /* signals */
 enum { FMUS = 2, TICKS = 150, QUIET = 60, LAST = 10, SOLVERS = 6, EVALUATIONS = 40 };
 
-/* Executions of both FMUs, how much slower they become, T_S and the budget. Late by the bound is still within T_S. */
+/* Cost of both FMUs, factor of the slowdown, T_S and budget. A step that is late by the bound
+ * still ends within T_S. */
 static const tl_time DRIVE = TL_SECOND / 5000;
 static const tl_time MOTOR = TL_SECOND / 1000;
 static const tl_time BOTH = TL_SECOND / 5000 + TL_SECOND / 1000;
@@ -23,7 +26,8 @@ static const tl_time SLOWER = 10;
 static const tl_time PERIOD = 60 * (TL_SECOND / 1000);
 static const tl_time BUDGET = 36 * (TL_SECOND / 1000);
 
-/* Expected costs fade by a sixteenth each time: a tenth is left after 36 committed steps. */
+/* An expected cost decreases by a sixteenth in each step: a tenth is left after 36 committed
+ * steps. */
 enum { STEPS_TO_RECOVER = 36 };
 
 static const char *const solvers[SOLVERS] = {"secant", "nelder-mead", "bobyqa", "l-bfgs", "sbplx", "boolean"};
@@ -45,18 +49,18 @@ static tl_test_fmu fmus[FMUS];
 static tl_test_plan plan;
 static tl_test_run run;
 
-/* The fake clock, and who moves it on. */
+/* The fake clock, and what advances it. */
 static struct {
     tl_time now;
     uint32_t seed;
-    bool jumps; /* executions become slow and fast again at random */
+    bool jumps; /* executions randomly become slow or fast */
     bool slow[FMUS];
     int64_t executions;
-    int64_t slow_every; /* one in so many executions of each FMU is slow; 0: none */
-    int64_t slow_at;    /* this execution, and all later ones of those FMUs, are slow */
+    int64_t slow_every; /* one of so many executions of each FMU is slow; 0: none */
+    int64_t slow_at;    /* from this execution on, those FMUs are slow */
     bool slowed[FMUS];
     int64_t readings;
-    int64_t pause_at; /* at this reading something beside the FMUs takes `pause` */
+    int64_t pause_at; /* at this reading the machine pauses for `pause` */
     tl_time pause;
 } watch;
 
@@ -89,7 +93,7 @@ static void set_slow(bool drive, bool motor) {
 
 static fmi2Status (*plain_step)(fmi2Component, fmi2Real, fmi2Real, fmi2Boolean);
 
-/* Each execution may be the one from which on all is different. */
+/* From any execution on, costs may differ. */
 static fmi2Status watched_step(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean final) {
     if (watch.executions++ == watch.slow_at) {
         set_slow(watch.slowed[0], watch.slowed[1]);
@@ -127,7 +131,7 @@ static void add_fmus(const setting *set) {
     }
 }
 
-/* What is matched cannot all be had, so that a search never has enough. */
+/* The targets contradict each other, so no search reaches its tolerance. */
 static void synchronise_numbers(void) {
     tl_test_plan_adjust(&plan, "motor.u0", 0.1);
     tl_test_plan_adjust(&plan, "motor.gain", 0.05)->lower = 0.2;
@@ -140,7 +144,7 @@ static void synchronise_booleans(void) {
     tl_test_plan_adjust(&plan, "drive.flag", 0.0)->dwell = 2 * PERIOD;
     tl_test_plan_match(&plan, "motor.flag_out", "plant.flag", 0.1);
     tl_test_plan_match(&plan, "drive.flag_out", "plant.other_flag", 0.1);
-    tl_test_plan_match(&plan, "motor.y0", "plant.y0", 0.1); /* not to be had at all */
+    tl_test_plan_match(&plan, "motor.y0", "plant.y0", 0.1); /* unreachable */
 }
 
 /* cmd → drive → motor, whose input is adjusted. */
@@ -183,7 +187,7 @@ static void use_clock(void) {
     run.budget.time = BUDGET;
 }
 
-/* The plant of this tick. */
+/* Sets the sample of this tick. */
 static void feed(int64_t tick) {
     double t = (double)tick;
     run.sample.values[CMD] = sin(0.2 * t);
@@ -193,7 +197,7 @@ static void feed(int64_t tick) {
     run.sample.values[OTHER_FLAG] = tick / 11 % 2 != 0 ? 1.0 : 0.0;
 }
 
-/* The next tick; its record, if it made one, is among the others. */
+/* Computes the next tick and keeps its record, if there is one. */
 static void step(void) {
     int64_t tick = run.sample.tick;
     feed(tick);
@@ -210,12 +214,12 @@ static void step(void) {
     }
 }
 
-/* ---- what is begun ---- */
+/* ---- which evaluations are started ---- */
 
-static uint32_t ended_by_time; /* of the ticks looked at */
+static uint32_t ended_by_time; /* in the checked ticks */
 
-/* What time ended had no time for one more evaluation; where there is none at all, not for a guess and nominal. The
- * commit, for which time is kept, may have been known. */
+/* A search that time ended had no time for another evaluation; without any evaluation, none for a
+ * guess and nominal. Time for the commit is kept, although its step may be known. */
 static void assert_not_timid(const setting *set) {
     tl_time evaluation = (tl_time)set->prediction * BOTH;
     if (run.record.stop == TL_STOP_TIME) {
@@ -225,7 +229,7 @@ static void assert_not_timid(const setting *set) {
     }
 }
 
-/* Costs that do not change are known exactly. */
+/* Constant costs are known exactly. */
 static void an_evaluation_is_begun_exactly_where_it_fits(void) {
     for (size_t s = 0; s < SOLVERS - 1; s++) {
         for (uint32_t prediction = 1; prediction <= 4; prediction++) {
@@ -237,7 +241,7 @@ static void an_evaluation_is_begun_exactly_where_it_fits(void) {
                 run.budget.time = BOTH + (tick % 30) * MOTOR;
                 step();
                 if (run.ready && run.record.step > 0) {
-                    tl_time executions = (tl_time)(run.record.evaluations * prediction) + 1; /* none was left */
+                    tl_time executions = (tl_time)(run.record.evaluations * prediction) + 1; /* all is executed */
                     TEST_ASSERT_EQUAL_INT64(executions * BOTH, run.record.used);
                     TEST_ASSERT_TRUE(run.record.used <= run.budget.time);
                     TEST_ASSERT_TRUE(run.record.evaluations == 0 || isfinite(run.record.objective_nominal));
@@ -249,7 +253,7 @@ static void an_evaluation_is_begun_exactly_where_it_fits(void) {
     }
 }
 
-/* J of a candidate as its log entry tells: the FMU has no lag here, so that y0 is u0. */
+/* The log entry of a candidate gives its J: the FMU has no lag here, so y0 is u0. */
 static void a_search_that_time_ends_commits_the_best_so_far(void) {
     static const double WANTED = 2.6;
     uint32_t best_is_not_last = 0;
@@ -282,10 +286,10 @@ static void a_search_that_time_ends_commits_the_best_so_far(void) {
         TEST_ASSERT_TRUE(run.record.u[0] == best);
         tl_test_run_end(&run, &plan);
     }
-    TEST_ASSERT_TRUE(best_is_not_last > 3); /* or this proves nothing */
+    TEST_ASSERT_TRUE(best_is_not_last > 3); /* otherwise the test proves nothing */
 }
 
-/* Saving and restoring states takes time too, beside the executions. */
+/* Saving and restoring a state also takes time. */
 static fmi2Status (*plain_get)(fmi2Component, fmi2FMUstate *);
 static fmi2Status (*plain_set)(fmi2Component, fmi2FMUstate);
 
@@ -325,7 +329,7 @@ static void states_that_take_time_are_reckoned_with(void) {
     }
 }
 
-/* What is slow now and then is expected to be slow: candidates are seldom begun in vain. */
+/* Costs that are high now and then are expected: few candidates are started in vain. */
 static void one_slow_execution_in_four_is_reckoned_with(void) {
     for (size_t s = 0; s < SOLVERS - 1; s++) {
         const setting set = {.algorithm = solvers[s], .prediction = 4};
@@ -346,14 +350,14 @@ static void one_slow_execution_in_four_is_reckoned_with(void) {
             }
         }
         TEST_ASSERT_TRUE(left < TICKS / 2);
-        TEST_ASSERT_TRUE(evaluations > TICKS); /* and it is not given up */
+        TEST_ASSERT_TRUE(evaluations > TICKS); /* searches continue */
         tl_test_run_end(&run, &plan);
     }
 }
 
 /* ---- ten times as long ---- */
 
-/* All solvers over horizons, under what is saved. */
+/* All solvers, horizons and ways of saving. */
 static setting press_setting(uint32_t number) {
     setting set = {.algorithm = solvers[number % SOLVERS], .prediction = 1 + number / SOLVERS % 4};
     set.shape = number / 24 % 2 != 0 ? TL_DYNAMIC : TL_STATIC;
@@ -370,7 +374,7 @@ static void go_on(int64_t ticks) {
     }
 }
 
-/* What must not be exceeded in the tick in which it is found out; `slowed` says which FMUs become slow. */
+/* The largest delay of the tick in which FMUs become slow; `slowed` names those FMUs. */
 static tl_time excess(void) {
     tl_time late = (watch.slowed[0] ? DRIVE : 0) + (watch.slowed[1] ? MOTOR : 0);
     return (SLOWER - 1) * 2 * late;
@@ -412,7 +416,7 @@ static void slower_by_ten_is_late_by_no_more_than_was_not_to_be_known(void) {
     }
 }
 
-/* The mean of the worst output, in its unit, over some steps. */
+/* The mean error of the first output over some steps. */
 static double mean_error(int64_t ticks) {
     double sum = 0.0;
     for (int64_t i = 0; i < ticks; i++) {
@@ -422,11 +426,12 @@ static double mean_error(int64_t ticks) {
     return sum / (double)ticks;
 }
 
-/* What slowness costs is accuracy: it is lost while it lasts, not for ever, and still better than nothing. */
+/* While FMUs are slow, accuracy is lost, but it stays better than without synchronisation. Later
+ * it recovers. */
 static void accuracy_is_what_is_lost_and_it_comes_back(void) {
     const setting set = {.algorithm = "nelder-mead", .prediction = 1};
     build(&set);
-    plan.plan.match_count = 1; /* that can be had */
+    plan.plan.match_count = 1; /* the reachable one */
     tl_twin_destroy(run.twin);
     tl_test_run_init(&run, tl_test_plan_build(&plan));
     run.budget.evaluations = EVALUATIONS;
@@ -460,7 +465,7 @@ static void assert_same(const tl_record *one, const tl_record *other) {
     TEST_ASSERT_EQUAL_UINT32(one->flags, other->flags);
 }
 
-/* What was run under the clock, by what its records say and without a clock. How many steps were late. */
+/* Repeats the run without a clock, from its records. Returns the number of late steps. */
 static uint32_t repeat(const setting *set) {
     static tl_record first[TICKS];
     uint32_t late = 0;
@@ -481,12 +486,12 @@ static uint32_t repeat(const setting *set) {
     return late;
 }
 
-/* Without their states FMUs have to catch up, at most over a horizon, before an execution. */
+/* An FMU without kept states must catch up before an execution, by at most a horizon. */
 static tl_time executions_of_one(const setting *set) {
     return set->saving && set->keep == TL_KEEP_OUTPUTS ? 1 + (tl_time)set->prediction : 1;
 }
 
-/* Under a clock that jumps all the time. */
+/* With a clock that jumps all the time. */
 static void run_live(const setting *set, uint32_t seed) {
     build(set);
     use_clock();
@@ -515,7 +520,7 @@ static void a_late_step_is_repeated_to_the_bit(void) {
     }
 }
 
-/* Whatever the setting: modes, second solvers, what is held, and ticks that were missed. */
+/* Any setting: pairing modes, second solvers, held variables and missed ticks. */
 static void any_setting_is_repeated_to_the_bit(void) {
     uint32_t flags = 0;
     uint32_t held = 0;
@@ -547,7 +552,7 @@ static void any_setting_is_repeated_to_the_bit(void) {
 
 /* ---- at the ends ---- */
 
-/* Something beside the FMUs takes long once, wherever in a step: that is forgotten again. */
+/* The machine pauses once, at any point of a step: that is forgotten again. */
 static void a_pause_is_forgotten(void) {
     for (int64_t at = 0; at < 24; at++) {
         const setting set = {.algorithm = "secant", .prediction = 2};
@@ -565,7 +570,7 @@ static void a_pause_is_forgotten(void) {
     }
 }
 
-/* Then the twin is what it would be without a synchronisation, to the bit, for as long as it takes. */
+/* Then the twin equals a free twin, bit for bit, at all times. */
 static void a_budget_that_is_always_too_short_commits_nominal(void) {
     static double alone[1000];
     const setting free_run = {.algorithm = NULL};
@@ -584,7 +589,7 @@ static void a_budget_that_is_always_too_short_commits_nominal(void) {
             for (int64_t tick = 0; tick < 1000; tick++) {
                 feed(tick);
                 run.budget.started = watch.now;
-                run.budget.evaluations = run.sample.tick < 2 ? 1 : EVALUATIONS; /* costs are not known at first */
+                run.budget.evaluations = run.sample.tick < 2 ? 1 : EVALUATIONS; /* costs are unknown at first */
                 tl_test_run_step(&run);
                 TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
                 if (tick > 1) {
@@ -592,7 +597,7 @@ static void a_budget_that_is_always_too_short_commits_nominal(void) {
                     TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, run.record.stop);
                     TEST_ASSERT_EQUAL_UINT32(0, run.record.evaluations);
                     TEST_ASSERT_EQUAL_UINT32(TL_FLAG_WITHOUT_NOMINAL, run.record.flags);
-                    TEST_ASSERT_EQUAL_INT64(BOTH, run.record.used); /* nothing but the commit */
+                    TEST_ASSERT_EQUAL_INT64(BOTH, run.record.used); /* the commit only */
                     TEST_ASSERT_EQUAL_MEMORY(run.record.nominal, run.record.u, 2 * sizeof run.record.u[0]);
                     TEST_ASSERT_EQUAL_MEMORY(&alone[tick], &run.record.y[0], sizeof alone[0]);
                 }
@@ -601,7 +606,7 @@ static void a_budget_that_is_always_too_short_commits_nominal(void) {
     }
 }
 
-/* ---- a real clock: what this thread has computed for. A busy machine has no part in it ---- */
+/* ---- a real clock: processor time of this thread, so that a busy machine does not matter ---- */
 
 static tl_time burnt; /* ns of an execution, at least */
 
@@ -619,12 +624,13 @@ static fmi2Status burning_step(fmi2Component component, fmi2Real time, fmi2Real 
     return plain_step(component, time, step, final);
 }
 
-/* An execution takes what it burns, or more: what fits is never more than this many. */
+/* An execution takes `burnt` or longer, so at most this many evaluations fit. */
 static uint32_t most_that_fit(const setting *set) {
     return (uint32_t)((run.budget.time / (FMUS * burnt) - 1) / (tl_time)set->prediction);
 }
 
-/* Nothing is said about how long it took: interrupts may only make fewer evaluations of it. */
+/* The test does not check how long a tick took, because interrupts may only reduce the
+ * evaluations. */
 static void under_a_real_clock_no_more_is_begun_than_fits(void) {
     for (size_t s = 0; s < SOLVERS - 1; s++) {
         const setting set = {.algorithm = solvers[s], .prediction = 1 + (uint32_t)s % 2};
@@ -640,7 +646,7 @@ static void under_a_real_clock_no_more_is_begun_than_fits(void) {
             tl_test_run_step(&run);
             TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
             tl_time executed = FMUS * burnt * ((tl_time)run.record.evaluations * (tl_time)set.prediction + 1);
-            if (run.ready && run.record.step > 0 && tick % 10 != 0) { /* that is when it is found out */
+            if (run.ready && run.record.step > 0 && tick % 10 != 0) { /* not in a tick with new costs */
                 TEST_ASSERT_TRUE(run.record.evaluations <= most_that_fit(&set));
                 TEST_ASSERT_TRUE(run.record.used >= executed);
                 TEST_ASSERT_TRUE(run.record.objective <= run.record.objective_nominal || isnan(run.record.objective));

@@ -1,5 +1,5 @@
-/* A twin whose inputs and measurements are shifted against its own instants: which samples it uses, when, and that saving
- * executions knows of it. */
+/* A twin with delayed inputs and measurements: which samples it uses, when, and that saving of
+ * executions respects that. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -23,7 +23,7 @@ void tearDown(void) {
     tl_test_run_end(&run, &plan);
 }
 
-/* "a" passes the plant's u on to "b", a step each, and b's offset is adjusted so that it matches the plant's y. */
+/* "a" passes u on to "b", with a delay of one step each. The offset of b is adjusted to match y. */
 static void make(tl_pairing measurements, int32_t input_ticks, int32_t output_ticks) {
     setUp();
     for (size_t i = 0; i < 2; i++) {
@@ -43,7 +43,7 @@ static void make(tl_pairing measurements, int32_t input_ticks, int32_t output_ti
     plan.plan.output_ticks = output_ticks;
 }
 
-/* What the plant shows at tick m; nothing changes before tick 0. */
+/* u of the plant at tick m; constant before tick 0. */
 static double u_of(int64_t m) {
     int64_t held = m % 3 == 2 ? m - 1 : m;
     return m < 0 ? 0.0 : sin(0.9 * (double)held);
@@ -53,7 +53,7 @@ static double y_of(int64_t m) {
     return m < 0 ? 0.5 : 2.0 * cos(0.3 * (double)m);
 }
 
-/* Runs the twin; the sample of tick m is that of m + `inputs` for u, of m + `outputs` for y. */
+/* Runs the twin. The sample of tick m has u of m + `inputs` and y of m + `outputs`. */
 static void play(int64_t inputs, int64_t outputs) {
     record_count = 0;
     for (int64_t m = 0; m < TICKS; m++) {
@@ -80,7 +80,8 @@ static const int32_t SHIFTS[][2] = {{0, 0},  {3, 0},  {0, 2},   {0, -2}, {2, 4},
 
 enum { PAIRS = sizeof SHIFTS / sizeof SHIFTS[0] };
 
-/* Shifting within the twin is the same as shifting what it is given: every bit, once nothing of before tick 0 is asked for. */
+/* A shift within the twin equals a shift of its samples, bit for bit, once no sample before tick 0
+ * is needed. */
 static void a_shift_is_as_if_the_plant_were_shifted(void) {
     for (size_t s = 0; s < PAIRS; s++) {
         static tl_record expected[TICKS];
@@ -119,7 +120,7 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
             play(0, 0);
             for (size_t i = 0; i < record_count; i++) {
                 int64_t seen = records[i].step + 1 + SHIFTS[s][1];
-                if (mode == TL_AHEAD && SHIFTS[s][1] > 0) { /* which waits for none */
+                if (mode == TL_AHEAD && SHIFTS[s][1] > 0) { /* ahead waits for no later sample */
                     seen = records[i].step + 1;
                 }
                 TEST_ASSERT_EQUAL_INT(seen < 0 ? TL_NO_LINK : TL_GOOD, records[i].measured_quality[0]);
@@ -131,7 +132,7 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
     }
 }
 
-/* The first component's inputs, as the committing steps saw them. */
+/* Inputs of the first component in the committed steps. */
 static void inputs_are_those_of_the_shifted_instant(void) {
     for (size_t s = 0; s < PAIRS; s++) {
         make(TL_HOLD, SHIFTS[s][0], SHIFTS[s][1]);
@@ -139,7 +140,7 @@ static void inputs_are_those_of_the_shifted_instant(void) {
         play(0, 0);
         int64_t shift = SHIFTS[s][0];
         for (size_t i = 3; i < record_count; i++) {
-            /* b shows at the end of step i what a was given in step i − 1, and its own offset */
+            /* y of b after step i: the input of a in step i − 1, plus the offset of b */
             int64_t given = records[i].step - 1 + shift;
             double passed = records[i].y[0] - records[i].u[0];
             TEST_ASSERT_DOUBLE_WITHIN(1e-12, u_of(given < 0 ? 0 : given), passed);
@@ -157,7 +158,7 @@ static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
         tl_test_run_step(&run);
         TEST_ASSERT_FALSE(run.ready);
     }
-    TEST_ASSERT_TRUE(tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP) > 0); /* the proof of its rollback */
+    TEST_ASSERT_TRUE(tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP) > 0); /* the rollback check */
 }
 
 int main(void) {

@@ -1,7 +1,8 @@
-/* Random co-simulations: whatever is saved, not a bit of a result changes, and the executions are those the graph predicts
- * (eq. 4.5 to 4.13), and those that an oracle counts which knows neither graph nor cache: it listens to the FMUs of a run
- * that saves nothing, and counts how many different sequences of inputs they were given.
- * TL_TEST_GRAPHS says how many graphs there are, TL_TEST_SEED where they begin. */
+/* Random co-simulations: saving executions changes no bit of a result. The executions equal those
+ * that the graph predicts (eq. 4.5 to 4.13), and those that an oracle counts. The oracle knows
+ * neither graph nor cache: it counts the different input sequences of the FMUs in a run that saves
+ * nothing.
+ * TL_TEST_GRAPHS is the number of graphs, TL_TEST_SEED the first seed. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,24 +20,23 @@ static tl_test_log call_log;
 static tl_test_plan plan;
 static tl_test_network network;
 static uint64_t seed;
-static char where[96]; /* what a failure is about */
+static char where[96]; /* seed and setting, for messages */
 
-/* How the plant of one graph behaves. */
-static size_t patience[MOST_SIGNALS]; /* ticks that each signal keeps a value */
-static size_t missed;                 /* of a hundred ticks */
-static size_t bad;                    /* of a hundred values */
+/* The behaviour of the plant of one graph. */
+static size_t patience[MOST_SIGNALS]; /* ticks for which each signal keeps a value */
+static size_t missed;                 /* per hundred ticks */
+static size_t bad;                    /* per hundred values */
 
-/* What a campaign has come across. */
+/* What a campaign has covered. */
 typedef struct census {
     size_t booleans;
     size_t modes[3];
     size_t dynamic;
-    size_t several; /* adjusted variables and matched outputs */
+    size_t several; /* several adjusted variables and matched outputs */
     size_t longer;  /* T_P > T_D */
     uint64_t repeated;
     uint64_t uncached;
-    uint64_t
-        finals; /* steps that an FMU behind a cache was told to be final; that none goes back behind them is its own to judge */
+    uint64_t finals; /* final steps of cached FMUs; the test FMU checks that it is not restored to before one */
 } census;
 
 static census seen;
@@ -90,7 +90,7 @@ static void make_plan(void) {
     seen.longer += plan.plan.prediction > tl_test_network_distance(&network);
 }
 
-/* A campaign of some length has met everything. */
+/* A long campaign must have covered everything. */
 static void assert_census(size_t graphs) {
     if (graphs >= 200) {
         TEST_ASSERT_TRUE(seen.booleans > 10 && seen.dynamic > 50 && seen.several > 50 && seen.longer > 50);
@@ -103,7 +103,7 @@ static double fit(double value, tl_type type) {
     return type == TL_REAL ? value : type == TL_INTEGER ? floor(4.0 * value) : (double)(value > 0.5);
 }
 
-/* What the plant shows at a tick: for all runs the same. */
+/* The sample of a tick, the same in all runs. */
 static void fill_sample(tl_sample *sample, int64_t tick) {
     for (size_t s = 0; s < network.signals; s++) {
         tl_test_random value = {tl_test_mix(seed + 1000003 * s) + (uint64_t)tick / patience[s]};
@@ -122,17 +122,17 @@ static bool is_missed(int64_t tick) {
 
 enum { STRUCTURE, SEQUENCES, BOTH, WAYS, SLOTS = 1 << 18 };
 
-/* What one component did in a run that saves nothing. */
+/* Counts of one component in a run that saves nothing. */
 typedef struct heard {
     uint64_t steps;
     int64_t committed;
-    uint64_t needed[WAYS]; /* executions that each way of saving cannot do without */
+    uint64_t needed[WAYS]; /* executions that each way of saving needs at least */
 } heard;
 
 static heard ears[TL_TEST_COMPONENTS];
-static uint64_t lineages[SLOTS]; /* a hash table; 0: free */
+static uint64_t lineages[SLOTS]; /* hash table; 0: free */
 static size_t lineage_count;
-static uint64_t unheard; /* steps at the beginning that belong to the proof of rollback */
+static uint64_t unheard; /* steps of the rollback check, at the beginning */
 
 static void listen_anew(uint64_t first) {
     memset(ears, 0, sizeof ears);
@@ -141,7 +141,7 @@ static void listen_anew(uint64_t first) {
     unheard = first;
 }
 
-/* Whether it was not there yet. */
+/* Returns true if it is new. */
 static bool add_lineage(uint64_t lineage) {
     size_t slot = (size_t)lineage % SLOTS;
     while (lineages[slot] != 0 && lineages[slot] != lineage) {
@@ -154,13 +154,14 @@ static bool add_lineage(uint64_t lineage) {
     return added;
 }
 
-/* Eq. 4.5 by the test's own paths. */
+/* Eq. 4.5 by the paths of the test network. */
 static uint32_t reach_of(size_t k) {
     uint32_t way = tl_test_network_to_y(&network, k);
     return way < plan.plan.prediction ? plan.plan.prediction - way : 0;
 }
 
-/* Each step of each FMU. Only the first instance saves nothing. */
+/* Called for each step of each FMU. Only the first instance belongs to the run that saves
+ * nothing. */
 static void on_event(void *context, const tl_test_fmu *fmu, const tl_test_entry *step, uint64_t lineage) {
     (void)context;
     size_t k = (size_t)(fmu - network.fmus);
@@ -170,7 +171,7 @@ static void on_event(void *context, const tl_test_fmu *fmu, const tl_test_entry 
         return;
     }
     int64_t depth = llround(step->time / 0.1) - ear->committed;
-    bool kept = step->status == fmi2OK; /* what fails is tried anew each time */
+    bool kept = step->status == fmi2OK; /* failed steps are repeated each time */
     ear->committed += step->final && kept;
     bool matters = step->final || depth < (int64_t)reach_of(k);
     uint64_t own = tl_test_mix(lineage + k);
@@ -248,8 +249,8 @@ static int way_of(size_t k) {
     return plan.components[k].keep == TL_KEEP_NONE ? STRUCTURE : BOTH;
 }
 
-/* What a tick cost beside catching up: no more than eq. 4.13 allows, and the committing step. In mode ahead the record of
- * this tick's step comes with the next tick. */
+/* The executions of a tick, except catching up, are at most those of eq. 4.13 and of the commit.
+ * In mode ahead the record of this tick's step comes with the next tick. */
 static void assert_bound(const uint64_t *before, uint64_t evaluations) {
     for (size_t k = 0; k < network.count; k++) {
         uint64_t most = evaluations == 0 ? 0 : most_of_first(k) + (evaluations - 1) * most_of_later(k);
@@ -290,7 +291,7 @@ static void count_up(results *kept) {
     }
 }
 
-/* Builds the twin and drives it; it stays. */
+/* Builds the twin and runs it. The twin stays. */
 static void drive(const char *what, tl_plan_saving saving, results *kept) {
     note(what);
     plan.plan.saving = saving;
@@ -301,10 +302,10 @@ static void drive(const char *what, tl_plan_saving saving, results *kept) {
     for (size_t i = 0; i < TICKS; i++) {
         take_tick(i, kept);
     }
-    if (plan.plan.measurements == TL_AHEAD) { /* the last one's evaluations are known when its record is complete */
+    if (plan.plan.measurements == TL_AHEAD) { /* the last evaluations are known when the record is complete */
         fill_sample(&run.sample, TICKS);
         tl_twin_finish(run.twin, &run.sample, &run.record, &run.ready);
-        kept->ticks[0] = (result){run.record, run.ready}; /* nothing was ready then */
+        kept->ticks[0] = (result){run.record, run.ready}; /* index 0 had no record */
     }
     count_up(kept);
 }
@@ -317,7 +318,7 @@ static void finish(void) {
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", call_log.first_violation, where);
 }
 
-/* Exact where everything found room. */
+/* Exact if everything fitted into the caches. */
 static void assert_ledger(void) {
     TEST_ASSERT_TRUE_MESSAGE(tl_twin_ledger_is_complete(run.twin), where);
     for (size_t k = 0; k <= network.count; k++) {
@@ -332,7 +333,7 @@ static void assert_ledger(void) {
     }
 }
 
-/* What was executed is what the oracle counts, where everything found room. */
+/* The executions equal those of the oracle, if everything fitted into the caches. */
 static void assert_oracle(tl_plan_saving saving) {
     for (size_t k = 0; k < network.count && saving.nodes == 0; k++) {
         int way = !saving.sequences ? STRUCTURE : saving.structure ? way_of(k) : SEQUENCES;
@@ -340,7 +341,7 @@ static void assert_oracle(tl_plan_saving saving) {
     }
 }
 
-/* In each record too, unless something was caught up, or executed again for want of room. */
+/* Each record is exact too, without catching up and without lack of room. */
 static void assert_records(void) {
     for (size_t i = 0; i < TICKS; i++) {
         const tl_record *record = &current.ticks[i].record;
@@ -356,8 +357,9 @@ static void assert_variant(const char *what, tl_plan_saving saving) {
     finish();
 }
 
-/* Steps of each FMU in the proof: the start, one excursion and the middle; then each excursion and the start after it, and each
- * excursion again. A Boolean has one excursion, a Real one up and down by 1 and 4 steps, and all have one together. */
+/* Steps of each FMU in the rollback check: the start, one excursion and the middle; then each
+ * excursion and the start after it, and each excursion again. A Boolean has one excursion, a Real
+ * four (up and down by 1 and 4 steps), and all together have one more. */
 static uint64_t count_proof_steps(void) {
     uint64_t excursions = 1;
     for (size_t i = 0; i < plan.plan.adjust_count; i++) {
@@ -367,7 +369,7 @@ static uint64_t count_proof_steps(void) {
     return (3 + 3 * excursions) * TL_PROOF_STEPS - TL_PROOF_MIDST;
 }
 
-/* All executed: K·steps + K·T_P·E. */
+/* Nothing saved: K·steps + K·T_P·E. */
 static void assert_plain(void) {
     listen_anew(count_proof_steps());
     listen();
@@ -422,9 +424,9 @@ static void random_runs_are_the_same_whatever_is_saved(void) {
 /* ---- candidates chosen by the test ---- */
 
 static tl_test_rig saving_rig;
-static tl_test_rig plain_rig; /* saves nothing; where components fail, by structure, which keeps some from failing */
-static bool fragile;          /* some components fail where they are driven hard */
-static size_t failed;         /* candidates that did */
+static tl_test_rig plain_rig; /* saves nothing; with failing components by structure only, which avoids some failures */
+static bool fragile;          /* some components fail beyond a limit of their input */
+static size_t failed;         /* failed candidates */
 
 static void push_both(int64_t lead) {
     while (saving_rig.sample.tick < saving_rig.step + lead) {
@@ -435,9 +437,9 @@ static void push_both(int64_t lead) {
     }
 }
 
-static double known[4][TL_MAX_UNKNOWNS]; /* sequences that may come again */
+static double known[4][TL_MAX_UNKNOWNS]; /* sequences that may be repeated */
 
-/* The next candidate: a new one, one that was, or one that was with another value somewhere. */
+/* The next candidate: a new one, a known one, or a known one with another value. */
 static void vary(tl_test_random *random, double *u) {
     size_t count = saving_rig.horizon.count;
     memcpy(u, known[tl_test_random_below(random, 4)], count * sizeof *u);
@@ -451,9 +453,9 @@ static void vary(tl_test_random *random, double *u) {
     memcpy(known[tl_test_random_below(random, 4)], u, count * sizeof *u);
 }
 
-/* The plant's executions by brute force: each sequence of sample numbers there ever was. */
+/* Executions of the plant by brute force: all sequences of sample numbers. */
 static uint64_t plant_lineage;   /* as committed */
-static uint64_t plant_sequences; /* that there were */
+static uint64_t plant_sequences; /* number of different ones */
 
 static void hear_plant(uint64_t *lineage, int64_t step) {
     int64_t newest = saving_rig.sample.tick;
@@ -474,7 +476,7 @@ static void hear_plants_candidate(uint32_t steps) {
     }
 }
 
-/* What it cost: as the ledger, the oracle and, for a candidate, eq. 4.13 say. */
+/* The executions equal those of the ledger and of the oracle, and keep the bound of eq. 4.13. */
 static void assert_cost(const uint64_t *before, uint64_t plant_before) {
     for (size_t k = 0; k < network.count; k++) {
         uint64_t executions = tl_test_rig_done(&saving_rig, k);
@@ -486,7 +488,7 @@ static void assert_cost(const uint64_t *before, uint64_t plant_before) {
     TEST_ASSERT_EQUAL_UINT64_MESSAGE(plant_sequences - plant_before, executions, where);
 }
 
-/* What a candidate before has left undone because it failed, the next one may have to do. */
+/* A candidate may have to execute what an earlier failed one left out. */
 static void assert_most(bool first, uint32_t steps) {
     for (size_t k = 0; k < network.count && !fragile; k++) {
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(steps, tl_test_rig_done(&plain_rig, k), where);
@@ -517,7 +519,7 @@ static void try_candidate(tl_test_random *random, bool first, uint32_t steps) {
     assert_most(first, steps);
 }
 
-/* False where the step fails: nothing may follow it. */
+/* Returns false if the step fails; then no step may follow. */
 static bool try_and_commit(tl_test_random *random) {
     double u[TL_MAX_UNKNOWNS];
     uint64_t before[TL_TEST_COMPONENTS] = {0};
@@ -525,7 +527,7 @@ static bool try_and_commit(tl_test_random *random) {
     for (size_t i = 0; i < candidates; i++) {
         try_candidate(random, i == 0, plan.plan.prediction);
     }
-    if (tl_test_random_chance(random, 10)) { /* time ran out */
+    if (tl_test_random_chance(random, 10)) { /* as if time ran out */
         try_candidate(random, candidates == 0, (uint32_t)tl_test_random_below(random, plan.plan.prediction));
     }
     vary(random, u);

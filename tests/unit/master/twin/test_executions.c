@@ -1,4 +1,5 @@
-/* Fewer executions, same result: table 4.2, chains, small pools, and candidates that fail, against the ledger. */
+/* Fewer executions with the same result: table 4.2, chains, small pools, and failing candidates,
+ * against the ledger. */
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -74,17 +75,17 @@ static void make_d(void) {
     tl_test_network_build(&network);
 }
 
-/* Table 4.2, with approach 1 alone as in the text of 4.4.1 (3 + 2 + 1). Read as follows: executions of one evaluation,
- * T_P = T_D; the plant, which a figure does not show, is not counted; the arrow before 3 and 5 means from the second
- * evaluation on, where the first one costs what approach 1 alone does. Where no states are kept, what is skipped must be
- * caught up (table 4.1, left column), and nothing is won beyond approach 1. */
+/* Table 4.2; for approach 1 alone also the text of 4.4.1 (3 + 2 + 1). The numbers are executions
+ * of one evaluation with T_P = T_D, without the plant. The arrow before 3 and 5 means: from the
+ * second evaluation on; the first one costs as much as with approach 1. Without kept states, FMUs
+ * must catch up skipped steps (table 4.1, left column), so nothing is saved beyond approach 1. */
 typedef struct thesis_row {
     void (*make)(void);
     uint32_t distance;
     uint64_t without;
     uint64_t structure;
     uint64_t both;
-    uint64_t outputs;  /* both, but no states kept */
+    uint64_t outputs;  /* both, without kept states */
     uint64_t reach[5]; /* executions of each component with approach 1 (eq. 4.5) */
 } thesis_row;
 
@@ -95,12 +96,13 @@ static const thesis_row TABLE[] = {{make_a, 3, 9, 6, 3, 6, {1, 2, 3}},
 
 enum { ROWS = sizeof TABLE / sizeof TABLE[0], EVALUATIONS = 6 };
 
-/* The variable's value in the n-th evaluation: never twice the same. */
+/* The value of the n-th evaluation; all differ. */
 static double nth(size_t n) {
     return 1.0 + 0.25 * (double)n;
 }
 
-/* By component: T_P, Γ_k, or from the second evaluation on one each on the way from u to y. */
+/* Per component: T_P, or Γ_k with approach 1. From the second evaluation on, one for each
+ * component between u and y. */
 static void assert_components(const thesis_row *row, bool structure, bool later) {
     for (size_t k = 0; k < network.count; k++) {
         uint64_t reach = structure ? row->reach[k] : row->distance;
@@ -110,7 +112,8 @@ static void assert_components(const thesis_row *row, bool structure, bool later)
     }
 }
 
-/* Evaluations of one step: the first may cost up to what approach 1 leaves, all others exactly `later`. */
+/* Evaluations of one step: the first costs at most as much as with approach 1, each other exactly
+ * `later`. */
 static void assert_row(const thesis_row *row, bool structure, bool sequences, tl_keep keep, uint64_t later) {
     row->make();
     plan.plan.saving = (tl_plan_saving){.structure = structure, .sequences = sequences};
@@ -154,7 +157,7 @@ static void table_4_2_with_both_and_outputs_only(void) {
     }
 }
 
-/* The committing step: all components by structure alone; with both, what no candidate knew. */
+/* The commit executes all components with structure alone, and only unknown steps with both. */
 static void the_committing_step_runs_what_is_not_known(void) {
     make_b();
     plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
@@ -163,7 +166,7 @@ static void the_committing_step_runs_what_is_not_known(void) {
     double v = 2.0;
     (void)tl_test_rig_try(&rig, &u);
     (void)tl_test_rig_commit(&rig, &v);
-    TEST_ASSERT_EQUAL_UINT64(1, tl_test_rig_executions(&rig)); /* what u reaches at once */
+    TEST_ASSERT_EQUAL_UINT64(1, tl_test_rig_executions(&rig)); /* u reaches only this one in the first step */
     (void)tl_test_rig_try(&rig, &u);
     (void)tl_test_rig_commit(&rig, &u);
     TEST_ASSERT_EQUAL_UINT64(0, tl_test_rig_executions(&rig));
@@ -177,7 +180,7 @@ static void the_committing_step_runs_what_is_not_known(void) {
     end();
 }
 
-/* Unaffected components and the overlap of horizons fall out of the sequences. */
+/* The overlap of horizons and unaffected components are known from the sequences. */
 static void horizons_overlap(void) {
     make_chain(2);
     tl_test_network_build(&network);
@@ -191,7 +194,7 @@ static void horizons_overlap(void) {
         (void)tl_test_rig_commit(&rig, &u);
         TEST_ASSERT_EQUAL_UINT64(0, tl_test_rig_executions(&rig));
         (void)tl_test_rig_try(&rig, &u);
-        TEST_ASSERT_EQUAL_UINT64(2, tl_test_rig_executions(&rig)); /* the newest of each */
+        TEST_ASSERT_EQUAL_UINT64(2, tl_test_rig_executions(&rig)); /* the newest step of each */
         TEST_ASSERT_EQUAL_UINT64(1, tl_test_rig_predicted(&rig, 0));
         TEST_ASSERT_EQUAL_UINT64(1, tl_test_rig_predicted(&rig, 1));
     }
@@ -208,8 +211,9 @@ static uint64_t predicted_of_all(void) {
     return sum;
 }
 
-/* A chain of n at T_P = n costs n·n an evaluation, n·(n + 1)/2 with approach 1 (Γ_k = k + 1), and with both n from the second
- * evaluation on: one of each. A step of T_P − n more costs as many executions more of each. */
+/* With T_P = n, an evaluation of a chain of n costs n·n, with approach 1 n·(n + 1)/2 (Γ_k = k +
+ * 1). With both it costs n from the second one on, one per component. If T_P is `more` steps
+ * longer, each component costs `more` executions more. */
 static uint64_t chain_cost(uint64_t length, uint64_t more, bool structure, bool sequences) {
     if (sequences) {
         return length * (1 + more);
@@ -308,7 +312,7 @@ static void assert_same_results(void) {
     }
 }
 
-/* A run of what the network and the plan describe; the twin stays. */
+/* Runs a twin of the network and the plan. The twin stays. */
 static void drive(tl_plan_saving saving) {
     plan.plan.saving = saving;
     plan.plan.evaluations = 12;
@@ -334,7 +338,7 @@ static void finish(void) {
     TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
 }
 
-/* Executions done as predicted by the ledger, for each component and in each record. */
+/* The executions equal the prediction of the ledger, per component and per record. */
 static void assert_ledger_is_exact(void) {
     TEST_ASSERT_TRUE(tl_twin_ledger_is_complete(run.twin));
     uint64_t executions = 0;
@@ -360,7 +364,7 @@ static void take_reference(void) {
 
 static const tl_plan_saving BOTH = {.structure = true, .sequences = true};
 
-/* A cycle with a side branch, two signals and a prediction that is longer than T_D. */
+/* A cycle with a side branch, two signals, and T_P longer than T_D. */
 static void make_mixed(tl_shape shape) {
     tl_test_network_init(&network, &plan, &call_log, 5);
     (void)tl_test_network_adjust(&network, 0);
@@ -368,7 +372,7 @@ static void make_mixed(tl_shape shape) {
     (void)tl_test_network_edge(&network, 1, 2);
     (void)tl_test_network_edge(&network, 2, 1);
     (void)tl_test_network_edge(&network, 3, 2);
-    (void)tl_test_network_edge(&network, 1, 4); /* matters to nothing */
+    (void)tl_test_network_edge(&network, 1, 4); /* without effect on y */
     (void)tl_test_network_edge(&network, -1, 3);
     (void)tl_test_network_edge(&network, -2, 0);
     (void)tl_test_network_match(&network, 2);
@@ -405,7 +409,7 @@ static void a_small_pool_changes_nothing_but_executions(void) {
     finish();
 }
 
-/* FMUs whose states are not kept catch up: more executions, counted apart, and the same bits. */
+/* FMUs without kept states catch up: more executions, counted separately, and the same bits. */
 static void outputs_only_catches_up_and_changes_nothing(void) {
     static const tl_shape shapes[] = {TL_STATIC, TL_DYNAMIC};
     for (size_t i = 0; i < 2; i++) {
@@ -429,7 +433,7 @@ static void outputs_only_catches_up_and_changes_nothing(void) {
     }
 }
 
-/* Also outputs only needs a state now and then: the one to begin the horizon with. */
+/* Outputs only also needs states, at least the one at the start of the horizon. */
 static void an_fmu_without_states_is_refused_whatever_is_kept(void) {
     static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS};
     for (size_t i = 0; i < 2; i++) {
@@ -453,7 +457,7 @@ static void without_anything_executions_are_k_times_steps_and_horizons(void) {
     }
 }
 
-/* Of the steps that the log keeps. */
+/* Counts the failed steps in the log. */
 static size_t count_failed_steps(void) {
     size_t count = 0;
     for (size_t i = 0; i < call_log.count && i < TL_TEST_ENTRIES; i++) {
@@ -463,7 +467,7 @@ static size_t count_failed_steps(void) {
     return count;
 }
 
-/* Component `failing` refuses drives above a limit that candidates do reach. */
+/* Component `failing` rejects inputs above a limit that candidates reach. */
 static void assert_failing(size_t failing, tl_test_fault_kind kind, double above) {
     static const tl_plan_saving sequences = {.structure = false, .sequences = true};
     static const tl_plan_saving structure = {.structure = true, .sequences = false};

@@ -1,5 +1,6 @@
-/* Never worse than not synchronising, whatever the setting: of a model that the test knows, J of what was committed is
- * within tolerance, or below nominal's by the margin, or what was committed is nominal; and the record says which. */
+/* Never worse than without synchronisation, with any setting. The test knows the model. J of the
+ * committed u is within tolerance, or below that of nominal by the margin, or u is nominal. The
+ * record tells which. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,10 +13,10 @@
 enum { CMD, Y0, Y1, SEEDS = 200, STEPS = 60, LONGEST = 4, SOLVERS = 5, CHANNELS = 2 };
 
 static const double TOLERANCE = 0.02;
-static const double OTHER_INPUT = 0.3; /* u1, where it is not adjusted */
+static const double OTHER_INPUT = 0.3; /* u1 if it is not adjusted */
 static const char *const solvers[SOLVERS] = {"secant", "nelder-mead", "bobyqa", "l-bfgs", "sbplx"};
 
-/* What may be adjusted: the first one or both. */
+/* Adjusted variables: the first one or both. */
 static const char *const adjustable[][2] = {{"m.u0", "m.offset"}, {"m.gain", "m.u1"}, {"m.offset", "m.gain"}};
 
 static tl_test_log call_log;
@@ -24,12 +25,12 @@ static tl_test_plan plan;
 static tl_test_run run;
 static uint32_t seed;
 
-/* Of one seed. */
+/* Settings of one seed. */
 static struct {
     double lag;
     double margin;
     double noise;
-    double fails_above; /* a drive; infinity: none fails */
+    double fails_above; /* input of the FMU; infinity: never */
     tl_test_fault_kind fault;
     const char *variables[2];
     size_t variable_count;
@@ -40,9 +41,9 @@ static struct {
 } setting;
 
 static double measured[STEPS + LONGEST + 2][CHANNELS]; /* by tick */
-static double known_y[CHANNELS];                       /* of the committed instant */
+static double known_y[CHANNELS];                       /* at the committed instant */
 
-/* How often what is tested was seen at all. */
+/* How often each case occurred. */
 static uint32_t seen[TL_OUTCOMES];
 static uint32_t seen_failing_nominal;
 static uint32_t seen_failing_candidates;
@@ -57,7 +58,7 @@ void tearDown(void) {
 
 /* ---- the model as the test knows it ---- */
 
-/* A value of an adjusted variable, or what the variable is otherwise. */
+/* The value of an adjusted variable, or `otherwise`. */
 static double value_of(const char *variable, const double *u, double otherwise) {
     for (size_t v = 0; v < setting.variable_count; v++) {
         if (strcmp(setting.variables[v], variable) == 0) {
@@ -67,7 +68,7 @@ static double value_of(const char *variable, const double *u, double otherwise) 
     return otherwise;
 }
 
-/* One step of y with the variables at u; false: the FMU fails on it. */
+/* One step of y with the variables at u. Returns false if the FMU fails. */
 static bool advance(double *y, const double *u, double cmd) {
     double gain = value_of("m.gain", u, 1.0);
     double offset = value_of("m.offset", u, 0.0);
@@ -81,7 +82,7 @@ static bool advance(double *y, const double *u, double cmd) {
     return works;
 }
 
-/* The tick whose sample is the newest when step i is computed. */
+/* The tick of the newest sample when a step is computed. */
 static int64_t newest_at(int64_t step) {
     static const int64_t none = 0;
     int64_t later[] = {(int64_t)setting.prediction, none, 1}; /* lag, ahead, hold */
@@ -96,7 +97,7 @@ static double cmd_at(int64_t tick) {
     return sin(0.15 * (double)tick);
 }
 
-/* J of u, held over the horizon from step i on. */
+/* J of a constant u over the horizon from `step` on. */
 static double objective_of(int64_t step, const double *u) {
     double y[CHANNELS] = {known_y[0], known_y[1]};
     double sum = 0.0;
@@ -169,7 +170,8 @@ static void build(void) {
     known_y[1] = 0.0;
 }
 
-/* A plant that is at times the model itself, at times differs in its gain, and at times also beyond repair. */
+/* The plant alternates: equal to the model, with another gain, and with an additional error that u
+ * cannot remove. */
 static void make_plant(void) {
     double y[CHANNELS] = {0.0, 0.0};
     double share = setting.lag > 0.0 ? 0.1 / setting.lag : 1.0;
@@ -190,12 +192,12 @@ static bool is_nominal(const tl_record *record) {
     return memcmp(record->u, record->nominal, setting.variable_count * sizeof record->u[0]) == 0;
 }
 
-/* What the twin says of J is true. */
+/* The values of J in the record are right. */
 static void assert_honest(const tl_record *record, double nominal) {
     if (isfinite(record->objective_nominal)) {
         TEST_ASSERT_DOUBLE_WITHIN(1e-9 * (1.0 + nominal), nominal, record->objective_nominal);
     }
-    if (setting.prediction == 1 && isfinite(record->objective)) { /* a horizon of one step is what was committed */
+    if (setting.prediction == 1 && isfinite(record->objective)) { /* the horizon is the committed step */
         double committed = objective_of(record->step, record->u);
         TEST_ASSERT_DOUBLE_WITHIN(1e-9 * (1.0 + committed), committed, record->objective);
     }
@@ -204,7 +206,7 @@ static void assert_honest(const tl_record *record, double nominal) {
 static void assert_not_worse(const tl_record *record, double nominal) {
     switch (record->outcome) {
     case TL_FIRST_GUESS:
-        TEST_ASSERT_EQUAL_UINT32(1, record->evaluations); /* nominal's beside it would cost a second */
+        TEST_ASSERT_EQUAL_UINT32(1, record->evaluations); /* J of nominal would need a second evaluation */
         TEST_ASSERT_TRUE(record->objective < 1.0);
         break;
     case TL_OPTIMISED:
@@ -224,8 +226,8 @@ static void assert_not_worse(const tl_record *record, double nominal) {
     seen[record->outcome]++;
 }
 
-/* A candidate that has not taken its whole horizon has failed, where nothing is saved. In mode ahead the log is already that
- * of the next step. */
+/* If nothing is saved, a candidate with fewer steps than the horizon has failed. In mode ahead the
+ * log is already that of the next step. */
 static void count_failures(const tl_record *record) {
     bool saved = plan.plan.saving.structure || plan.plan.saving.sequences;
     size_t steps = tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP);
@@ -234,7 +236,7 @@ static void count_failures(const tl_record *record) {
     seen_failing_candidates += failed ? 1 : 0;
 }
 
-/* A twin that is over could not even commit nominal. */
+/* A twin that has failed could not commit nominal either. */
 static void assert_nothing_works(void) {
     double nominal[2];
     double y[CHANNELS] = {known_y[0], known_y[1]};
@@ -251,7 +253,7 @@ static void assert_nothing_works(void) {
     ended_early++;
 }
 
-/* One tick of one seed; false: the twin is over, as the FMU failed on everything. */
+/* One tick. Returns false if the twin has failed, because the FMU fails with all values. */
 static bool tick(void) {
     int64_t number = run.sample.tick;
     run.sample.values[CMD] = cmd_at(number);
@@ -266,7 +268,7 @@ static bool tick(void) {
     return run.status == TL_OK;
 }
 
-/* The record of a step, while what is known of y is still that of its beginning. */
+/* Checks a record before known_y is updated to the end of its step. */
 static void look_at(const tl_record *record) {
     double nominal = objective_of(record->step, record->nominal);
     seen_failing_nominal += isfinite(nominal) ? 0 : 1;

@@ -1,4 +1,4 @@
-/* A twin against readings between its steps. */
+/* Comparison of a twin with readings between its steps. */
 #include <math.h>
 #include <unity.h>
 
@@ -37,16 +37,16 @@ static void expect(uint64_t pairs, double sum) {
 static void a_twin_is_on_the_line_between_its_steps(void) {
     step(10, 100);
     see(13, 104);
-    step(20, 110); /* 103 there */
+    step(20, 110); /* 103 at the reading */
     expect(1, 1);
-    see(30, 108); /* at a step's end */
+    see(30, 108); /* exactly at the end of a step */
     see(31, 1000);
     step(30, 111);
     expect(2, 10);
 }
 
 static void a_reading_waits_for_its_step(void) {
-    see(5, 50); /* before what is known of the twin */
+    see(5, 50); /* before the first known step */
     see(15, 2);
     see(25, 5);
     step(10, 0);
@@ -73,7 +73,7 @@ static void the_same_reading_counts_once(void) {
     TEST_ASSERT_EQUAL_UINT64(1, metrics.left_out);
 }
 
-/* Where it began anew, or a step is missing, there is no line. */
+/* After a restart or a missing step there is no line. */
 static void no_line_no_comparison(void) {
     step(10, 0);
     see(15, 1);
@@ -105,7 +105,7 @@ static void it_goes_on_from_bytes(void) {
     TEST_ASSERT_TRUE(tl_archive_is_whole(&loaded));
     step(20, 4);
     expect(1, 1);
-    bytes[0] = ROOM + 1; /* more than there is room for */
+    bytes[0] = ROOM + 1; /* more than fit */
     loaded = tl_archive_loading(bytes, saved.at);
     tl_reading_meter_archive(meter, &loaded);
     TEST_ASSERT_FALSE(tl_archive_is_whole(&loaded));

@@ -1,4 +1,5 @@
-/* A twin that forgets what is not saved: from there on the same to the bit as one that has loaded what was saved. */
+/* A twin that forgets all that a checkpoint does not contain: from then on it is bit-identical to
+ * one that has loaded the checkpoint. */
 #include <stdlib.h>
 #include <string.h>
 #include <unity.h>
@@ -33,7 +34,7 @@ void tearDown(void) {
     bytes = NULL;
 }
 
-/* Every thirteenth tick was missed. */
+/* Every thirteenth tick is missed. */
 static void search_to(int64_t to, course *into) {
     while (run->sample.tick <= to) {
         tl_test_scene_show(&scene);
@@ -85,7 +86,7 @@ static void expect_same(const course *wanted, const course *found, const char *w
     TEST_ASSERT_GREATER_THAN_size_t_MESSAGE(20, compared, what);
 }
 
-/* All that was counted since. */
+/* Counts since then are equal. */
 static void expect_same_account(const tl_account *wanted, const tl_account *found, const char *what) {
     for (size_t k = 0; k < wanted->components; k++) {
         const tl_account_component *a = &wanted->component[k];
@@ -100,7 +101,8 @@ static void expect_same_account(const tl_account *wanted, const tl_account *foun
                                      sizeof found->match[0].metrics, what);
 }
 
-/* Runs to `tick`, forgets there, and goes on; `saved_first`: saves before it forgets, not after. False: it could not. */
+/* Runs to `tick`, forgets, and continues. `saved_first`: saves before forgetting, not after.
+ * Returns false if forgetting was not possible. */
 static bool go_on(tl_test_scene_kind of, int64_t tick, bool saved_first) {
     bool done = false;
     memset(&forgotten, 0, sizeof forgotten);
@@ -140,7 +142,7 @@ static void compare_all(void) {
                 expect_same(&loaded, &forgotten, tl_test_scene_name(of));
                 expect_same_account(&loaded.account, &forgotten.account, tl_test_scene_name(of));
             } else {
-                TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, of); /* an FMU would have to be executed again */
+                TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, of); /* an FMU would have to repeat steps */
             }
         }
     }
@@ -155,7 +157,7 @@ static void test_the_same_where_no_executions_are_saved(void) {
     compare_all();
 }
 
-/* Once more, before anything was computed since, it has nothing to forget. */
+/* A second call without a step between has no effect. */
 static void test_twice_is_once(void) {
     static course once;
     bool done = false;
@@ -173,7 +175,7 @@ static void test_twice_is_once(void) {
     expect_same(&once, &forgotten, "twice");
 }
 
-/* Before anything has begun there is nothing: a run begins there as any. */
+/* Before the first tick there is nothing to forget. */
 static void test_before_the_first_tick(void) {
     bool done = true;
     tl_test_scene_build(&scene, TL_SCENE_LAG);
@@ -181,7 +183,7 @@ static void test_before_the_first_tick(void) {
     TEST_ASSERT_FALSE(done);
 }
 
-/* A reset that was asked for, and has not happened, is not in the bytes either. */
+/* A requested reset that has not happened is not in the bytes either. */
 static void test_a_reset_that_waits(void) {
     bool done = false;
     memset(&forgotten, 0, sizeof forgotten);
@@ -202,7 +204,7 @@ static void fail_to_return(bool fails) {
     }
 }
 
-/* It stands in another candidate's place, and its way back fails: nothing may follow. */
+/* The FMU is in a candidate's state and cannot be restored: the twin must not continue. */
 static void test_an_fmu_that_refuses(void) {
     bool done = true;
     int64_t tick = 20;

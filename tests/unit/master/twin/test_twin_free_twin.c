@@ -1,4 +1,5 @@
-/* A free twin that is led beside a locked one: what it costs, what it changes, and when it is the nearer one to a plant whose true value is known. */
+/* A free twin beside a locked one: its cost, its effects, and when it is nearer to a plant with a
+ * known true value. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -8,7 +9,7 @@
 
 enum { TICKS = 4000, GUARD = 2, DIES_AT = 700 };
 
-/* Standard deviation of the measurements, and what the plant has more than the twin knows. */
+/* Standard deviation of the measurements. */
 static const double NOISE = 0.2;
 
 static tl_test_log call_log;
@@ -16,9 +17,9 @@ static tl_test_fmu fmus[2];
 static tl_test_plan plan;
 static tl_test_run run;
 static tl_test_random numbers;
-static double plant; /* its true y */
+static double plant; /* the true y */
 
-/* What a run has given. */
+/* Results of a run. */
 typedef struct outcome {
     double y[TICKS], truth[TICKS];
     uint32_t flags[TICKS], executions[TICKS];
@@ -34,7 +35,8 @@ static void add(const char *name) {
     tl_test_plan_set(&plan, "lag", 0.4);
 }
 
-/* A motor that the plant feeds, and whose offset is searched; and a gear behind it, which nobody matches. */
+/* A motor with an input from the plant and a searched offset. A gear follows it and is not
+ * matched. */
 void setUp(void) {
     tl_test_plan_init(&plan, TL_SECOND / 10);
     add("motor");
@@ -67,7 +69,7 @@ static double input_at(int64_t tick) {
     return sin(0.05 * (double)tick);
 }
 
-/* The plant of a tick as it is with `more` in its drive; then the twin's tick. */
+/* Computes the plant, with `more` added to its input; then the twin's tick. */
 static void tick(double more, outcome *seen) {
     int64_t at = run.sample.tick;
     plant = at == 0 ? 0.0 : plant + 0.25 * (input_at(at - 1) + more - plant);
@@ -144,7 +146,7 @@ static void with_caches_of_each_kind(void) {
     }
 }
 
-/* Of states of 200 bytes. */
+/* Each state has 200 bytes. */
 static size_t heap_of_states(void) {
     return 200 * (fmus[0].states + fmus[1].states);
 }
@@ -161,7 +163,8 @@ static void lead_with_states_of(uint64_t bytes, outcome *seen) {
     lead(seen, 400, 2.0);
 }
 
-/* Two states of each at most: if what is committed was a candidate's, no state is kept of where the twin is then, and an FMU catches up there. */
+/* At most two states per FMU: if a candidate is committed, the state of its end is not kept, and
+ * an FMU must catch up to it. */
 static void with_as_few_states_as_can_be(void) {
     lead_with_states_of(0, &without);
     TEST_ASSERT_EQUAL_UINT64(0, tl_twin_get_ledger(run.twin, 0).repeated);
@@ -180,7 +183,7 @@ static void u_rests_if_the_model_is_right_and_the_twin_is_true(void) {
     lead(&with, 2000, 0.0);
     TEST_ASSERT_TRUE(rests());
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, run.record.outcome);
-    TEST_ASSERT_EQUAL_UINT32(1, run.record.evaluations); /* of nominal, so that it is known how far off that is */
+    TEST_ASSERT_EQUAL_UINT32(1, run.record.evaluations); /* nominal, to know its error */
     TEST_ASSERT_EQUAL_UINT32(3, run.record.executions);
     TEST_ASSERT_EQUAL_DOUBLE(run.record.objective_nominal, run.record.objective);
     TEST_ASSERT_TRUE(isfinite(run.record.objective));
@@ -188,11 +191,11 @@ static void u_rests_if_the_model_is_right_and_the_twin_is_true(void) {
     TEST_ASSERT_EQUAL_UINT64(1, facts.free_twin.turns);
     TEST_ASSERT_EQUAL_UINT64(1, facts.free_twin.adopted);
     TEST_ASSERT_GREATER_THAN_UINT64(1000, facts.free_twin.rested);
-    TEST_ASSERT_TRUE(mean_square(&with, 1000, with.count) < 1e-20); /* nothing of the noise is left */
+    TEST_ASSERT_TRUE(mean_square(&with, 1000, with.count) < 1e-20); /* the noise has no effect any more */
     TEST_ASSERT_TRUE(mean_square(&with, 0, 40) > 0.2 * NOISE * NOISE);
 }
 
-/* Two trials, and what is computed later; then it is as near as without a free twin. */
+/* After two trials and the steps until their result, the twin is as near as without a free twin. */
 static void a_plant_that_changes_is_followed_at_once(void) {
     begin(&with);
     lead(&with, 1500, 0.0);
@@ -212,7 +215,7 @@ static void a_plant_that_changes_is_followed_at_once(void) {
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 1.0, ratio);
 }
 
-/* What was off for a while, and is not any more: the free twin of then comes to rest again, since this one forgets. */
+/* The plant had an offset for a while: the free twin forgets it, and u rests again. */
 static void it_rests_again_when_the_plant_is_back(void) {
     begin(&with);
     lead(&with, 1000, 0.0);
@@ -229,7 +232,7 @@ static void a_model_that_is_wrong_for_long_gets_a_new_free_twin(void) {
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(1, tl_twin_get_facts(run.twin).free_twin.renewed);
 }
 
-/* A step is followed once it is complete, which is at the next sample. */
+/* A step is followed when it is complete, which is at the next sample. */
 static void in_mode_ahead_too(void) {
     for (int on = 0; on < 2; on++) {
         tearDown();
@@ -246,8 +249,7 @@ static void in_mode_ahead_too(void) {
     TEST_ASSERT_EQUAL_UINT64(2 * facts.components * with.count, facts.free_twin.executions);
     lead(&with, 2000, 0.0);
     TEST_ASSERT_TRUE(rests());
-    TEST_ASSERT_TRUE(mean_square(&with, with.count - 500, with.count) <
-                     1e-20); /* nothing of the noise, and its input in time */
+    TEST_ASSERT_TRUE(mean_square(&with, with.count - 500, with.count) < 1e-20); /* no noise, and the input in time */
     size_t changed = with.count;
     lead(&with, 300, 3.0);
     for (size_t i = changed + 3 * GUARD; i < with.count; i++) {
@@ -264,7 +266,7 @@ static void there_is_none_if_nothing_is_adjusted(void) {
 static void there_is_none_by_replay(void) {
     fmus[1].functions.replay.most = 100000;
     begin(&with);
-    TEST_ASSERT_TRUE(tl_twin_get_facts(run.twin).has_free_twin); /* that is known from the start on */
+    TEST_ASSERT_TRUE(tl_twin_get_facts(run.twin).has_free_twin); /* known from the start */
     lead(&with, 100, 0.0);
     TEST_ASSERT_FALSE(tl_twin_get_facts(run.twin).has_free_twin);
     TEST_ASSERT_EQUAL_UINT64(0, tl_twin_get_facts(run.twin).free_twin.executions);
@@ -293,7 +295,8 @@ static void a_reset_and_a_tuning_end_a_rest(void) {
 
 /* ---- FMUs that fail ---- */
 
-/* No candidate needs the gear, so in a tick it steps for the twin, for the free twin, and for the prediction. */
+/* No candidate needs the gear: in a tick it steps for the twin, the free twin and the
+ * prediction. */
 static void fail_next(uint64_t nth) {
     uint64_t steps = fmus[1].calls[TL_TEST_DO_STEP];
     tl_test_fmu_fail(&fmus[1], TL_TEST_DO_STEP, TL_TEST_ERROR, steps + nth, steps + nth);
@@ -319,8 +322,7 @@ static void a_fatal_one_ends_the_twin(void) {
     lead(&with, DIES_AT, 0.0);
     uint64_t steps = fmus[0].calls[TL_TEST_DO_STEP];
     TEST_ASSERT_TRUE(rests());
-    tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, TL_TEST_FATAL, steps + 2,
-                     steps + 2); /* the twin's own, then the free one's */
+    tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, TL_TEST_FATAL, steps + 2, steps + 2); /* the step of the free twin */
     tl_test_run_step(&run);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
 }

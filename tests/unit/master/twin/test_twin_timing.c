@@ -1,4 +1,5 @@
-/* How long a component takes, by a clock that its steps move on: what a clock says is what is told, and the twin's FMU is where it was. */
+/* Timing of a component with a fake clock that its steps advance: the reported times are right,
+ * and the FMU returns to its state. */
 #include <string.h>
 #include <unity.h>
 
@@ -61,7 +62,7 @@ static void what_the_clock_says(void) {
     TEST_ASSERT_EQUAL_UINT64(states, fmu.states);
 }
 
-/* Two steps a round. */
+/* A round has two steps. */
 static void no_longer_than_it_may_take(void) {
     tl_twin_timing timing;
     tl_twin_time_component(run.twin, 0, read_clock, NULL, 20 * COST, &timing);
@@ -70,7 +71,8 @@ static void no_longer_than_it_may_take(void) {
     TEST_ASSERT_EQUAL_UINT32(1, timing.rounds);
 }
 
-/* The longest one is among the last hundredth, and is told. */
+/* One long call is the worst time. It is among the longest hundredth, so the high time leaves it
+ * out. */
 static tl_time read_jumping_clock(void *context) {
     int *calls = context;
     now += ++*calls == 101 ? 77 * COST : 0;

@@ -1,4 +1,5 @@
-/* A twin that looks, between its ticks, whether its FMUs still come back to where they were: it changes nothing, and finds those that do not. */
+/* Between ticks, a twin verifies that its FMUs still restore their states. That changes no value,
+ * and detects wrong states. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -13,12 +14,12 @@ static tl_test_fmu fmus[2];
 static tl_test_plan plan;
 static tl_test_run run;
 
-/* What a run of TICKS has given. */
+/* Results of a run of TICKS. */
 typedef struct outcome {
     tl_record records[TICKS];
     size_t count;
     size_t found;
-    int64_t found_at; /* tick of the first */
+    int64_t found_at; /* tick of the first finding */
     tl_twin_finding finding;
 } outcome;
 
@@ -35,7 +36,7 @@ static tl_plan_component *add(const char *name, size_t width) {
     return component;
 }
 
-/* A drive that the plant feeds, and a motor whose offset is searched. */
+/* A drive with an input from the plant, and a motor with a searched offset. */
 void setUp(void) {
     tl_test_plan_init(&plan, TL_SECOND / 10);
     (void)add("drive", 1);
@@ -60,7 +61,7 @@ static void tick(int64_t number) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
 }
 
-/* As the twin stands, until its last tick; from WRONG_FROM on the states of `liar` lie. */
+/* Runs the present plan. From WRONG_FROM on, states of `liar` are wrong. */
 static void lead(outcome *seen, tl_test_fmu *liar) {
     memset(seen, 0, sizeof *seen);
     tl_test_run_build(&run, &plan);
@@ -164,14 +165,14 @@ static size_t flagged(const outcome *seen) {
 
 static void states_that_are_wrong_later_are_found(void) {
     lead(&with, &fmus[1]);
-    TEST_ASSERT_EQUAL_size_t(1, with.found); /* it has no other way, and is left out then */
+    TEST_ASSERT_EQUAL_size_t(1, with.found); /* without another method it is not verified again */
     TEST_ASSERT_LESS_OR_EQUAL_INT64(WRONG_FROM + 3 * EVERY + 8, with.found_at);
     TEST_ASSERT_EQUAL_STRING("motor", with.finding.component);
     TEST_ASSERT_EQUAL_STRING("y0", with.finding.variable);
     TEST_ASSERT_TRUE(fabs(with.finding.again - with.finding.committed) / 0.01 == with.finding.tolerances);
     TEST_ASSERT_FALSE(with.finding.mended);
     TEST_ASSERT_EQUAL_INT(TL_CAUSE_UNKNOWN, with.finding.cause);
-    TEST_ASSERT_EQUAL_size_t((size_t)(TICKS - 1 - with.found_at), flagged(&with)); /* all records since */
+    TEST_ASSERT_EQUAL_size_t((size_t)(TICKS - 1 - with.found_at), flagged(&with)); /* all records since the finding */
     TEST_ASSERT_EQUAL_UINT64(1, tl_twin_get_facts(run.twin).differed);
 }
 
@@ -191,7 +192,7 @@ static void less_than_a_hundredth_of_a_tolerance_is_told_once(void) {
     TEST_ASSERT_EQUAL_size_t(1, flagged(&with));
 }
 
-/* ---- another way ---- */
+/* ---- another rollback method ---- */
 
 static fmi2FMUstate kept[2];
 static int given_up;
@@ -205,7 +206,7 @@ static fmi2Status keep_aside(fmi2Component instance) {
     return fmus[i].functions.get_fmu_state(instance, &kept[i]);
 }
 
-/* Honest. */
+/* Restores the right state. */
 static fmi2Status restore_start(fmi2Component instance) {
     size_t i = fmu_of(instance);
     bool lies = fmus[i].control.state_lies;
@@ -247,7 +248,8 @@ static void use_other_way(void) {
     fmus[0].functions.fallback = fmus[1].functions.fallback = &other_way;
 }
 
-/* With one unknown, whose guess is right, no state comes back but for looking: so the values are those of an honest twin. */
+/* With one unknown and a right guess, only the verification restores states. So the values equal
+ * those of a correct FMU. */
 static void a_liar_with_another_way_goes_it(void) {
     plan.match[0].tolerance = 1e6;
     use_other_way();
@@ -258,12 +260,12 @@ static void a_liar_with_another_way_goes_it(void) {
     lead(&with, &fmus[1]);
     TEST_ASSERT_EQUAL_size_t(1, with.found);
     TEST_ASSERT_TRUE(with.finding.mended);
-    TEST_ASSERT_EQUAL_INT(TL_CAUSE_INCOMPLETE, with.finding.cause); /* a state that lies changes nothing at all */
+    TEST_ASSERT_EQUAL_INT(TL_CAUSE_INCOMPLETE, with.finding.cause); /* a wrong state restores nothing */
     TEST_ASSERT_EQUAL_INT(1, given_up);
     TEST_ASSERT_EQUAL_size_t(1, flagged(&with));
     for (size_t i = 0; i < with.count; i++) {
         with.records[i].flags = 0;
-        with.records[i].executions = without.records[i].executions; /* what the caches knew is executed again, once */
+        with.records[i].executions = without.records[i].executions; /* executions after the caches were emptied */
     }
     assert_same();
     TEST_ASSERT_GREATER_THAN_UINT64((uint64_t)with.found_at / EVERY / 2, tl_twin_get_facts(run.twin).verified);
@@ -278,7 +280,7 @@ static fmi2Status no_method(fmi2Component instance, const char *why) {
     return fmi2Error;
 }
 
-/* The caches are emptied before the FMU rejects the change: the ledger must know. */
+/* The caches are emptied before the FMU rejects the other method: the ledger must know that. */
 static void the_ledger_holds_without_another_way(void) {
     static const tl_fmi2_fallback no_way = {keep_aside, restore_start, no_method, end_proof,
                                             size_aside, has_choice,    NULL};
@@ -291,12 +293,12 @@ static void the_ledger_holds_without_another_way(void) {
     for (size_t k = 0; k < 3; k++) {
         TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(run.twin, k).difference);
     }
-    tl_test_log_clear(&call_log); /* the search for the cause steps the FMU from a candidate's time */
+    tl_test_log_clear(&call_log); /* the search for the cause steps the FMU from the time of a candidate */
 }
 
 /* ---- calls that fail ---- */
 
-/* Ticks until FMU `which` is about to be executed again: the twin is as it was, and the next tl_twin_verify() does that. */
+/* Runs until FMU `which` is about to be repeated: the next tl_twin_verify() does that. */
 static void lead_to_repetition(size_t which) {
     bool found = false;
     tl_twin_finding finding;
@@ -304,7 +306,7 @@ static void lead_to_repetition(size_t which) {
     for (int64_t i = 0; i < TICKS; i++) {
         tick(i);
         uint64_t fails =
-            fmus[which].calls[TL_TEST_DO_STEP] + 2 * TL_VERIFIED_STEPS + 2; /* after the candidate, twice */
+            fmus[which].calls[TL_TEST_DO_STEP] + 2 * TL_VERIFIED_STEPS + 2; /* after the candidate, both times */
         tl_test_fmu_fail(&fmus[which], TL_TEST_DO_STEP, TL_TEST_ERROR, fails, fails);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_verify(run.twin, &run.budget, &finding, &found, &run.error));
         tl_test_fmu_fail(&fmus[which], TL_TEST_DO_STEP, TL_TEST_ERROR, 0, 0);
@@ -323,11 +325,11 @@ static void a_step_that_fails_when_it_is_repeated_is_found(void) {
     TEST_ASSERT_EQUAL_INT(TL_CAUSE_REFUSES, with.finding.cause);
     TEST_ASSERT_EQUAL_STRING("motor", with.finding.component);
     TEST_ASSERT_EQUAL_UINT(2, with.finding.after);
-    tick(with.found_at + 1); /* the twin goes on */
+    tick(with.found_at + 1); /* the twin continues */
     TEST_ASSERT_EQUAL_UINT32(TL_FLAG_DIFFERED, run.record.flags & TL_FLAG_DIFFERED);
 }
 
-/* The n-th call of this kind from here on is fatal, or an error; the twin is over. */
+/* The next call of this kind during verification fails or is fatal; the twin must end. */
 static void assert_ends(tl_test_call call, tl_test_fault_kind kind, tl_status expected) {
     bool found = false;
     tl_twin_finding finding;
@@ -365,7 +367,7 @@ static tl_time read_now(void *context) {
     return now;
 }
 
-/* Ticks with a clock, of which so much is left after each. */
+/* Runs with a clock; `left` of the time remains after each tick. */
 static uint64_t verified_with(tl_time left) {
     static const tl_time cost = TL_SECOND / 1000;
     bool found = false;
@@ -392,12 +394,12 @@ static uint64_t verified_with(tl_time left) {
 static void nothing_is_begun_that_there_is_no_time_for(void) {
     TEST_ASSERT_EQUAL_UINT64(0, verified_with(0));
     begin_anew();
-    TEST_ASSERT_EQUAL_UINT64(0, verified_with(TL_SECOND / 1000 * 3)); /* three steps, and no more */
+    TEST_ASSERT_EQUAL_UINT64(0, verified_with(TL_SECOND / 1000 * 3)); /* three steps only */
     begin_anew();
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(8, verified_with(TL_SECOND / 2));
 }
 
-/* ---- the FMUs begin anew ---- */
+/* ---- the FMUs are reset ---- */
 
 static void what_was_noted_is_of_no_use_then(void) {
     bool found = false;
