@@ -133,9 +133,10 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
 static void warn_about_rest(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
     if (guard->memory->heap->writes_files && !guard->was_writing_reported) {
-        tl_fmu_logger_log(&guard->logger, TL_LOG_WARNING,
-                          "writes a file in its steps: a rollback does not restore it, so it also contains what "
-                          "candidates wrote; if the FMU reads it again, its results may be wrong");
+        tl_fmu_logger_log(
+            &guard->logger, TL_LOG_WARNING,
+            "writes, moves or removes files in its steps: a rollback does not undo this, also for candidates; "
+            "if the FMU reads them again, its results may be wrong");
         guard->was_writing_reported = true;
     }
     if (guard->memory->heap->has_constructed && !guard->was_construction_reported) {
@@ -165,7 +166,7 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
     const char *obstacle = tl_fmu_memory_obstacle(self->guard->memory, state);
-    if (has_fallback(self) && tl_fmu_memory_has_new_library(self->guard->memory, state)) {
+    if (has_fallback(self) && tl_fmu_memory_has_unknown_library(self->guard->memory, state)) {
         self->guard->lacks_library = true;
         return fmi2Error;
     }
@@ -476,7 +477,7 @@ static fmi2Status renew_start(tl_fmu_guarded *self) {
 static bool is_to_be_renewed(const tl_fmu_guarded *self) {
     const tl_fmu_guard *guard = self->guard;
     return guard->by_memory && guard->full_copy != NULL && !guard->was_proved && self->replay != NULL &&
-           tl_fmu_memory_has_new_library(guard->memory, guard->full_copy);
+           tl_fmu_memory_has_unknown_library(guard->memory, guard->full_copy);
 }
 
 static fmi2Status restore_start(fmi2Component component) {
@@ -1262,6 +1263,8 @@ void tl_fmu_guard_tick(bool whole) {
         reported |= unreported;
         tl_host_state_describe(unreported, names);
         tl_log_limited(&limiter, TL_LOG_NOTICE,
-                       "an FMU changed %s of the whole process in its steps: restored (reported once)", names);
+                       "an FMU changed %s of the whole process in its steps: restored with the ticks, but not by a "
+                       "rollback; if its results depend on this, they may be wrong (reported once)",
+                       names);
     }
 }

@@ -9,12 +9,14 @@
 #include <grp.h>
 #include <iconv.h>
 #include <libintl.h>
+#include <limits.h>
 #include <link.h>
 #include <locale.h>
 #include <malloc.h>
 #include <netdb.h>
 #include <pthread.h>
 #include <pwd.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -23,8 +25,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/auxv.h>
+#include <sys/epoll.h>
 #include <sys/eventfd.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <threads.h>
 #include <time.h>
 #include <unistd.h>
 #include <wchar.h>
@@ -763,9 +769,26 @@ NEXT(DIR *, opendir, (const char *))
 NEXT(int, pipe, (int *))
 NEXT(int, pipe2, (int *, int))
 NEXT(int, dup, (int))
+NEXT(int, dup2, (int, int))
+NEXT(int, dup3, (int, int, int))
+NEXT(int, fcntl, (int, int, ...))
+NEXT(int, fcntl64, (int, int, ...))
+NEXT(int, socketpair, (int, int, int, int *))
+NEXT(int, epoll_create1, (int))
+NEXT(int, creat, (const char *, mode_t))
+NEXT(int, creat64, (const char *, mode_t))
+NEXT(int, mkdir, (const char *, mode_t))
+NEXT(int, mkdirat, (int, const char *, mode_t))
+NEXT(int, rmdir, (const char *))
+NEXT(int, unlink, (const char *))
+NEXT(int, unlinkat, (int, const char *, int))
+NEXT(int, remove, (const char *))
+NEXT(int, rename, (const char *, const char *))
+NEXT(int, renameat, (int, const char *, int, const char *))
+NEXT(int, thrd_create, (thrd_t *, thrd_start_t, void *))
+NEXT(int, timer_create, (clockid_t, struct sigevent *, timer_t *))
 NEXT(int, memfd_create, (const char *, unsigned))
 NEXT(int, eventfd, (unsigned, int))
-NEXT(void, tzset, (void))
 
 size_t malloc_usable_size(void *block) {
     if (block == NULL) {
@@ -829,6 +852,28 @@ int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*
         own_free(start);
     }
     return failed;
+}
+
+/* The C library starts these threads without pthread_create(), so they are not served from the
+ * heap. */
+static void note_thread(void) {
+    if (tl_fmu_allocation_heap != NULL) {
+        tl_fmu_allocation_heap->has_threads = true;
+    }
+}
+
+int thrd_create(thrd_t *thread, thrd_start_t run, void *context) {
+    find_thrd_create();
+    note_thread();
+    return own_thrd_create(thread, run, context);
+}
+
+int timer_create(clockid_t clock, struct sigevent *event, timer_t *timer) {
+    find_timer_create();
+    if (event != NULL && event->sigev_notify == SIGEV_THREAD) {
+        note_thread();
+    }
+    return own_timer_create(clock, event, timer);
 }
 
 bool tl_fmu_heap_threads_ran(tl_fmu_heap *heap) {
@@ -1001,6 +1046,53 @@ int dup(int descriptor) {
     return note_descriptor(own_dup(descriptor));
 }
 
+int dup2(int descriptor, int wanted) {
+    find_dup2();
+    return note_descriptor(own_dup2(descriptor, wanted));
+}
+
+int dup3(int descriptor, int wanted, int flags) {
+    find_dup3();
+    return note_descriptor(own_dup3(descriptor, wanted, flags));
+}
+
+/* Own names, because the headers rename fcntl() on some machines. */
+int tl_noted_fcntl(int descriptor, int command, ...) __asm__("fcntl");
+int tl_noted_fcntl64(int descriptor, int command, ...) __asm__("fcntl64");
+
+static int note_duplicate(int command, int result) {
+    return command == F_DUPFD || command == F_DUPFD_CLOEXEC ? note_descriptor(result) : result;
+}
+
+/* The C library also reads a pointer, whatever the command is. */
+#define READ_POINTER(pointer, command)                                                                                 \
+    va_list arguments;                                                                                                 \
+    va_start(arguments, command);                                                                                      \
+    void *pointer = va_arg(arguments, void *);                                                                         \
+    va_end(arguments)
+
+int tl_noted_fcntl(int descriptor, int command, ...) {
+    READ_POINTER(argument, command);
+    find_fcntl();
+    return note_duplicate(command, own_fcntl(descriptor, command, argument));
+}
+
+int tl_noted_fcntl64(int descriptor, int command, ...) {
+    READ_POINTER(argument, command);
+    find_fcntl64();
+    return note_duplicate(command, own_fcntl64(descriptor, command, argument));
+}
+
+int socketpair(int domain, int type, int protocol, int ends[2]) {
+    find_socketpair();
+    return note_pipe(own_socketpair(domain, type, protocol, ends), ends);
+}
+
+int epoll_create1(int flags) {
+    find_epoll_create1();
+    return note_descriptor(own_epoll_create1(flags));
+}
+
 int memfd_create(const char *name, unsigned flags) {
     find_memfd_create();
     return note_descriptor(own_memfd_create(name, flags));
@@ -1009,6 +1101,70 @@ int memfd_create(const char *name, unsigned flags) {
 int eventfd(unsigned count, int flags) {
     find_eventfd();
     return note_descriptor(own_eventfd(count, flags));
+}
+
+/* ---- files by name ---- */
+
+/* A rollback does not undo these. */
+static int note_written(int failed) {
+    if (failed >= 0 && tl_fmu_allocation_heap != NULL) {
+        tl_fmu_allocation_heap->writes_files = true;
+    }
+    return failed;
+}
+
+/* Own names, because the headers rename creat() on all machines. */
+int tl_noted_creat(const char *path, mode_t mode) __asm__("creat");
+int tl_noted_creat64(const char *path, mode_t mode) __asm__("creat64");
+
+int tl_noted_creat(const char *path, mode_t mode) {
+    find_creat();
+    return note_written(own_creat(path, mode));
+}
+
+int tl_noted_creat64(const char *path, mode_t mode) {
+    find_creat64();
+    return note_written(own_creat64(path, mode));
+}
+
+int mkdir(const char *path, mode_t mode) {
+    find_mkdir();
+    return note_written(own_mkdir(path, mode));
+}
+
+int mkdirat(int folder, const char *path, mode_t mode) {
+    find_mkdirat();
+    return note_written(own_mkdirat(folder, path, mode));
+}
+
+int rmdir(const char *path) {
+    find_rmdir();
+    return note_written(own_rmdir(path));
+}
+
+int unlink(const char *path) {
+    find_unlink();
+    return note_written(own_unlink(path));
+}
+
+int unlinkat(int folder, const char *path, int flags) {
+    find_unlinkat();
+    return note_written(own_unlinkat(folder, path, flags));
+}
+
+int remove(const char *path) {
+    find_remove();
+    return note_written(own_remove(path));
+}
+
+int rename(const char *from, const char *to) {
+    find_rename();
+    return note_written(own_rename(from, to));
+}
+
+int renameat(int folder, const char *from, int other, const char *to) {
+    find_renameat();
+    return note_written(own_renameat(folder, from, other, to));
 }
 
 /* ---- libraries ---- */
@@ -1028,16 +1184,29 @@ static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     return library;
 }
 
+/* Returns the path of a library that an FMU opens: also of one that lies beside the library of the
+ * caller, as an FMU's own libraries do. NULL: the C library must search it. */
+static const char *find_library(const void *caller, const char *path) {
+    static __thread char beside[PATH_MAX]; /* not on the stack of dlopen(), see there */
+    Dl_info info;
+    if (path == NULL || strchr(path, '/') != NULL) {
+        return path;
+    }
+    const char *end = dladdr(caller, &info) != 0 ? strrchr(info.dli_fname, '/') : NULL;
+    int folder = end == NULL ? 0 : (int)(end - info.dli_fname);
+    int length = end == NULL ? 0 : snprintf(beside, PATH_MAX, "%.*s/%s", folder, info.dli_fname, path);
+    return length > 0 && length < PATH_MAX && access(beside, R_OK) == 0 ? beside : NULL;
+}
+
 /* A name without a slash is searched in the folders of the caller, so the C library must see that
- * caller: the last call here is a jump (-O2). */
+ * caller: the last call here is a jump (-O2, and no variable of this function has an address). */
 void *dlopen(const char *path, int mode) {
     tl_fmu_heap *heap = tl_fmu_allocation_heap;
     if (own_dlopen == NULL) {
         find_dlopen();
     }
-    return heap == NULL || heap->note_opening == NULL || path == NULL || strchr(path, '/') == NULL
-               ? own_dlopen(path, mode)
-               : open_and_report(heap, path, mode);
+    const char *found = heap == NULL || heap->note_opening == NULL ? NULL : find_library(CALLER, path);
+    return found == NULL ? own_dlopen(path, mode) : open_and_report(heap, found, mode);
 }
 
 /* ---- mapped memory ---- */
@@ -1059,6 +1228,9 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 static void *map_from_heap(const void *caller, size_t size, int protection, int flags) {
     tl_fmu_heap *heap = find_server(caller);
     if (heap == NULL || (protection & PROT_WRITE) == 0) {
+        if (heap != NULL && protection == PROT_NONE) {
+            heap->has_reserved = true;
+        }
         return NULL;
     }
     bool is_plain = protection == (PROT_READ | PROT_WRITE) && (flags & ~MAP_STACK) == (MAP_PRIVATE | MAP_ANONYMOUS);
@@ -1109,12 +1281,17 @@ void *mremap(void *address, size_t size, size_t new_size, int flags, ...) {
     return mapping;
 }
 
-/* Memory that is not writable cannot be restored. */
+/* Memory that is not writable cannot be restored. Neither can memory that the FMU has reserved
+ * outside of its heap, and makes writable now. */
 int mprotect(void *address, size_t size, int protection) {
     find_mprotect();
     tl_fmu_heap *owner = find_owner(address);
     if (owner != NULL && protection != (PROT_READ | PROT_WRITE)) {
         owner->has_outside_memory = true;
+    }
+    tl_fmu_heap *heap = find_server(CALLER);
+    if (owner == NULL && heap != NULL && heap->has_reserved && (protection & PROT_WRITE) != 0) {
+        heap->has_outside_memory = true;
     }
     return own_mprotect(address, size, protection);
 }
@@ -1201,16 +1378,48 @@ OUTSIDE(int, getpwuid_r, (uid_t user, struct passwd *entry, char *bytes, size_t 
 OUTSIDE(struct group *, getgrnam, (const char *name), (name))
 OUTSIDE(struct group *, getgrgid, (gid_t group), (group))
 OUTSIDE(struct hostent *, gethostbyname, (const char *name), (name))
+OUTSIDE(int, getgrnam_r, (const char *name, struct group *entry, char *bytes, size_t size, struct group **found),
+        (name, entry, bytes, size, found))
+OUTSIDE(int, getgrgid_r, (gid_t group, struct group *entry, char *bytes, size_t size, struct group **found),
+        (group, entry, bytes, size, found))
+OUTSIDE(struct passwd *, getpwent, (void), ())
+OUTSIDE(struct group *, getgrent, (void), ())
+OUTSIDE(int, getgrouplist, (const char *user, gid_t group, gid_t *groups, int *count), (user, group, groups, count))
+OUTSIDE(int, gethostbyname_r,
+        (const char *name, struct hostent *entry, char *bytes, size_t size, struct hostent **found, int *why),
+        (name, entry, bytes, size, found, why))
+OUTSIDE(struct hostent *, gethostbyaddr, (const void *address, socklen_t size, int type), (address, size, type))
+OUTSIDE(int, gethostbyaddr_r,
+        (const void *address, socklen_t length, int type, struct hostent *entry, char *bytes, size_t size,
+         struct hostent **found, int *why),
+        (address, length, type, entry, bytes, size, found, why))
+OUTSIDE(struct servent *, getservbyname, (const char *name, const char *protocol), (name, protocol))
+OUTSIDE(struct servent *, getservbyport, (int port, const char *protocol), (port, protocol))
+OUTSIDE(struct protoent *, getprotobyname, (const char *name), (name))
+OUTSIDE(int, getnameinfo,
+        (const struct sockaddr *address, socklen_t size, char *host, socklen_t host_size, char *service,
+         socklen_t service_size, int flags),
+        (address, size, host, host_size, service, service_size, flags))
+OUTSIDE(char *, strerror, (int number), (number))
 OUTSIDE(int, getaddrinfo,
         (const char *node, const char *service, const struct addrinfo *hints, struct addrinfo **found),
         (node, service, hints, found))
 
-void tzset(void) {
-    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);
-    find_tzset();
-    own_tzset();
-    (void)tl_fmu_allocation_enter(heap);
-}
+/* The same for a function without a result. */
+#define OUTSIDE_VOID(Name)                                                                                             \
+    NEXT(void, Name, (void))                                                                                           \
+    void Name(void) {                                                                                                  \
+        tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);                                                             \
+        find_##Name();                                                                                                 \
+        own_##Name();                                                                                                  \
+        (void)tl_fmu_allocation_enter(heap);                                                                           \
+    }
+
+OUTSIDE_VOID(tzset)
+OUTSIDE_VOID(setpwent)
+OUTSIDE_VOID(endpwent)
+OUTSIDE_VOID(setgrent)
+OUTSIDE_VOID(endgrent)
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name,readability-identifier-naming,bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp)
 

@@ -51,6 +51,7 @@ typedef struct tl_fmu_heap {
     size_t highest;          /* bytes from the beginning that may differ from zero */
     void *first;             /* the first block: state of rand() and similar functions */
     bool has_outside_memory; /* the FMU also has memory outside of the heap */
+    bool has_reserved;       /* the FMU has reserved addresses outside of the heap, without access */
     bool has_threads;        /* the FMU has started threads that are not allowed */
     bool
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
@@ -65,7 +66,7 @@ typedef struct tl_fmu_heap {
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
     uint32_t key_count;                      /* keys that calls have created and not deleted */
     unsigned keys[TL_FMU_HEAP_KEYS];         /* of type pthread_key_t, in order of creation */
-    bool writes_files;                       /* a call has opened a file for writing */
+    bool writes_files;                       /* a call has opened a file for writing, or has changed a folder */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */

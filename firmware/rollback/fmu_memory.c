@@ -521,6 +521,10 @@ static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *state
     return is_unknown;
 }
 
+bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state) {
+    return has_unknown_library(memory, state);
+}
+
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
     return has_unknown_library(memory, kept) || kept->regions != memory->places.count;

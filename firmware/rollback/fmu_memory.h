@@ -123,6 +123,7 @@ const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
  * to its contents after opening, if they are known, except for the memory that its constructors
  * have allocated. */
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state);
+bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state);
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
 
 /* Restores a state. */

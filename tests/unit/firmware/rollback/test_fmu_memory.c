@@ -12,8 +12,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/epoll.h>
 #include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
+#include <threads.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -388,14 +394,41 @@ static int open_event(void) {
     return eventfd(0, EFD_CLOEXEC);
 }
 
+static int open_second_copy(void) {
+    return dup2(STDERR_FILENO, TL_FMU_HEAP_DESCRIPTORS - 1);
+}
+
+static int open_copy_without_inheritance(void) {
+    return fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 0);
+}
+
+static int open_sockets(void) {
+    int ends[2];
+    TEST_ASSERT_EQUAL_INT(0, socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends));
+    (void)close(ends[0]);
+    return ends[1];
+}
+
+static int open_epoll(void) {
+    return epoll_create1(EPOLL_CLOEXEC);
+}
+
 /* After the calls that are watched: what a call opens must be closed in it. */
 static void test_a_descriptor_that_is_opened_late(void) {
     static const struct {
         int (*open)(void);
         int (*close)(int descriptor);
-    } kinds[] = {{open_by_name, close},       {open_in_folder, close}, {open_stream, close_stream},
-                 {open_folder, close_folder}, {open_by_pipe, close},   {open_copy, close},
-                 {open_event, close}};
+    } kinds[] = {{open_by_name, close},
+                 {open_in_folder, close},
+                 {open_stream, close_stream},
+                 {open_folder, close_folder},
+                 {open_by_pipe, close},
+                 {open_copy, close},
+                 {open_event, close},
+                 {open_sockets, close},
+                 {open_epoll, close},
+                 {open_second_copy, close},
+                 {open_copy_without_inheritance, close}};
     tl_fmu_memory *memory = fmu.guard.memory;
     while (memory->watched > 0) {
         tl_fmu_memory_enter(memory);
@@ -429,6 +462,86 @@ static void test_a_file_that_is_written(void) {
     save(&state);
     tl_fmu_memory_forget(state);
     TEST_ASSERT_EQUAL_INT(0, close(file));
+}
+
+/* Each of them leaves something that a rollback does not undo. */
+static void test_folders_and_names_that_are_changed(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    char place[] = "/tmp/twinlock-test-XXXXXX";
+    char file[64];
+    char moved[64];
+    memory->watched = 0;
+    TEST_ASSERT_NOT_NULL(mkdtemp(place));
+    (void)snprintf(file, sizeof file, "%s/file", place);
+    (void)snprintf(moved, sizeof moved, "%s/moved", place);
+    for (int kind = 0; kind < 7; kind++) {
+        memory->heap->writes_files = false;
+        tl_fmu_memory_enter(memory);
+        int made = kind == 0   ? creat(file, S_IRUSR | S_IWUSR)
+                   : kind == 1 ? rename(file, moved)
+                   : kind == 2 ? unlink(moved)
+                   : kind == 3 ? mkdir(file, S_IRWXU)
+                   : kind == 4 ? renameat(AT_FDCWD, file, AT_FDCWD, moved)
+                   : kind == 5 ? rmdir(moved)
+                               : mkdirat(AT_FDCWD, file, S_IRWXU);
+        tl_fmu_memory_leave(memory);
+        TEST_ASSERT_TRUE(made >= 0);
+        TEST_ASSERT_TRUE_MESSAGE(memory->heap->writes_files, kind == 0 ? "creat" : "another");
+        if (kind == 0) {
+            TEST_ASSERT_EQUAL_INT(0, close(made));
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(0, remove(file));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(place));
+}
+
+static int run_nothing(void *context) {
+    (void)context;
+    return 0;
+}
+
+static void notify_nothing(union sigval value) {
+    (void)value;
+}
+
+/* The C library starts them itself. */
+static void test_threads_that_are_not_started_by_posix(void) {
+    tl_fmu_heap *heap = fmu.guard.memory->heap;
+    struct sigevent event = {.sigev_notify = SIGEV_THREAD, .sigev_notify_function = notify_nothing};
+    thrd_t thread;
+    timer_t timer;
+    tl_fmu_memory_enter(fmu.guard.memory);
+    int started = thrd_create(&thread, run_nothing, NULL);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_EQUAL_INT(thrd_success, started);
+    TEST_ASSERT_EQUAL_INT(thrd_success, thrd_join(thread, NULL));
+    TEST_ASSERT_TRUE(heap->has_threads);
+    heap->has_threads = false;
+    tl_fmu_memory_enter(fmu.guard.memory);
+    started = timer_create(CLOCK_MONOTONIC, &event, &timer);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_EQUAL_INT(0, started);
+    TEST_ASSERT_EQUAL_INT(0, timer_delete(timer));
+    TEST_ASSERT_TRUE(heap->has_threads);
+    heap->has_threads = false;
+}
+
+/* An allocator that reserves addresses, and makes them usable as needed. */
+static void test_memory_that_was_reserved(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    const size_t size = 1 << 20;
+    tl_fmu_memory_enter(memory);
+    void *own = mmap(NULL, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    tl_fmu_memory_leave(memory);
+    TEST_ASSERT_TRUE(own != MAP_FAILED);
+    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    tl_fmu_memory_enter(memory);
+    int failed = mprotect(own, size, PROT_READ | PROT_WRITE);
+    tl_fmu_memory_leave(memory);
+    TEST_ASSERT_EQUAL_INT(0, failed);
+    expect_left("memory");
+    memory->heap->has_outside_memory = false;
+    TEST_ASSERT_EQUAL_INT(0, munmap(own, size));
 }
 
 /* Values of keys are restored; a key that was created later is deleted. */
@@ -478,6 +591,9 @@ int main(void) {
     RUN_TEST(test_a_library_that_is_opened_late);
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
+    RUN_TEST(test_folders_and_names_that_are_changed);
+    RUN_TEST(test_threads_that_are_not_started_by_posix);
+    RUN_TEST(test_memory_that_was_reserved);
     RUN_TEST(test_thread_specific_values);
     return UNITY_END();
 }
