@@ -40,7 +40,7 @@ typedef struct tl_fmu_heap_thread {
     int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
 } tl_fmu_heap_thread;
 
-/* Called before and after a call of the FMU opens a library by a path. */
+/* Called before and after a call of the FMU opens a library by a path, or one beside its own. */
 typedef void tl_fmu_heap_note_opening(void *context, bool is_opened);
 
 /* Fields are private, except those that the user sets. */
@@ -130,13 +130,13 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  *          mappings, for example shared ones, are outside, like memory from the C library. The heap
  *          notes both, because a copy of the heap is then incomplete.
  * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
- *          before the call does.
+ *          before the call does. Not noted: raw system calls of an FMU.
  * Keys:    thread-specific values (pthread_setspecific()) lie in the C library. The heap notes the
  *          keys that a call creates, so that fmu_memory.h can save the values of the thread that
  *          calls the FMU.
  * Files:   the heap notes the descriptors that a call opens by functions of the C library, because
- *          a file that stays open is not part of a copy. It also notes that files are written; a
- *          file that is only written may stay open.
+ *          a file that stays open is not part of a copy. It also notes that files are written,
+ *          moved or removed; a file that is only written may stay open.
  * Outside: functions of the C library that store data in the library run outside of the heap. These
  *          are functions for environment, locales, time zones, exit handlers and users. If this
  *          data were in the heap, the library would find old contents after a restore. So the data

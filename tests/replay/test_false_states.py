@@ -90,6 +90,14 @@ def test_a_limit_hides_the_difference():
         expect_same(fmu, "memory", f"{pages} pages")
 
 
+def test_a_library_that_the_first_step_opens_by_name():
+    """A rollback of the proof resets its variables, too. The results are those of an FMU without a library."""
+    fmu = keeper_fmu.make_by_name()
+    chosen = steps_of(keeper_fmu.config(fmu, "memory"))
+    expect(chosen == steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory")), "steps of the proof are counted")
+    expect(chosen == steps_of(keeper_fmu.config(fmu, "memory"), "--plain"), "other values without savings")
+
+
 def test_no_method():
     """The library keeps its state over a reset and for all instances, so no method is exact. The program ends before a step."""
     for verb in "check", "replay":

@@ -72,9 +72,10 @@ def compile_shared(binary, sources, macros, *folders):
     compile_with(COMPILER, *FLAGS, *defined, *(word for folder in folders for word in ("-I", folder)), "-shared", "-pthread", "-o", binary, *sources, "-lm")
 
 
-def package(fmu, description, binary):
-    compile_with(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={description}",
-         f"binaries/{PLATFORMS[machine()]}/lag.so={binary}")
+def package(fmu, description, binary, *companions):
+    platform = f"binaries/{PLATFORMS[machine()]}"
+    compile_with(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={description}", f"{platform}/lag.so={binary}",
+                 *(f"{platform}/{companion.name}={companion}" for companion in companions))
 
 
 def _text(value):

@@ -86,6 +86,17 @@ def make_limits(**macros):
 
 
 @functools.cache
+def make_by_name():
+    """The path of one that opens its library by name in the first step: see by_name.c."""
+    folder = scratch()
+    hostile_fmu.describe(folder / "description.h")
+    hostile_fmu.compile_shared(folder / "libcount.so", [KEEPER / "count.c"], {})
+    hostile_fmu.compile_shared(folder / "lag.so", [KEEPER / "by_name.c", *hostile_fmu.OWN_STATE], {}, folder)
+    hostile_fmu.package(folder / "by_name.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so", folder / "libcount.so")
+    return folder / "by_name.fmu"
+
+
+@functools.cache
 def make_met(**macros):
     """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
