@@ -43,6 +43,7 @@ OWNERS = {
     "pwd.h": ("firmware/retune/control_client.c", "firmware/rollback/fmu_heap.c"),
     "iconv.h": ("firmware/rollback/fmu_heap.c", "firmware/fmu/model_description.c"),
     "libintl.h": ("firmware/rollback/fmu_heap.c",),
+    "threads.h": ("firmware/rollback/fmu_heap.c",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/os.c", "firmware/base/os.h", "firmware/base/relay.h", "firmware/cli/plant_server.c",
                   "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/log_relay.h",
