@@ -1389,10 +1389,6 @@ OUTSIDE(int, gethostbyname_r,
         (const char *name, struct hostent *entry, char *bytes, size_t size, struct hostent **found, int *why),
         (name, entry, bytes, size, found, why))
 OUTSIDE(struct hostent *, gethostbyaddr, (const void *address, socklen_t size, int type), (address, size, type))
-OUTSIDE(int, gethostbyaddr_r,
-        (const void *address, socklen_t length, int type, struct hostent *entry, char *bytes, size_t size,
-         struct hostent **found, int *why),
-        (address, length, type, entry, bytes, size, found, why))
 OUTSIDE(struct servent *, getservbyname, (const char *name, const char *protocol), (name, protocol))
 OUTSIDE(struct servent *, getservbyport, (int port, const char *protocol), (port, protocol))
 OUTSIDE(struct protoent *, getprotobyname, (const char *name), (name))
