@@ -121,11 +121,15 @@ static void reset_silence(tl_twin_child *child) {
     child->asked = 0;
 }
 
+/* Time for many short calls after a request to end. A single long call is ended first, with its
+ * name. */
+static const tl_time LONGEST_END = TL_FMU_CALL_TIMEOUT_END + 3 * TL_SECOND;
+
 static bool is_in_time(const tl_twin_child *child) {
     const tl_time call = child->settings.call_limit;
-    const tl_time end = call > TL_FMU_CALL_TIMEOUT_END ? call : TL_FMU_CALL_TIMEOUT_END;
-    return call == 0 || (child->idle / TL_FMU_CALL_TIMEOUT_CALLS < call && child->silence / TICK_CALLS < call &&
-                         child->asked < end); /* divided, not multiplied: the timeout may be years */
+    return child->asked < LONGEST_END &&
+           (call == 0 || (child->idle / TL_FMU_CALL_TIMEOUT_CALLS < call &&
+                          child->silence / TICK_CALLS < call)); /* divided, not multiplied: the timeout may be years */
 }
 
 /* Sleeps until `wanted` messages are there, or for `longest`. Returns false if the process has been
@@ -146,6 +150,11 @@ static bool wait_messages(tl_twin_child *child, unsigned wanted, tl_time longest
 
 static tl_status end_silent(tl_twin_child *child, tl_error *error) {
     tl_twin_process_kill(child->process);
+    if (child->asked >= LONGEST_END) {
+        return tl_fail(error, TL_INTERRUPTED,
+                       "interrupted by %s; the FMU process was killed: it did not end within %.0f s",
+                       tl_interrupt_requested(), tl_seconds(LONGEST_END));
+    }
     return tl_fail(
         error, TL_FMU_FAILED,
         "the FMU process was killed: it sent nothing for %.0f s; if its FMUs need longer, raise --call-limit",

@@ -12,6 +12,7 @@ import time
 import zipfile
 from contextlib import closing
 
+import keeper_fmu
 from hostile_fmu import LOCKED, config, make
 from twinlock_test import (NOT_LOCKED, PATIENCE, SANITIZER, at_least, at_most, describe, expect, expect_line, finish, has_line, main, merge, read_table,
                            run, scratch, start)
@@ -368,6 +369,20 @@ def test_a_call_that_returns_in_time_ends_in_order():
         program.process.send_signal(signal.SIGTERM)  # the supervisor's and the user's may coincide
         code, log = program.end(30)
         expect(code == wanted, f"{args[0]} ended with {code}\n{log}")
+
+
+def test_many_calls_do_not_keep_the_program_from_ending():
+    """The rollback proof makes hundreds of calls, none of which takes long."""
+    fmu = keeper_fmu.make_slow(PAUSE=400_000_000)
+    for verb in "check", "replay":
+        program = Hanging([verb, keeper_fmu.config(fmu, "state")])
+        time.sleep(2)
+        begun = time.monotonic()
+        program.process.send_signal(signal.SIGTERM)
+        code, log = program.end(60)
+        expect(code == 75, f"{verb} ended with {code}\n{log}")
+        expect_line(log, "interrupted|SIGTERM")
+        expect(time.monotonic() - begun < 20 * PATIENCE, "not ended soon")
 
 
 def test_asked_twice():
