@@ -221,7 +221,12 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
                           ",\n               %.3g \302\265s to save, step and restore; by its own state %.3g \302\265s",
                           (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
         }
-        if (tl_twin_get_ledger(assembly->twin, i).reads_late) {
+        const tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, i);
+        if (component->keep == TL_KEEP_AUTO && entry.keep != TL_KEEP_AUTO) {
+            (void)fprintf(output, ",\n               \"keep\": \"auto\" keeps %s, as measured here",
+                          entry.keep == TL_KEEP_NONE ? "none" : "states");
+        }
+        if (entry.reads_late) {
             (void)fputs(",\n               its outputs are read after initialisation, because it refuses that before",
                         output);
         }
@@ -565,26 +570,19 @@ static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *out
     }
 }
 
-/* A shorter time in a worst step is worth a line only from here on. */
+/* A shorter time is worth a line only from here on. */
 static const double WORTH_A_LINE = 0.8;
 
-/* Returns the time of a component in a worst step without results kept, as a part of that with all
+/* Returns the time of a component in a search without results kept, as a part of that with all
  * states kept; 1 if it cannot be measured. */
 static double part_without_states(const tl_assembly *assembly, size_t component) {
     const tl_time longest = TL_SECOND / 100;
-    tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, component);
     tl_twin_timing timing = {.rounds = 0};
     if (assembly->config.components[component].keep == TL_KEEP_STATES &&
         tl_fmu_rollback(tl_assembly_fmu(assembly, component)) != TL_ROLLBACK_REPLAY) {
         tl_twin_time_component(assembly->twin, component, tl_clock_now, NULL, longest, &timing);
     }
-    double evaluations = assembly->config.budget_evaluations;
-    double all = 1.0 + evaluations * entry.first_need;
-    double needed = 1.0 + entry.first_need + (evaluations - 1.0) * entry.next_need;
-    double step = (double)timing.step.median;
-    double save = (double)timing.save.median;
-    double restores = evaluations * (double)timing.restore.median;
-    return timing.rounds == 0 ? 1.0 : (all * step + save + restores) / (needed * (step + save) + restores);
+    return timing.rounds == 0 ? 1.0 : tl_twin_part_without_states(assembly->twin, component, &timing);
 }
 
 /* Prints components that are faster if no results are kept. Measures them: the twin cannot step
@@ -595,7 +593,7 @@ static void print_faster_keep(const tl_assembly *assembly, FILE *output) {
     for (size_t k = 0; facts.sequences && facts.returns && k < assembly->config.component_count; k++) {
         double part = part_without_states(assembly, k);
         if (part < WORTH_A_LINE) {
-            (void)fprintf(output, "%s  %-12s \"keep\": \"none\" would take %.2g times as long in a worst step\n", title,
+            (void)fprintf(output, "%s  %-12s \"keep\": \"none\" would take %.2g times as long in a search\n", title,
                           assembly->config.components[k].name, part);
             title = "";
         }

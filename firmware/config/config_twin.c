@@ -225,8 +225,11 @@ static const names_key READS = {"read", "an array of names of files and folders"
 
 /* Reads the rollback method, and which states are kept. */
 static void read_states(tl_config_object *entry, tl_config_component *component) {
-    static const char *const keeps[] = {
-        [TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", [TL_KEEP_NONE] = "none", NULL};
+    static const char *const keeps[] = {[TL_KEEP_STATES] = "states",
+                                        [TL_KEEP_OUTPUTS] = "outputs",
+                                        [TL_KEEP_NONE] = "none",
+                                        [TL_KEEP_AUTO] = "auto",
+                                        NULL};
     static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
     static const tl_rollback methods[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
     static const tl_config_number steps = {.whole = true, .minimum = 1, .maximum = 1e5, .example = "1000"};

@@ -41,8 +41,8 @@
 typedef struct tl_cached_component {
     tl_component *component;
     tl_sequence_cache tree;
-    tl_time size; /* T_S */
-    tl_keep keep;
+    tl_time size;         /* T_S */
+    tl_keep keep;         /* TL_KEEP_AUTO until the owner replaces it, before the start */
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
     uint32_t root;        /* the committed instant t_i */
     uint32_t position;    /* node of the candidate; TL_NO_NODE: the pool was full, so its node was not stored */

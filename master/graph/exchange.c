@@ -80,7 +80,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
     tl_status status = TL_OK;
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         tl_cached_component *cached = &exchange->cached[i];
-        exchange->rooms[i].most = cached->tree.capacity;
+        exchange->rooms[i].most = cached->keep == TL_KEEP_NONE ? TL_NODES_OF_NONE : cached->tree.capacity;
         status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
     }
     tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));

@@ -109,7 +109,8 @@ typedef struct tl_plan_set {
 typedef enum tl_keep {
     TL_KEEP_STATES,  /* outputs and states of every input sequence: no step is executed twice */
     TL_KEEP_OUTPUTS, /* all outputs, but few states: for FMUs whose save takes longer than a step */
-    TL_KEEP_NONE     /* only the committed state: executes all steps, for FMUs with the fastest steps */
+    TL_KEEP_NONE,    /* only the committed state: executes all steps, for FMUs with the fastest steps */
+    TL_KEEP_AUTO     /* states or none, whichever is faster as measured at the start */
 } tl_keep;
 
 typedef struct tl_plan_component {

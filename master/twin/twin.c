@@ -107,6 +107,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .plain = twin->synchroniser.ledger.plain,
         .predicted = tl_ledger_predicted(&twin->synchroniser.ledger, component),
         .executions = tl_twin_executions(twin, component),
+        .keep = TL_KEEP_AUTO,
     };
     fill_needs(twin, component, &entry);
     if (!plant) {
@@ -116,6 +117,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     }
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
+        entry.keep = cached->keep;
         entry.nodes = cached->tree.capacity;
         entry.nodes_worst = twin->worst[component];
         entry.memory = tl_sequence_cache_memory(&cached->tree);
@@ -451,6 +453,7 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     if (status == TL_OK && twin->synchroniser.horizon.variables != 0) {
         status = tl_proof_of_rollback(&twin->proof, &twin->synchroniser, &twin->graph, twin->first, twin->now, error);
         twin->rollback_inexact = status != TL_OK && twin->proof.stepped;
+        status = status == TL_OK ? tl_twin_choose_keep(twin, error) : status;
     }
     return status;
 }

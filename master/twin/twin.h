@@ -70,6 +70,7 @@ typedef struct tl_twin_ledger {
     bool reads_late;       /* it rejects reading in initialisation mode */
     bool on_path;          /* on a path from an adjusted variable to a matched output */
     uint32_t longer;       /* C_k: extra length of the path through it over the shortest path; 0: on no path */
+    tl_keep keep;          /* what is kept; TL_KEEP_AUTO before the start, or without a cache */
     uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
     uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */
     uint32_t nodes;        /* nodes of its cache; 0: no cache */

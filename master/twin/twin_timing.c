@@ -1,6 +1,8 @@
 /* Timing of a component: see twin_timing.h. */
 #include "master/twin/twin_timing.h"
 
+#include <string.h>
+
 #include "master/twin/twin_parts.h"
 
 /* Durations of one kind, sorted. */
@@ -86,4 +88,92 @@ void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void
     }
     tl_component_forget(self.component, &self.state);
     tl_component_forget(self.component, &first);
+}
+
+/* ---- choice of what is kept ---- */
+
+static double expected_evaluations(const tl_twin *twin) {
+    const tl_synchroniser *synchroniser = &twin->synchroniser;
+    double most = (double)twin->tuning.evaluations;
+    double newton = (double)synchroniser->horizon.count + 3.0;
+    bool is_secant = synchroniser->solver != NULL && strcmp(synchroniser->solver->name, "secant") == 0;
+    return is_secant && newton < most ? newton : most;
+}
+
+double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing) {
+    const tl_horizon *horizon = &twin->synchroniser.horizon;
+    double evaluations = expected_evaluations(twin);
+    uint32_t reach = twin->exchange.reach != NULL ? horizon->reach[component] : horizon->prediction;
+    double all = 1.0 + evaluations * reach;
+    double later = (double)tl_horizon_next_need(horizon, component, reach);
+    double needed = 1.0 + reach + (evaluations - 1.0) * later;
+    double step = (double)timing->step.median;
+    double save = (double)timing->save.median;
+    double restores = evaluations * (double)timing->restore.median;
+    double with_states = needed * (step + save) + restores;
+    return with_states > 0.0 ? (all * step + save + restores) / with_states : 1.0;
+}
+
+/* From the saved start, and back to it. */
+static bool repeat_step(stopwatch *self, fmi2FMUstate start) {
+    tl_time started_at = self->now(self->clock);
+    if (!step(self)) {
+        return false;
+    }
+    tl_time stepped = self->now(self->clock);
+    if (tl_component_save(self->component, &self->state, &self->error) != TL_OK) {
+        return false;
+    }
+    tl_time saved = self->now(self->clock);
+    if (tl_component_restore(self->component, start, &self->error) != TL_OK) {
+        return false;
+    }
+    insert_time(&self->steps, stepped - started_at);
+    insert_time(&self->saves, saved - stepped);
+    insert_time(&self->restores, self->now(self->clock) - saved);
+    return true;
+}
+
+/* The first round does not count, because it may allocate memory. */
+static tl_status measure_repeated(tl_twin *twin, size_t component, tl_twin_timing *timing, tl_error *error) {
+    enum { ROUNDS = 15 };
+    static const tl_time longest = 5000000;
+    tl_exchange *exchange = &twin->exchange;
+    fmi2FMUstate start = exchange->home.states[component];
+    stopwatch self = {
+        .component = &exchange->components[component], .size = exchange->step, .next = twin->first, .now = twin->now};
+    tl_time started_at = twin->now(NULL);
+    bool is_well = repeat_step(&self, start);
+    self.steps.count = 0;
+    self.saves.count = 0;
+    self.restores.count = 0;
+    while (is_well && self.steps.count < ROUNDS && (self.steps.count == 0 || twin->now(NULL) - started_at < longest)) {
+        is_well = repeat_step(&self, start);
+    }
+    *timing = (tl_twin_timing){.rounds = is_well ? self.steps.count : 0,
+                               .step = spread_of(&self.steps),
+                               .save = spread_of(&self.saves),
+                               .restore = spread_of(&self.restores)};
+    tl_component_forget(self.component, &self.state);
+    twin->proof.executions += self.component->executions;
+    self.component->executions = 0;
+    memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
+    return is_well ? TL_OK : tl_component_restore(self.component, start, error);
+}
+
+tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error) {
+    tl_exchange *exchange = &twin->exchange;
+    tl_status status = TL_OK;
+    for (size_t k = 0; exchange->cached != NULL && k < exchange->component_count && status == TL_OK; k++) {
+        tl_twin_timing timing = {.rounds = 0};
+        bool is_timed = twin->now != NULL && twin->proof.has_midst && exchange->components[k].fmi->replay.most == 0;
+        if (exchange->cached[k].keep != TL_KEEP_AUTO) {
+            continue;
+        }
+        status = is_timed ? measure_repeated(twin, k, &timing, error) : TL_OK;
+        bool is_kept = timing.rounds == 0 || tl_twin_part_without_states(twin, k, &timing) >= 1.0;
+        exchange->cached[k].keep = is_kept ? TL_KEEP_STATES : TL_KEEP_NONE;
+        twin->synchroniser.ledger.executes[k] = !is_kept;
+    }
+    return status;
 }

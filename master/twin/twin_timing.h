@@ -1,7 +1,9 @@
-/* Timing of a component: distributions of the durations of its step, save and restore.
+/* Timing of a component: distributions of the durations of its step, save and restore; and the
+ *                         choice that follows from them.
  *
  * Purpose: `check` shows what a search costs on this machine. A deadline must allow for the longest
- *          of many executions.
+ *          of many executions. TL_KEEP_AUTO keeps states only if that takes less time than to
+ *          execute all steps again.
  * Unit:    ns, by the given clock; each value includes one clock reading.
  * Thread:  the twin's. After the measurement, execute no steps of the twin; only query it.
  */
@@ -35,5 +37,10 @@ typedef struct tl_twin_timing {
  * state of the start. */
 void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void *clock), void *clock, tl_time longest,
                             tl_twin_timing *timing);
+
+/* Returns the time of a component in a search without results kept, as a part of that with all
+ * states kept. Expects all evaluations of the budget, but for secant only as many as it needs for
+ * one Newton step, and one more. `timing`: with rounds. */
+double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing);
 
 #endif

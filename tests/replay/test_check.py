@@ -92,13 +92,14 @@ def test_it_proposes_to_keep_nothing():
                 "synchronise": {"adjust": {"large.u": {"nominal": 0, "step": 0.1}}, "match": {"large.y": {"to": "plant.y", "tolerance": 1}},
                                 "horizon": {"prediction": 20}, "algorithm": "nelder-mead"}}
     pages = []
-    for keep in "states", "none":
+    for keep in "states", "none", "auto":
         component["keep"] = keep
         path = scratch() / f"{keep}.json"
         path.write_text(json.dumps(document), encoding="utf-8")
         pages.append(run_well(["check", path]))
     expect_line(pages[0], 'large|"keep": "none"|times')
     expect_no_line(pages[1], "keep|times")
+    expect_line(pages[2], '"auto" keeps none')
 
 
 def test_a_free_run():

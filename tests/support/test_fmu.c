@@ -633,6 +633,9 @@ static fmi2Status get_state(fmi2Component component, fmi2FMUstate *state) {
     instance *self = component;
     saved *handle = *state;
     fmi2Status status = begin(self, TL_TEST_GET_STATE, ~0U);
+    if (self->fmu->control.clock != NULL) {
+        *self->fmu->control.clock += self->fmu->control.save_cost;
+    }
     if (status == fmi2OK) {
         if (handle != NULL && handle->owner != self) {
             violate(self, TL_TEST_GET_STATE, "foreign handle");

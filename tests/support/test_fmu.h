@@ -120,8 +120,9 @@ typedef struct tl_test_control {
      * NULL: no call. */
     void (*trace)(void *context, const tl_test_fmu *fmu, const tl_test_entry *step, uint64_t lineage);
     void *context;
-    tl_time *clock; /* a step adds `cost`; NULL: no clock */
-    tl_time cost;   /* ns */
+    tl_time *clock;    /* a step adds `cost`, saving a state `save_cost`; NULL: no clock */
+    tl_time cost;      /* ns */
+    tl_time save_cost; /* ns */
 } tl_test_control;
 
 struct tl_test_fmu {

@@ -19,7 +19,7 @@ static tl_time read_clock(void *context) {
     return now;
 }
 
-void setUp(void) {
+static void make_plan(void) {
     now = 0;
     tl_test_plan_init(&plan, TL_SECOND / 10);
     tl_test_fmu_init(&fmu, 1, true, &call_log);
@@ -32,11 +32,19 @@ void setUp(void) {
     tl_test_plan_signal(&plan, "y", TL_REAL, "");
     tl_test_plan_adjust(&plan, "motor.offset", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 0.01);
+}
+
+static void run_some_steps(void) {
     tl_test_run_build(&run, &plan);
     for (int i = 0; i < TICKS; i++) {
         tl_test_run_step(&run);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
     }
+}
+
+void setUp(void) {
+    make_plan();
+    run_some_steps();
     fmu.control.clock = &now;
     fmu.control.cost = COST;
 }
@@ -104,11 +112,55 @@ static void one_that_fails_is_not_told_of(void) {
     }
 }
 
+/* Builds the twin again, with a choice at its start. If step number `failing` (0: none) is made, it
+ * fails. */
+static void start_with(tl_keep keep, tl_time save_cost, bool has_clock, uint64_t failing) {
+    tearDown();
+    make_plan();
+    plan.components[0].keep = keep;
+    plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
+    plan.plan.now = has_clock ? read_clock : NULL;
+    fmu.control.clock = &now;
+    fmu.control.cost = COST;
+    fmu.control.save_cost = save_cost;
+    if (failing != 0) {
+        tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, failing, failing);
+    }
+    run_some_steps();
+}
+
+static void states_are_kept_if_that_is_faster(void) {
+    static const struct {
+        tl_time save_cost;
+        bool has_clock;
+        tl_keep chosen;
+    } cases[] = {{0, true, TL_KEEP_STATES}, {10 * COST, true, TL_KEEP_NONE}, {10 * COST, false, TL_KEEP_STATES}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        start_with(TL_KEEP_AUTO, cases[i].save_cost, cases[i].has_clock, 0);
+        tl_twin_ledger entry = tl_twin_get_ledger(run.twin, 0);
+        TEST_ASSERT_EQUAL_INT(cases[i].chosen, entry.keep);
+        start_with(cases[i].chosen, cases[i].save_cost, false, 0);
+        tl_twin_ledger same = tl_twin_get_ledger(run.twin, 0);
+        TEST_ASSERT_EQUAL_UINT64(same.executions, entry.executions);
+        TEST_ASSERT_EQUAL_UINT64(same.predicted, entry.predicted);
+        TEST_ASSERT_EQUAL_UINT64(entry.predicted, entry.executions);
+    }
+}
+
+/* The third of the repeated steps, which follow those of the proof. */
+static void states_are_kept_if_a_repeated_step_fails(void) {
+    start_with(TL_KEEP_STATES, 10 * COST, true, 0);
+    start_with(TL_KEEP_AUTO, 10 * COST, true, tl_twin_get_facts(run.twin).proved_executions + 3);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, tl_twin_get_ledger(run.twin, 0).keep);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(what_the_clock_says);
     RUN_TEST(no_longer_than_it_may_take);
     RUN_TEST(the_worst_is_one_of_many);
     RUN_TEST(one_that_fails_is_not_told_of);
+    RUN_TEST(states_are_kept_if_that_is_faster);
+    RUN_TEST(states_are_kept_if_a_repeated_step_fails);
     return UNITY_END();
 }
