@@ -139,6 +139,12 @@ static void warn_about_rest(tl_fmu_guarded *self) {
             "if the FMU reads them again, its results may be wrong");
         guard->was_writing_reported = true;
     }
+    if (guard->memory->heap->changes_environment && !guard->was_environment_reported) {
+        tl_fmu_logger_log(&guard->logger, TL_LOG_WARNING,
+                          "changes environment variables in its steps: a rollback does not undo this, also for "
+                          "candidates; if the FMU depends on them, its results may be wrong");
+        guard->was_environment_reported = true;
+    }
     if (guard->memory->heap->has_constructed && !guard->was_construction_reported) {
         tl_fmu_logger_log(
             &guard->logger, TL_LOG_WARNING,
@@ -416,7 +422,8 @@ static bool save_first(tl_fmu_guarded *self) {
     bool is_first = !guard->memory->heap->opens_outside;
     guard->memory->heap->opens_outside = true;
     if (!guard->was_proved) {
-        guard->memory->heap->writes_files = false; /* files written before the first state do no harm */
+        guard->memory->heap->writes_files = false; /* what was changed before the first state does no harm */
+        guard->memory->heap->changes_environment = false;
     }
     if (is_first && guard->instantiated != NULL && tl_fmu_memory_has_new_library(guard->memory, guard->instantiated)) {
         forget_instantiated(guard);

@@ -80,6 +80,7 @@ typedef struct tl_fmu_guard {
     uint32_t most; /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported;    /* private: the side effects that prevent a copy were logged */
+    bool was_environment_reported;  /* private: environment variables that it changes were logged */
     bool was_writing_reported;      /* private: files that it writes were logged */
     bool was_construction_reported; /* private: memory of a library that it opened in a step was logged */
     void *

@@ -1311,6 +1311,45 @@ int madvise(void *address, size_t size, int advice) {
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)
 
+/* ---- environment ---- */
+
+NEXT(int, setenv, (const char *, const char *, int))
+NEXT(int, unsetenv, (const char *))
+NEXT(int, putenv, (char *))
+
+/* The C library keeps the memory, so it must not be rolled back. */
+static tl_fmu_heap *note_environment(void) {
+    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);
+    if (heap != NULL) {
+        heap->changes_environment = true;
+    }
+    return heap;
+}
+
+int setenv(const char *name, const char *value, int replaces) {
+    find_setenv();
+    tl_fmu_heap *heap = note_environment();
+    int failed = own_setenv(name, value, replaces);
+    (void)tl_fmu_allocation_enter(heap);
+    return failed;
+}
+
+int unsetenv(const char *name) {
+    find_unsetenv();
+    tl_fmu_heap *heap = note_environment();
+    int failed = own_unsetenv(name);
+    (void)tl_fmu_allocation_enter(heap);
+    return failed;
+}
+
+int putenv(char *pair) {
+    find_putenv();
+    tl_fmu_heap *heap = note_environment();
+    int failed = own_putenv(pair);
+    (void)tl_fmu_allocation_enter(heap);
+    return failed;
+}
+
 /* ---- memory that the C library keeps ---- */
 
 /* These are macros in optimised builds. */
@@ -1340,8 +1379,6 @@ int madvise(void *address, size_t size, int advice) {
 int __cxa_atexit(void (*function)(void *), void *context, void *library);
 int __cxa_thread_atexit_impl(void (*function)(void *), void *context, void *library);
 
-OUTSIDE(int, setenv, (const char *name, const char *value, int replaces), (name, value, replaces))
-OUTSIDE(int, putenv, (char *pair), (pair))
 OUTSIDE(char *, setlocale, (int category, const char *locale), (category, locale))
 OUTSIDE(locale_t, newlocale, (int mask, const char *locale, locale_t base), (mask, locale, base))
 OUTSIDE(struct tm *, localtime, (const time_t *time), (time))

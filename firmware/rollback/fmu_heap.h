@@ -67,6 +67,7 @@ typedef struct tl_fmu_heap {
     uint32_t key_count;                      /* keys that calls have created and not deleted */
     unsigned keys[TL_FMU_HEAP_KEYS];         /* of type pthread_key_t, in order of creation */
     bool writes_files;                       /* a call has opened a file for writing, or has changed a folder */
+    bool changes_environment;                /* a call has changed an environment variable */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */

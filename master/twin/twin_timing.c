@@ -100,18 +100,31 @@ static double expected_evaluations(const tl_twin *twin) {
     return is_secant && newton < most ? newton : most;
 }
 
+/* Evaluations that are saved because others begin alike: with one unknown for each step, those that
+ * move one unknown share on average half of their steps. */
+static double alike(const tl_horizon *horizon, double evaluations) {
+    double moves = horizon->count < evaluations - 1.0 ? (double)horizon->count : evaluations - 1.0;
+    return horizon->count > horizon->variables ? 0.5 * moves : 0.0;
+}
+
+/* With all states kept, the first evaluation mostly needs one new step, because it continues the
+ * committed ones, and the commit needs none. */
 double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing) {
     const tl_horizon *horizon = &twin->synchroniser.horizon;
     double evaluations = expected_evaluations(twin);
     uint32_t reach = twin->exchange.reach != NULL ? horizon->reach[component] : horizon->prediction;
     double all = 1.0 + evaluations * reach;
     double later = (double)tl_horizon_next_need(horizon, component, reach);
-    double needed = 1.0 + reach + (evaluations - 1.0) * later;
+    double needed = 1.0 + (evaluations - 1.0 - alike(horizon, evaluations)) * later;
     double step = (double)timing->step.median;
     double save = (double)timing->save.median;
     double restores = evaluations * (double)timing->restore.median;
     double with_states = needed * (step + save) + restores;
     return with_states > 0.0 ? (all * step + save + restores) / with_states : 1.0;
+}
+
+static tl_time lasted(tl_time from, tl_time to, tl_time reading) {
+    return to - from > reading ? to - from - reading : 0;
 }
 
 /* From the saved start, and back to it. */
@@ -128,9 +141,12 @@ static bool repeat_step(stopwatch *self, fmi2FMUstate start) {
     if (tl_component_restore(self->component, start, &self->error) != TL_OK) {
         return false;
     }
-    insert_time(&self->steps, stepped - started_at);
-    insert_time(&self->saves, saved - stepped);
-    insert_time(&self->restores, self->now(self->clock) - saved);
+    tl_time restored = self->now(self->clock);
+    tl_time reading =
+        self->now(self->clock) - restored; /* each duration includes one, which may be longer than a step */
+    insert_time(&self->steps, lasted(started_at, stepped, reading));
+    insert_time(&self->saves, lasted(stepped, saved, reading));
+    insert_time(&self->restores, lasted(saved, restored, reading));
     return true;
 }
 

@@ -495,6 +495,20 @@ static void test_folders_and_names_that_are_changed(void) {
     TEST_ASSERT_EQUAL_INT(0, rmdir(place));
 }
 
+static void test_environment_that_is_changed(void) {
+    static char pair[] = "TWINLOCK_TEST=2";
+    tl_fmu_memory *memory = fmu.guard.memory;
+    for (int kind = 0; kind < 3; kind++) {
+        memory->heap->changes_environment = false;
+        tl_fmu_memory_enter(memory);
+        int failed = kind == 0 ? setenv("TWINLOCK_TEST", "1", 1) : kind == 1 ? putenv(pair) : unsetenv("TWINLOCK_TEST");
+        tl_fmu_memory_leave(memory);
+        TEST_ASSERT_EQUAL_INT(0, failed);
+        TEST_ASSERT_TRUE(memory->heap->changes_environment);
+    }
+    TEST_ASSERT_NULL(getenv("TWINLOCK_TEST"));
+}
+
 static int run_nothing(void *context) {
     (void)context;
     return 0;
@@ -592,6 +606,7 @@ int main(void) {
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
     RUN_TEST(test_folders_and_names_that_are_changed);
+    RUN_TEST(test_environment_that_is_changed);
     RUN_TEST(test_threads_that_are_not_started_by_posix);
     RUN_TEST(test_memory_that_was_reserved);
     RUN_TEST(test_thread_specific_values);
