@@ -41,6 +41,8 @@ CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
     (re.compile(r"\S+ \u00b5s (to save, step and restore; by its own state) \S+ \u00b5s"), r"* \1 *"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
+    (re.compile(r'(?m)^faster\n(?:  .* would take .*\n)+'), ""),
+    (re.compile(r'"auto" keeps \w+'), '"auto" keeps *'),
     (re.compile(r"(?:tested|looked at) \d+ times?, \S+ \u2026 \S+ s from the start"), "tested * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
     (re.compile(r"(?m)^(  states +).*"), r"\1*"),

@@ -571,7 +571,7 @@ static void print_limits(const tl_assembly *assembly, uint64_t memory, FILE *out
 }
 
 /* A shorter time is worth a line only from here on. */
-static const double WORTH_A_LINE = 0.8;
+static const double WORTH_A_LINE = 0.5;
 
 /* Returns the time of a component in a search without results kept, as a part of that with all
  * states kept; 1 if it cannot be measured. */
