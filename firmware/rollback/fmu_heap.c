@@ -1060,25 +1060,25 @@ int dup3(int descriptor, int wanted, int flags) {
 int tl_noted_fcntl(int descriptor, int command, ...) __asm__("fcntl");
 int tl_noted_fcntl64(int descriptor, int command, ...) __asm__("fcntl64");
 
+/* The C library also reads a pointer as third argument, whatever the command is. */
 static int note_duplicate(int command, int result) {
     return command == F_DUPFD || command == F_DUPFD_CLOEXEC ? note_descriptor(result) : result;
 }
 
-/* The C library also reads a pointer, whatever the command is. */
-#define READ_POINTER(pointer, command)                                                                                 \
-    va_list arguments;                                                                                                 \
-    va_start(arguments, command);                                                                                      \
-    void *pointer = va_arg(arguments, void *);                                                                         \
-    va_end(arguments)
-
 int tl_noted_fcntl(int descriptor, int command, ...) {
-    READ_POINTER(argument, command);
+    va_list arguments;
+    va_start(arguments, command);
+    void *argument = va_arg(arguments, void *);
+    va_end(arguments);
     find_fcntl();
     return note_duplicate(command, own_fcntl(descriptor, command, argument));
 }
 
 int tl_noted_fcntl64(int descriptor, int command, ...) {
-    READ_POINTER(argument, command);
+    va_list arguments;
+    va_start(arguments, command);
+    void *argument = va_arg(arguments, void *);
+    va_end(arguments);
     find_fcntl64();
     return note_duplicate(command, own_fcntl64(descriptor, command, argument));
 }
@@ -1309,8 +1309,6 @@ int madvise(void *address, size_t size, int advice) {
     return 0;
 }
 
-// NOLINTEND(readability-inconsistent-declaration-parameter-name)
-
 /* ---- environment ---- */
 
 NEXT(int, setenv, (const char *, const char *, int))
@@ -1349,6 +1347,8 @@ int putenv(char *pair) {
     (void)tl_fmu_allocation_enter(heap);
     return failed;
 }
+
+// NOLINTEND(readability-inconsistent-declaration-parameter-name)
 
 /* ---- memory that the C library keeps ---- */
 
