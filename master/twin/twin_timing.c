@@ -103,7 +103,8 @@ static double expected_evaluations(const tl_twin *twin) {
 /* Evaluations that are saved because others begin alike: with one unknown for each step, those that
  * move one unknown share on average half of their steps. */
 static double alike(const tl_horizon *horizon, double evaluations) {
-    double moves = horizon->count < evaluations - 1.0 ? (double)horizon->count : evaluations - 1.0;
+    double unknowns = (double)horizon->count;
+    double moves = unknowns < evaluations - 1.0 ? unknowns : evaluations - 1.0;
     return horizon->count > horizon->variables ? 0.5 * moves : 0.0;
 }
 
