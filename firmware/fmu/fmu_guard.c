@@ -129,29 +129,26 @@ static fmi2Status reject_copy(tl_fmu_guarded *self, const char *side_effect) {
     return fmi2Error;
 }
 
+static void warn_once(tl_fmu_guard *guard, bool is_found, bool *was_reported, const char *text) {
+    if (is_found && !*was_reported) {
+        tl_fmu_logger_log(&guard->logger, TL_LOG_WARNING, text);
+        *was_reported = true;
+    }
+}
+
 /* Side effects that copies do not contain. Most FMUs do not depend on them. */
 static void warn_about_rest(tl_fmu_guarded *self) {
     tl_fmu_guard *guard = self->guard;
-    if (guard->memory->heap->writes_files && !guard->was_writing_reported) {
-        tl_fmu_logger_log(
-            &guard->logger, TL_LOG_WARNING,
-            "writes, moves or removes files in its steps: a rollback does not undo this, also for candidates; "
-            "if the FMU reads them again, its results may be wrong");
-        guard->was_writing_reported = true;
-    }
-    if (guard->memory->heap->changes_environment && !guard->was_environment_reported) {
-        tl_fmu_logger_log(&guard->logger, TL_LOG_WARNING,
-                          "changes environment variables in its steps: a rollback does not undo this, also for "
-                          "candidates; if the FMU depends on them, its results may be wrong");
-        guard->was_environment_reported = true;
-    }
-    if (guard->memory->heap->has_constructed && !guard->was_construction_reported) {
-        tl_fmu_logger_log(
-            &guard->logger, TL_LOG_WARNING,
-            "opens a library in a step: a rollback does not restore memory that its constructors "
-            "allocate; if it changes later, results may be wrong: open (import) it before the first step");
-        guard->was_construction_reported = true;
-    }
+    const tl_fmu_heap *heap = guard->memory->heap;
+    warn_once(guard, heap->writes_files, &guard->was_writing_reported,
+              "writes, moves or removes files in its steps: a rollback does not undo this, also for candidates; "
+              "if the FMU reads them again, its results may be wrong");
+    warn_once(guard, heap->changes_environment, &guard->was_environment_reported,
+              "changes environment variables in its steps: a rollback does not undo this, also for candidates; "
+              "if the FMU depends on them, its results may be wrong");
+    warn_once(guard, heap->has_constructed, &guard->was_construction_reported,
+              "opens a library in a step: a rollback does not restore memory that its constructors "
+              "allocate; if it changes later, results may be wrong: open (import) it before the first step");
 }
 
 static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {

@@ -768,27 +768,13 @@ NEXT(FILE *, fopen64, (const char *, const char *))
 NEXT(DIR *, opendir, (const char *))
 NEXT(int, pipe, (int *))
 NEXT(int, pipe2, (int *, int))
-NEXT(int, dup, (int))
-NEXT(int, dup2, (int, int))
-NEXT(int, dup3, (int, int, int))
 NEXT(int, fcntl, (int, int, ...))
 NEXT(int, fcntl64, (int, int, ...))
 NEXT(int, socketpair, (int, int, int, int *))
-NEXT(int, epoll_create1, (int))
 NEXT(int, creat, (const char *, mode_t))
 NEXT(int, creat64, (const char *, mode_t))
-NEXT(int, mkdir, (const char *, mode_t))
-NEXT(int, mkdirat, (int, const char *, mode_t))
-NEXT(int, rmdir, (const char *))
-NEXT(int, unlink, (const char *))
-NEXT(int, unlinkat, (int, const char *, int))
-NEXT(int, remove, (const char *))
-NEXT(int, rename, (const char *, const char *))
-NEXT(int, renameat, (int, const char *, int, const char *))
 NEXT(int, thrd_create, (thrd_t *, thrd_start_t, void *))
 NEXT(int, timer_create, (clockid_t, struct sigevent *, timer_t *))
-NEXT(int, memfd_create, (const char *, unsigned))
-NEXT(int, eventfd, (unsigned, int))
 
 size_t malloc_usable_size(void *block) {
     if (block == NULL) {
@@ -1041,20 +1027,22 @@ int pipe2(int ends[2], int flags) {
     return note_pipe(own_pipe2(ends, flags), ends);
 }
 
-int dup(int descriptor) {
-    find_dup();
-    return note_descriptor(own_dup(descriptor));
-}
+/* Defines a function that calls the C library's function of the same name, and notes the result. */
+// NOLINTBEGIN(bugprone-macro-parentheses): a parameter list, and arguments that have their own
+#define NOTED(note, Name, Parameters, Arguments)                                                                       \
+    NEXT(int, Name, Parameters)                                                                                        \
+    int Name Parameters {                                                                                              \
+        find_##Name();                                                                                                 \
+        return note(own_##Name Arguments);                                                                             \
+    }
+// NOLINTEND(bugprone-macro-parentheses)
 
-int dup2(int descriptor, int wanted) {
-    find_dup2();
-    return note_descriptor(own_dup2(descriptor, wanted));
-}
-
-int dup3(int descriptor, int wanted, int flags) {
-    find_dup3();
-    return note_descriptor(own_dup3(descriptor, wanted, flags));
-}
+NOTED(note_descriptor, dup, (int descriptor), (descriptor))
+NOTED(note_descriptor, dup2, (int descriptor, int wanted), (descriptor, wanted))
+NOTED(note_descriptor, dup3, (int descriptor, int wanted, int flags), (descriptor, wanted, flags))
+NOTED(note_descriptor, epoll_create1, (int flags), (flags))
+NOTED(note_descriptor, memfd_create, (const char *name, unsigned flags), (name, flags))
+NOTED(note_descriptor, eventfd, (unsigned count, int flags), (count, flags))
 
 /* Own names, because the headers rename fcntl() on some machines. */
 int tl_noted_fcntl(int descriptor, int command, ...) __asm__("fcntl");
@@ -1088,30 +1076,24 @@ int socketpair(int domain, int type, int protocol, int ends[2]) {
     return note_pipe(own_socketpair(domain, type, protocol, ends), ends);
 }
 
-int epoll_create1(int flags) {
-    find_epoll_create1();
-    return note_descriptor(own_epoll_create1(flags));
-}
-
-int memfd_create(const char *name, unsigned flags) {
-    find_memfd_create();
-    return note_descriptor(own_memfd_create(name, flags));
-}
-
-int eventfd(unsigned count, int flags) {
-    find_eventfd();
-    return note_descriptor(own_eventfd(count, flags));
-}
-
 /* ---- files by name ---- */
 
 /* A rollback does not undo these. */
-static int note_written(int failed) {
-    if (failed >= 0 && tl_fmu_allocation_heap != NULL) {
+static int note_written(int result) {
+    if (result >= 0 && tl_fmu_allocation_heap != NULL) {
         tl_fmu_allocation_heap->writes_files = true;
     }
-    return failed;
+    return result;
 }
+
+NOTED(note_written, mkdir, (const char *path, mode_t mode), (path, mode))
+NOTED(note_written, mkdirat, (int folder, const char *path, mode_t mode), (folder, path, mode))
+NOTED(note_written, rmdir, (const char *path), (path))
+NOTED(note_written, unlink, (const char *path), (path))
+NOTED(note_written, unlinkat, (int folder, const char *path, int flags), (folder, path, flags))
+NOTED(note_written, remove, (const char *path), (path))
+NOTED(note_written, rename, (const char *from, const char *to), (from, to))
+NOTED(note_written, renameat, (int folder, const char *from, int other, const char *to), (folder, from, other, to))
 
 /* Own names, because the headers rename creat() on all machines. */
 int tl_noted_creat(const char *path, mode_t mode) __asm__("creat");
@@ -1125,46 +1107,6 @@ int tl_noted_creat(const char *path, mode_t mode) {
 int tl_noted_creat64(const char *path, mode_t mode) {
     find_creat64();
     return note_written(own_creat64(path, mode));
-}
-
-int mkdir(const char *path, mode_t mode) {
-    find_mkdir();
-    return note_written(own_mkdir(path, mode));
-}
-
-int mkdirat(int folder, const char *path, mode_t mode) {
-    find_mkdirat();
-    return note_written(own_mkdirat(folder, path, mode));
-}
-
-int rmdir(const char *path) {
-    find_rmdir();
-    return note_written(own_rmdir(path));
-}
-
-int unlink(const char *path) {
-    find_unlink();
-    return note_written(own_unlink(path));
-}
-
-int unlinkat(int folder, const char *path, int flags) {
-    find_unlinkat();
-    return note_written(own_unlinkat(folder, path, flags));
-}
-
-int remove(const char *path) {
-    find_remove();
-    return note_written(own_remove(path));
-}
-
-int rename(const char *from, const char *to) {
-    find_rename();
-    return note_written(own_rename(from, to));
-}
-
-int renameat(int folder, const char *from, int other, const char *to) {
-    find_renameat();
-    return note_written(own_renameat(folder, from, other, to));
 }
 
 /* ---- libraries ---- */

@@ -512,28 +512,25 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 
 /* A library that was opened by a name without a path is noticed only here, and only for FMUs in
  * Python. */
-static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *state) {
+bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state) {
+    const memory_state *kept = state;
     tl_error ignored;
     bool is_unknown = memory->folder == NULL && find_regions(memory, &ignored) != TL_OK;
-    for (size_t i = state->regions; i < memory->places.count; i++) {
+    for (size_t i = kept->regions; i < memory->places.count; i++) {
         is_unknown = is_unknown || memory->opened_as[i] == NULL;
     }
     return is_unknown;
 }
 
-bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state) {
-    return has_unknown_library(memory, state);
-}
-
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
-    return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
+    return tl_fmu_memory_has_unknown_library(memory, kept) || kept->regions != memory->places.count;
 }
 
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
-    return has_unknown_library(memory, state) ? "opened a library since the copy was made"
-           : !are_threads_asleep(memory)      ? "a thread"
-                                              : tl_fmu_memory_remaining(memory);
+    return tl_fmu_memory_has_unknown_library(memory, state) ? "opened a library since the copy was made"
+           : !are_threads_asleep(memory)                    ? "a thread"
+                                                            : tl_fmu_memory_remaining(memory);
 }
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
