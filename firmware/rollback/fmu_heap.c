@@ -1126,18 +1126,63 @@ static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     return library;
 }
 
-/* Returns the path of a library that an FMU opens: also of one that lies beside the library of the
- * caller, as an FMU's own libraries do. NULL: the C library must search it. */
-static const char *find_library(const void *caller, const char *path) {
-    static __thread char beside[PATH_MAX]; /* not on the stack of dlopen(), see there */
+static bool find_in(const char *folder, int length, const char *name, char path[PATH_MAX]) {
+    int written = snprintf(path, PATH_MAX, "%.*s/%s", length, folder, name);
+    return written > 0 && written < PATH_MAX && access(path, R_OK) == 0;
+}
+
+/* Searches in the folders that the loader would search for this library. */
+static bool find_in_search_path(void *library, const char *name, char path[PATH_MAX]) {
+    Dl_serinfo size;
+    bool is_found = false;
+    if (dlinfo(library, RTLD_DI_SERINFOSIZE, &size) != 0) {
+        return false;
+    }
+    Dl_serinfo *folders = own_malloc(size.dls_size);
+    if (folders != NULL && dlinfo(library, RTLD_DI_SERINFOSIZE, folders) == 0 &&
+        dlinfo(library, RTLD_DI_SERINFO, folders) == 0) {
+        for (unsigned i = 0; i < folders->dls_cnt && !is_found; i++) {
+            const char *folder = folders->dls_serpath[i].dls_name;
+            is_found = find_in(folder, (int)strlen(folder), name, path);
+        }
+    }
+    own_free(folders);
+    return is_found;
+}
+
+/* True if the loader has a library of this name already. */
+static bool is_loaded(const char *name) {
+    void *library = own_dlopen(name, RTLD_LAZY | RTLD_NOLOAD);
+    return library != NULL && dlclose(library) == 0;
+}
+
+/* Returns the path of a library that an FMU opens: one beside the library of the caller, as an
+ * FMU's own libraries are, or one in its search path. NULL: the C library must search it. */
+static const char *search_library(const void *caller, const char *name) {
+    static __thread char path[PATH_MAX]; /* not on the stack of dlopen(), see there */
     Dl_info info;
-    if (path == NULL || strchr(path, '/') != NULL) {
-        return path;
+    if (name == NULL || strchr(name, '/') != NULL) {
+        return name;
     }
     const char *end = dladdr(caller, &info) != 0 ? strrchr(info.dli_fname, '/') : NULL;
-    int folder = end == NULL ? 0 : (int)(end - info.dli_fname);
-    int length = end == NULL ? 0 : snprintf(beside, PATH_MAX, "%.*s/%s", folder, info.dli_fname, path);
-    return length > 0 && length < PATH_MAX && access(beside, R_OK) == 0 ? beside : NULL;
+    if (end == NULL || find_in(info.dli_fname, (int)(end - info.dli_fname), name, path)) {
+        return end == NULL ? NULL : path;
+    }
+    void *library = is_loaded(name) ? NULL : own_dlopen(info.dli_fname, RTLD_LAZY | RTLD_NOLOAD);
+    bool is_found = library != NULL && find_in_search_path(library, name, path);
+    if (library != NULL) {
+        (void)dlclose(library);
+    }
+    return is_found ? path : NULL;
+}
+
+/* Errors of the loader must not lie in the heap. Not inlined, so that dlopen() can end with a jump.
+ */
+static const char *__attribute__((noinline)) find_library(const void *caller, const char *name) {
+    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);
+    const char *found = search_library(caller, name);
+    (void)tl_fmu_allocation_enter(heap);
+    return found;
 }
 
 /* A name without a slash is searched in the folders of the caller, so the C library must see that

@@ -73,9 +73,10 @@ def compile_shared(binary, sources, macros, *folders):
 
 
 def package(fmu, description, binary, *companions):
+    """`companions`: pairs of a folder, relative to the binary, and a file."""
     platform = f"binaries/{PLATFORMS[machine()]}"
     compile_with(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={description}", f"{platform}/lag.so={binary}",
-                 *(f"{platform}/{companion.name}={companion}" for companion in companions))
+                 *(f"{os.path.normpath(f'{platform}/{folder}/{file.name}')}={file}" for folder, file in companions))
 
 
 def _text(value):

@@ -86,13 +86,15 @@ def make_limits(**macros):
 
 
 @functools.cache
-def make_by_name():
-    """The path of one that opens its library by name in the first step: see by_name.c."""
+def make_by_name(searched="."):
+    """The path of one that opens its library by name in the first step: see by_name.c. The library lies in the folder `searched`,
+    relative to the FMU's binary, and is found by the binary's search path."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     hostile_fmu.compile_shared(folder / "libcount.so", [KEEPER / "count.c"], {})
-    hostile_fmu.compile_shared(folder / "lag.so", [KEEPER / "by_name.c", *hostile_fmu.OWN_STATE], {}, folder)
-    hostile_fmu.package(folder / "by_name.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so", folder / "libcount.so")
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-shared", f"-Wl,-rpath,$ORIGIN/{searched}",
+                             "-o", folder / "lag.so", KEEPER / "by_name.c", *hostile_fmu.OWN_STATE, "-lm")
+    hostile_fmu.package(folder / "by_name.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so", (searched, folder / "libcount.so"))
     return folder / "by_name.fmu"
 
 
