@@ -85,12 +85,12 @@ static tl_status fail_open(const char *path, const char *reason, tl_error *error
 }
 
 /* Returns the number of loaded libraries. The first call excludes the program's own from the
- * regions of FMUs in Python. */
+ * regions of FMUs. */
 static size_t count_loaded(void) {
     static bool has_begun;
     if (!has_begun) {
         has_begun = true;
-        tl_fmu_regions_exclude(0);
+        tl_fmu_regions_exclude();
     }
     return tl_fmu_regions_loaded();
 }
@@ -458,6 +458,19 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
                    advice);
 }
 
+/* As tl_fmu_regions_claim() expects it. */
+static const char *user_of(const char *folder, const tl_fmu_guard *guard) {
+    return guard->memory == NULL || guard->memory == &guard->own_memory ? folder : NULL;
+}
+
+void tl_library_claim(const char *path, const char *folder, const tl_fmu_guard *guard) {
+    void *opened = dlopen(path, RTLD_LAZY | RTLD_NOLOAD);
+    if (opened != NULL) {
+        tl_fmu_regions_claim(user_of(folder, guard), opened, SIZE_MAX);
+        (void)dlclose(opened);
+    }
+}
+
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error) {
     char path[PATH_MAX];
@@ -474,12 +487,10 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* dlopen() runs code of the FMU */
     void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     tl_fmu_guard_leave(guard);
-    if (guard->memory == NULL || guard->memory == &guard->own_memory) {
-        tl_fmu_regions_exclude(before);
-    }
     if (opened == NULL) {
         return fail_open_binary(path, label, dlerror(), error);
     }
+    tl_fmu_regions_claim(user_of(folder, guard), opened, before);
     status = resolve_symbols(opened, model, label, &functions, error);
     if (status == TL_OK) {
         status = check_version(guard, &functions, label, error);

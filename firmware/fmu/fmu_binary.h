@@ -48,4 +48,8 @@ tl_status tl_library_open(const char *path, tl_error *error);
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 
+/* Assigns a library that tl_library_open() has opened to an open FMU, so that the FMU's states
+ * contain its data if no other FMU uses it. */
+void tl_library_claim(const char *path, const char *folder, const tl_fmu_guard *guard);
+
 #endif

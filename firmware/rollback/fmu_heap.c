@@ -1115,13 +1115,13 @@ int tl_noted_creat64(const char *path, mode_t mode) {
  * copies do not contain their memory. */
 static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     (void)tl_fmu_allocation_enter(NULL);
-    heap->note_opening(heap->context, false);
+    heap->note_opening(heap->context, false, NULL);
     (void)tl_fmu_allocation_enter(heap->opens_outside ? NULL : heap);
     opening_heap = heap->opens_outside ? heap : NULL;
     void *library = own_dlopen(path, mode);
     opening_heap = NULL;
     (void)tl_fmu_allocation_enter(NULL);
-    heap->note_opening(heap->context, true);
+    heap->note_opening(heap->context, true, library);
     (void)tl_fmu_allocation_enter(heap);
     return library;
 }

@@ -40,8 +40,9 @@ typedef struct tl_fmu_heap_thread {
     int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
 } tl_fmu_heap_thread;
 
-/* Called before and after a call of the FMU opens a library whose path is known. */
-typedef void tl_fmu_heap_note_opening(void *context, bool is_opened);
+/* Called before and after a call of the FMU opens a library whose path is known. `library`: what
+ * dlopen() has returned; NULL before. */
+typedef void tl_fmu_heap_note_opening(void *context, bool is_opened, void *library);
 
 /* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {

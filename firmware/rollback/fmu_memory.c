@@ -311,32 +311,31 @@ static bool begins_with(const tl_fmu_regions *now, const tl_fmu_regions *known) 
  * the others. */
 static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     tl_fmu_regions now;
-    unsigned long long opened = tl_fmu_regions_opened();
-    if (memory->are_found && opened == memory->opened) {
+    unsigned long long changed = tl_fmu_regions_changed();
+    if (memory->are_found && changed == memory->changed) {
         return TL_OK;
     }
     tl_status status = tl_fmu_regions_find(memory->folder, &now, error);
     if (status == TL_OK && memory->are_found && !begins_with(&now, &memory->places)) {
-        return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has closed a library");
+        return tl_fail(error, TL_FMU_FAILED,
+                       "its memory cannot be copied, because it has closed a library, or another FMU has opened the "
+                       "same one");
     }
     memory->places = now;
     memory->are_found = status == TL_OK;
-    memory->opened = opened;
+    memory->changed = changed;
     return status;
 }
 
-/* A library that an FMU outside of Python opens is excluded from the regions of FMUs in Python.
- * The contents of new regions are kept, because earlier copies lack them. */
-static void note_opening(void *context, bool is_opened) {
+/* The contents of new regions are kept, because earlier copies lack them. */
+static void note_opening(void *context, bool is_opened, void *library) {
     tl_fmu_memory *memory = context;
     size_t known = memory->places.count;
     if (!is_opened) {
         memory->loaded = tl_fmu_regions_loaded();
         return;
     }
-    if (memory->folder != NULL) {
-        tl_fmu_regions_exclude(memory->loaded);
-    }
+    tl_fmu_regions_claim(memory->folder, library, memory->loaded);
     if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
         return;
     }

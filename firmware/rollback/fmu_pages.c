@@ -1,6 +1,7 @@
 /* Versions of large memory, see fmu_pages.h. */
 #include "firmware/rollback/fmu_pages.h"
 
+#include <dlfcn.h>
 #include <elf.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -274,10 +275,20 @@ typedef struct region_search {
     bool is_full;
 } region_search;
 
-/* Load addresses of the excluded libraries. If there are more, the last ones are not excluded. */
-enum { EXCLUDED = 1024 };
-static uintptr_t excluded[EXCLUDED];
-static size_t excluded_count;
+/* The users of libraries. The program is also the user of shared libraries. */
+static const char PROGRAM[] = "the program";
+static const char PYTHON[] = "FMUs in Python";
+
+typedef struct library_user {
+    uintptr_t address;  /* load address */
+    const char *folder; /* of the FMU, or one of the texts above */
+} library_user;
+
+/* If there are more libraries, the last ones have no user. */
+enum { LIBRARIES = 1024 };
+static library_user library_users[LIBRARIES];
+static size_t library_count;
+static unsigned long long shared_count; /* how often a library became shared */
 
 static void add(region_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
     tl_fmu_regions *places = self->places;
@@ -330,18 +341,21 @@ static bool is_below(const region_search *self, const char *name) {
            strncmp(path, self->folder, self->length) == 0 && path[self->length] == '/';
 }
 
-static bool is_excluded(uintptr_t address) {
+/* NULL: none. */
+static library_user *find_user(uintptr_t address) {
     size_t i = 0;
-    while (i < excluded_count && excluded[i] != address) {
+    while (i < library_count && library_users[i].address != address) {
         i++;
     }
-    return i < excluded_count;
+    return i < library_count ? &library_users[i] : NULL;
 }
 
 static int read_object(struct dl_phdr_info *object, size_t size, void *context) {
     region_search *self = context;
+    const library_user *user = find_user(object->dlpi_addr);
     (void)size;
-    if (self->folder != NULL ? is_below(self, object->dlpi_name) : !is_excluded(object->dlpi_addr)) {
+    if (self->folder != NULL ? is_below(self, object->dlpi_name) || (user != NULL && user->folder == self->folder)
+                             : user == NULL || user->folder == PYTHON) {
         add_object(self, object);
     }
     return 0;
@@ -360,31 +374,104 @@ size_t tl_fmu_regions_loaded(void) {
     return count;
 }
 
-/* In a process with FMUs, only Python modules use these libraries of the program. So their data
- * belongs to the FMUs. */
-static bool is_for_scripts(const char *name) {
-    static const char *const libraries[] = {"/libcrypto.so", "/libssl.so", "/libsqlite3.so"};
-    bool is_found = false;
-    for (size_t i = 0; i < sizeof libraries / sizeof libraries[0]; i++) {
-        is_found = is_found || strstr(name, libraries[i]) != NULL;
+/* Returns true if the path contains one of the names. */
+static bool is_one_of(const char *path, const char *const *names) {
+    while (*names != NULL && strstr(path, *names) == NULL) {
+        names++;
     }
-    return is_found;
+    return *names != NULL;
 }
 
-/* `context`: objects that are still to be skipped. The loader lists them in order of opening. */
+/* In a process with FMUs, only the FMUs use these libraries of the program. */
+static const char *const unused_by_program[] = {"/libcrypto.so", "/libssl.so", "/libsqlite3.so", NULL};
+
+/* Nearly all FMUs in C++ share these libraries, and their data seldom changes. */
+static const char *const of_all[] = {"/libstdc++.so", "/libgcc_s.so", NULL};
+
+/* Returns true if the user of the library has changed. */
+static bool assign(uintptr_t address, const char *name, const char *folder) {
+    library_user *user = find_user(address);
+    if (user != NULL) {
+        bool is_new = user->folder != folder && user->folder != PROGRAM;
+        user->folder = is_new ? PROGRAM : user->folder;
+        shared_count += is_new;
+        return is_new;
+    }
+    if (library_count == LIBRARIES) {
+        return false;
+    }
+    library_users[library_count++] =
+        (library_user){.address = address, .folder = is_one_of(name, of_all) ? PROGRAM : folder};
+    return true;
+}
+
 static int exclude_object(struct dl_phdr_info *object, size_t size, void *context) {
-    size_t *skipped = context;
     (void)size;
-    if (*skipped > 0) {
-        --*skipped;
-    } else if (excluded_count < EXCLUDED && !is_excluded(object->dlpi_addr) && !is_for_scripts(object->dlpi_name)) {
-        excluded[excluded_count++] = object->dlpi_addr;
+    (void)context;
+    if (!is_one_of(object->dlpi_name, unused_by_program)) {
+        (void)assign(object->dlpi_addr, object->dlpi_name, PROGRAM);
     }
     return 0;
 }
 
-void tl_fmu_regions_exclude(size_t from) {
-    (void)dl_iterate_phdr(exclude_object, &from);
+void tl_fmu_regions_exclude(void) {
+    (void)dl_iterate_phdr(exclude_object, NULL);
+}
+
+/* Some machines do not relocate the addresses in this table. */
+static const char *text_at(const struct link_map *library, const char *texts, ElfW(Xword) offset) {
+    return (const char *)((uintptr_t)texts < library->l_addr ? library->l_addr : 0) + (uintptr_t)texts + offset;
+}
+
+static void claim_library(const char *folder, void *opened);
+
+static void claim_needed(const char *folder, const struct link_map *library) {
+    const char *texts = NULL;
+    for (const ElfW(Dyn) *entry = library->l_ld; entry->d_tag != DT_NULL; entry++) {
+        texts = entry->d_tag == DT_STRTAB ? (const char *)entry->d_un.d_ptr : texts;
+    }
+    for (const ElfW(Dyn) *entry = library->l_ld; entry->d_tag != DT_NULL; entry++) {
+        void *needed = entry->d_tag == DT_NEEDED
+                           ? dlopen(text_at(library, texts, entry->d_un.d_val), RTLD_LAZY | RTLD_NOLOAD)
+                           : NULL;
+        if (needed != NULL) {
+            claim_library(folder, needed);
+            (void)dlclose(needed);
+        }
+    }
+}
+
+/* The needs of a library whose user has not changed were claimed before. */
+static void claim_library(const char *folder, void *opened) {
+    struct link_map *library = NULL;
+    if (dlinfo(opened, RTLD_DI_LINKMAP, &library) == 0 && assign(library->l_addr, library->l_name, folder)) {
+        claim_needed(folder, library);
+    }
+}
+
+typedef struct library_claim {
+    const char *folder;
+    size_t skipped; /* objects that are still to be skipped; the loader lists them in order of opening */
+} library_claim;
+
+static int claim_object(struct dl_phdr_info *object, size_t size, void *context) {
+    library_claim *claim = context;
+    (void)size;
+    if (claim->skipped > 0) {
+        claim->skipped--;
+    } else {
+        (void)assign(object->dlpi_addr, object->dlpi_name, claim->folder);
+    }
+    return 0;
+}
+
+void tl_fmu_regions_claim(const char *folder, void *opened, size_t from) {
+    library_claim claim = {.folder = folder != NULL ? folder : PYTHON, .skipped = from};
+    if (opened != NULL) {
+        claim_library(claim.folder, opened);
+        (void)dlerror(); /* clears the errors of needs that are not open */
+    }
+    (void)dl_iterate_phdr(claim_object, &claim);
 }
 
 static int note_opened(struct dl_phdr_info *object, size_t size, void *context) {
@@ -393,10 +480,10 @@ static int note_opened(struct dl_phdr_info *object, size_t size, void *context) 
     return 1; /* all objects contain the same number */
 }
 
-unsigned long long tl_fmu_regions_opened(void) {
+unsigned long long tl_fmu_regions_changed(void) {
     unsigned long long opened = 0;
     (void)dl_iterate_phdr(note_opened, &opened);
-    return opened;
+    return opened + shared_count;
 }
 
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error) {

@@ -150,6 +150,9 @@ static void load_component(tl_assembly *assembly, size_t index) {
         return;
     }
     const tl_fmu *fmu = has_expected_hash(assembly, configured, file) ? load_fmu(assembly, file, configured) : NULL;
+    for (size_t i = 0; fmu != NULL && i < configured->library_count; i++) {
+        tl_library_claim(file->libraries[i], fmu->folder.path, &fmu->guard);
+    }
     if (fmu != NULL) {
         assembly->components[index] = (tl_plan_component){
             .where = configured->where,

@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """FMUs with wrong states of several kinds: the program finds each before the first step and names the kind."""
+import json
+
 import keeper_fmu
-from twinlock_test import NOT_LOCKED, SANITIZER, Skip, expect, expect_line, expect_no_line, has_line, main, run, run_well, scratch
+from twinlock_test import (FMUS, NOT_LOCKED, SANITIZER, Skip, expect, expect_line, expect_no_line, has_line, main, run, run_well, scratch,
+                           write_config)
 
 FMU_FAILED = 70
 KINDS = {"parameters": "parameters", "events": "events", "one": "handle", "late": "late"}  # lie of the FMU: word in the message
@@ -99,6 +102,23 @@ def test_a_library_that_the_first_step_opens_by_name():
         chosen = steps_of(keeper_fmu.config(fmu, "memory"))
         expect(chosen == steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory")), f"{searched}: steps of the proof are counted")
         expect(chosen == steps_of(keeper_fmu.config(fmu, "memory"), "--plain"), f"{searched}: other values without savings")
+
+
+def test_a_library_outside_of_the_fmu():
+    """Its variables belong to the states of the only FMU that uses it. If several use it, they belong to none, and the
+    proof finds that."""
+    if SANITIZER:
+        raise Skip("a sanitizer replaces the allocator: no copies of FMU memory")
+    fmu, library = keeper_fmu.make_needed()
+    path = keeper_fmu.config(fmu, "memory")
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["components"]["keeper0"]["libraries"] = [str(library)]
+    one = steps_of(write_config(document))
+    expect(one == steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory")), "other values than without a library")
+    document["components"]["other"] = {"fmu": str(FMUS / "lag.fmu"), "rollback": "state", "set": {"u": 0}, "libraries": [str(library)]}
+    code, _, err = run(["replay", write_config(document)])
+    expect(code == FMU_FAILED, f"{code}\n{err}")
+    expect_line(err, 'error|keeper0.y|step|"rollback"')
 
 
 def test_no_method():

@@ -99,6 +99,17 @@ def make_by_name(searched="."):
 
 
 @functools.cache
+def make_needed():
+    """The path of one like make_by_name(), and its library. The library is no part of the FMU, and has to be opened before it."""
+    folder = scratch()
+    hostile_fmu.describe(folder / "description.h")
+    hostile_fmu.compile_shared(folder / "libcount.so", [KEEPER / "count.c"], {})
+    hostile_fmu.compile_shared(folder / "lag.so", [KEEPER / "by_name.c", *hostile_fmu.OWN_STATE], {"NEEDED": 1}, folder)
+    hostile_fmu.package(folder / "needed.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
+    return folder / "needed.fmu", folder / "libcount.so"
+
+
+@functools.cache
 def make_met(**macros):
     """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
