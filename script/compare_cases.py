@@ -64,7 +64,7 @@ VARIANTS = {
     "sbplx": ("motor/lock", _synchronise(algorithm="sbplx")),
     "fallback": ("motor/d", _synchronise(algorithm="bobyqa", fallback="nelder-mead", stagnation=4,
                                          budget={"evaluations": 12})),
-    "noise_floor": ("motor/lock", _synchronise(noise_floor=5)),
+    "noise_floor": ("motor/lock", _synchronise(noise_floor=5, free_twin=True)),
     "margin": ("motor/lock", _synchronise(algorithm="nelder-mead", margin=0.6)),
     "outputs": ("motor/d", {"components": {"motor": {"keep": "outputs"}}}),
     "nodes": ("motor/c", _synchronise(algorithm="bobyqa", saving={"nodes": 2})),

@@ -107,11 +107,11 @@ def test_a_wrong_model_that_swings_is_not_left_alone():
 
 
 def test_check_and_summary_have_the_free_twin():
+    checked = edited_config("motor/lock.json", {"synchronise": {"free_twin": True}})
+    expect_line(run_well(["check", checked]), "free twin|3 executions")
     out = run_well(["check", config_path("motor/lock.json")])
-    expect_line(out, "free twin|3 executions")
-    out = run_well(["check", edited_config("motor/lock.json", {"synchronise": {"free_twin": False}})])
     expect("free twin" not in out, out)
-    out = run_well(["replay", config_path("motor/lock.json"), "--verbose"])
+    out = run_well(["replay", checked, "--verbose"])
     expect_line(out, "free twin|0.0 %|0 times")
     expect_line(out, "8406|executions")
 
