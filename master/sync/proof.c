@@ -174,6 +174,9 @@ static void note_outputs(const tl_exchange *exchange, const tl_graph *graph, dou
 
 #define NO_COMPONENT SIZE_MAX
 
+static const char REMEDY[] =
+    "set \"rollback\": \"auto\" in the component; if it is set, no method is exact: export the FMU again";
+
 /* After `step` + 1 steps from a state: compares the outputs of all FMUs with the noted ones, to the
  * bit. A wrong output affects others one step later, so the first one that differs is the culprit.
  */
@@ -189,9 +192,8 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
             *culprit = port->node;
             return tl_fail(
                 error, TL_FMU_FAILED,
-                "%s.%s is not the same after a rollback and %d repeated step%s: the FMU is not restored exactly; set "
-                "another \"rollback\" in the component",
-                graph->components[port->node].name, port->variable->name, step + 1, step == 0 ? "" : "s");
+                "%s.%s is not the same after a rollback and %d repeated step%s: the FMU is not restored exactly; %s",
+                graph->components[port->node].name, port->variable->name, step + 1, step == 0 ? "" : "s", REMEDY);
         }
     }
     return TL_OK;
@@ -210,8 +212,8 @@ static tl_status note_or_compare_hashes(const tl_exchange *exchange, uint64_t *h
             *culprit = i;
             return tl_fail(error, TL_FMU_FAILED,
                            "%s: an internal variable is not the same after a rollback and %d repeated steps: the FMU "
-                           "is not restored exactly; set another \"rollback\" in the component",
-                           component->name, steps);
+                           "is not restored exactly; %s",
+                           component->name, steps, REMEDY);
         }
         hashes[i] = is_noted ? hashes[i] : hash;
     }
