@@ -12,7 +12,7 @@
 
 #include "firmware/base/text.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 
 /* ---- fmu message ---- */
 
@@ -208,14 +208,14 @@ static void note_last(tl_fmu_logger *logger, const char *text) {
 
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
-    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* allocations of this function do not belong to the FMU */
+    tl_fmu_heap *heap = tl_fmu_libc_enter(NULL); /* allocations of this function do not belong to the FMU */
     char text[TL_LOG_TEXT];
     char name[WORD_TEXT];
     char kind[WORD_TEXT];
     tl_fmu_call call;
     tl_fmu_logger *logger = find_logger(environment);
     if (message == NULL) {
-        (void)tl_fmu_allocation_enter(heap);
+        (void)tl_fmu_libc_enter(heap);
         return;
     }
     if (logger != NULL && logger->plain) {
@@ -243,7 +243,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_log_limited(logger != NULL ? &logger->limiter : &unknown_limiter, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
-    (void)tl_fmu_allocation_enter(heap);
+    (void)tl_fmu_libc_enter(heap);
 }
 
 void tl_fmu_logger_log(tl_fmu_logger *logger, tl_log_level level, const char *text) {

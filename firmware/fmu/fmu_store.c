@@ -13,7 +13,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
-#include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 
 /* Length of a path in errors; only its end is shown. */
 enum { LABEL = 120 };
@@ -91,7 +91,7 @@ static tl_status open_memory(tl_fmu *fmu, tl_error *error) {
  * is used first: own states, memory, replay. */
 static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
-    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves();
+    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_libc_serves();
     fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
     fmu->guard.is_free = wanted == TL_ROLLBACK_NONE;
     fmu->guard.most = TL_REPLAY_STEPS;
@@ -124,13 +124,13 @@ void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
 }
 
 void tl_fmu_prepare(void) {
-    if (tl_fmu_allocation_serves()) {
+    if (tl_fmu_libc_serves()) {
         tl_fmu_written_begin();
     }
 }
 
 size_t tl_fmu_used(void) {
-    return tl_fmu_allocation_used();
+    return tl_fmu_libc_used();
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {

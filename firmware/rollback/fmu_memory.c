@@ -14,6 +14,7 @@
 
 #include "firmware/base/text.h"
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 #include "firmware/rollback/fmu_pages.h"
 
 /* Extra room in a state, so that it can be reused if the FMU allocates a little memory in each
@@ -45,7 +46,7 @@ static tl_fmu_heap_note_opening note_opening;
 
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
-    memory->heap = tl_fmu_allocation_open(RESERVED, error);
+    memory->heap = tl_fmu_libc_open(RESERVED, error);
     if (memory->heap == NULL) {
         return TL_TRY_AGAIN;
     }
@@ -357,7 +358,7 @@ static bool wait_until_asleep(tl_fmu_heap *heap) {
     int quiet = 0;
     for (int i = 0; i < MOST_ROUNDS && quiet < QUIET_ROUNDS; i++) {
         (void)nanosleep(&(struct timespec){.tv_nsec = ROUND_NS}, NULL);
-        quiet = tl_fmu_heap_threads_ran(heap) ? 0 : quiet + 1;
+        quiet = tl_fmu_libc_threads_ran(heap) ? 0 : quiet + 1;
     }
     return quiet >= QUIET_ROUNDS;
 }
@@ -367,11 +368,11 @@ static bool wait_until_asleep(tl_fmu_heap *heap) {
 static bool are_threads_asleep(tl_fmu_memory *memory) {
     tl_fmu_heap *heap = memory->heap;
     if (heap->threads_started == memory->settled_threads) {
-        heap->has_threads = heap->has_threads || (heap->threads_started > 0 && tl_fmu_heap_threads_ran(heap));
+        heap->has_threads = heap->has_threads || (heap->threads_started > 0 && tl_fmu_libc_threads_ran(heap));
         return !heap->has_threads;
     }
     bool is_asleep = wait_until_asleep(heap);
-    uint32_t live = tl_fmu_heap_threads_alive(heap);
+    uint32_t live = tl_fmu_libc_threads_alive(heap);
     heap->has_threads = heap->has_threads || !is_asleep || (memory->are_found && live > memory->live_threads);
     memory->settled_threads = heap->threads_started;
     memory->live_threads = live;
@@ -454,7 +455,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     kept->raised = memory->raised;
     kept->flags = memory->flags;
     kept->key_count = memory->heap->key_count;
-    tl_fmu_heap_read_keys(memory->heap, kept->keys);
+    tl_fmu_libc_read_keys(memory->heap, kept->keys);
     return TL_OK;
 }
 
@@ -553,7 +554,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;
     memory->flags = kept->flags;
-    tl_fmu_heap_write_keys(memory->heap, kept->keys, kept->key_count);
+    tl_fmu_libc_write_keys(memory->heap, kept->keys, kept->key_count);
 }
 
 void tl_fmu_memory_forget(void *state) {

@@ -25,6 +25,7 @@
 #include <stdint.h>
 
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 #include "firmware/rollback/fmu_pages.h"
 
 /* ---- Side effects: what an FMU leaves outside of its memory.
@@ -88,7 +89,7 @@ typedef struct tl_fmu_memory {
     char left[TL_FMU_SIDE_EFFECT_TEXT];   /* side effect that was found; "": none */
 } tl_fmu_memory;
 
-/* Call it before the FMU is loaded, if tl_fmu_allocation_serves(). `folder`: absolute path without
+/* Call it before the FMU is loaded, if tl_fmu_libc_serves(). `folder`: absolute path without
  * links, from which the FMU will be loaded; it must remain valid. The heap exists until the process
  * ends, as the FMU's library does. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
@@ -164,11 +165,11 @@ static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
         (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
     }
     memory->heap->was_written = true;
-    (void)tl_fmu_allocation_enter(memory->heap);
+    (void)tl_fmu_libc_enter(memory->heap);
 }
 
 static inline void tl_fmu_memory_leave(tl_fmu_memory *memory) {
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         tl_fmu_memory_keep_flags(memory);
     }

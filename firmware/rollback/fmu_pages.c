@@ -419,33 +419,41 @@ void tl_fmu_regions_exclude(void) {
 }
 
 /* Some machines do not relocate the addresses in this table. */
-static const char *text_at(const struct link_map *library, const char *texts, ElfW(Xword) offset) {
-    return (const char *)((uintptr_t)texts < library->l_addr ? library->l_addr : 0) + (uintptr_t)texts + offset;
+static const char *text_at(const struct link_map *library, uintptr_t texts, uintptr_t offset) {
+    uintptr_t address = (texts < library->l_addr ? library->l_addr : 0) + texts + offset;
+    const char *text;
+    memcpy(&text, &address, sizeof text);
+    return text;
 }
 
-static void claim_library(const char *folder, void *opened);
+/* Libraries with a new user. Their needs follow. */
+typedef struct library_queue {
+    size_t count;
+    struct link_map *library[LIBRARIES];
+} library_queue;
 
-static void claim_needed(const char *folder, const struct link_map *library) {
-    const char *texts = NULL;
+/* The needs of a library whose user has not changed were claimed before. */
+static void enqueue(library_queue *queue, const char *folder, void *opened) {
+    struct link_map *library = NULL;
+    if (dlinfo(opened, RTLD_DI_LINKMAP, &library) == 0 && queue->count < LIBRARIES &&
+        assign(library->l_addr, library->l_name, folder)) {
+        queue->library[queue->count++] = library;
+    }
+}
+
+static void enqueue_needs(library_queue *queue, const char *folder, const struct link_map *library) {
+    uintptr_t texts = 0;
     for (const ElfW(Dyn) *entry = library->l_ld; entry->d_tag != DT_NULL; entry++) {
-        texts = entry->d_tag == DT_STRTAB ? (const char *)entry->d_un.d_ptr : texts;
+        texts = entry->d_tag == DT_STRTAB ? entry->d_un.d_ptr : texts;
     }
     for (const ElfW(Dyn) *entry = library->l_ld; entry->d_tag != DT_NULL; entry++) {
         void *needed = entry->d_tag == DT_NEEDED
                            ? dlopen(text_at(library, texts, entry->d_un.d_val), RTLD_LAZY | RTLD_NOLOAD)
                            : NULL;
         if (needed != NULL) {
-            claim_library(folder, needed);
-            (void)dlclose(needed);
+            enqueue(queue, folder, needed);
+            (void)dlclose(needed); /* stays open, because the library needs it */
         }
-    }
-}
-
-/* The needs of a library whose user has not changed were claimed before. */
-static void claim_library(const char *folder, void *opened) {
-    struct link_map *library = NULL;
-    if (dlinfo(opened, RTLD_DI_LINKMAP, &library) == 0 && assign(library->l_addr, library->l_name, folder)) {
-        claim_needed(folder, library);
     }
 }
 
@@ -467,8 +475,12 @@ static int claim_object(struct dl_phdr_info *object, size_t size, void *context)
 
 void tl_fmu_regions_claim(const char *folder, void *opened, size_t from) {
     library_claim claim = {.folder = folder != NULL ? folder : PYTHON, .skipped = from};
+    library_queue queue = {.count = 0};
     if (opened != NULL) {
-        claim_library(claim.folder, opened);
+        enqueue(&queue, claim.folder, opened);
+        for (size_t i = 0; i < queue.count; i++) {
+            enqueue_needs(&queue, claim.folder, queue.library[i]);
+        }
         (void)dlerror(); /* clears the errors of needs that are not open */
     }
     (void)dl_iterate_phdr(claim_object, &claim);

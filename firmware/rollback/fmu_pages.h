@@ -55,8 +55,9 @@ void tl_fmu_regions_claim(const char *folder, void *opened, size_t from);
 
 /* Finds the regions of an FMU: of all loaded libraries in `folder`, an absolute path without links,
  * and in its subfolders, and of the libraries assigned to it. NULL: those of FMUs in Python, and of
- * libraries without an FMU. They are in the order in which the libraries were loaded. Creates the thread-local variables of this thread if they do not exist yet. Errors:
- * TL_FMU_FAILED if there are more than TL_FMU_REGIONS. */
+ * libraries without an FMU. They are in the order in which the libraries were loaded. Creates the
+ * thread-local variables of this thread if they do not exist yet. Errors: TL_FMU_FAILED if there
+ * are more than TL_FMU_REGIONS. */
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error);
 
 /* ---- Detection of written pages.

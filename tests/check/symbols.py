@@ -19,7 +19,7 @@ NEEDS = {"master": (["*"], "master_symbols.txt"), "board": (["can/*", "io/*"], "
 # Of the drivers' libraries: what would write to the plant.
 WRITES = re.compile(r"modbus_(write|mask_write|reply)|gpiod_\w*(set_value|_output)")
 # What an FMU asks the C library for, and gets from us: these stand in the place of its functions.
-REPLACES = ("rollback/fmu_heap.c.o",)
+REPLACES = ("rollback/fmu_libc.c.o",)
 FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
 
 

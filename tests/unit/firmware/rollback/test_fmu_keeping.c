@@ -16,6 +16,7 @@
 #include <unity.h>
 
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 
 enum { SKIPPED = 77, AT_EXIT = 70 };
 
@@ -43,22 +44,22 @@ static int count_in_object(struct dl_phdr_info *object, size_t size, void *conte
 
 static size_t count_kept(void) {
     size_t count = 0;
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
     (void)dl_iterate_phdr(count_in_object, &count);
     return count - before;
 }
 
 void setUp(void) {
     tl_error error;
-    heap = tl_fmu_allocation_open((size_t)1 << 24, &error);
+    heap = tl_fmu_libc_open((size_t)1 << 24, &error);
     TEST_ASSERT_NOT_NULL(heap);
     before = 0;
     before = count_kept();
-    (void)tl_fmu_allocation_enter(heap);
+    (void)tl_fmu_libc_enter(heap);
 }
 
 void tearDown(void) {
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
 }
 
 /* These allocations are freed with the heap. NOLINTBEGIN(clang-analyzer-unix.Malloc) */
@@ -79,7 +80,7 @@ static void test_the_environment(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TL_KEEPING", "1", 1));
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TL_KEEPING"));
     TEST_ASSERT_EQUAL_INT(0, count_kept());
-    (void)tl_fmu_allocation_enter(heap);
+    (void)tl_fmu_libc_enter(heap);
     TEST_ASSERT_EQUAL_INT(0, putenv(pair)); /* the library keeps the pair itself in no own memory */
     TEST_ASSERT_EQUAL_INT(0, count_kept());
     TEST_ASSERT_EQUAL_STRING("2", getenv("TL_KEEPING_TWO"));
@@ -114,7 +115,7 @@ static void test_time_zones(void) {
         TEST_ASSERT_EQUAL_size_t(4, strftime(text, sizeof text, "%Y", &parts));
         TEST_ASSERT_EQUAL_size_t(4, wcsftime(wide, 64, L"%Y", &parts));
         TEST_ASSERT_EQUAL_INT(0, count_kept());
-        (void)tl_fmu_allocation_enter(heap);
+        (void)tl_fmu_libc_enter(heap);
     }
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TZ"));
 }
@@ -158,7 +159,7 @@ static void test_other_tables(void) {
 /* NOLINTEND(clang-analyzer-unix.Malloc) */
 
 int main(void) {
-    if (!tl_fmu_allocation_serves()) {
+    if (!tl_fmu_libc_serves()) {
         printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }

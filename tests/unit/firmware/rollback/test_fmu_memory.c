@@ -588,7 +588,7 @@ static void test_thread_specific_values(void) {
 }
 
 int main(void) {
-    if (!tl_fmu_allocation_serves()) {
+    if (!tl_fmu_libc_serves()) {
         printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }

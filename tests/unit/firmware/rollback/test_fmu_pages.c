@@ -14,6 +14,7 @@
 #include <unity.h>
 
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 #include "firmware/rollback/fmu_pages.h"
 #include "tests/support/random_numbers.h"
 
@@ -398,7 +399,7 @@ static int run_without_kernel(void) {
 
 int main(void) {
     int status = 0;
-    if (!tl_fmu_allocation_serves()) {
+    if (!tl_fmu_libc_serves()) {
         printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }

@@ -13,6 +13,7 @@
 #include <unity.h>
 
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_libc.h"
 #include "tests/support/message.h"
 
 enum { SKIPPED = 77 };
@@ -28,13 +29,13 @@ static void *(*volatile take_again)(void *block, size_t size) = realloc;
 void setUp(void) {
     tl_error error;
     for (size_t i = 0; i < 2; i++) {
-        heaps[i] = tl_fmu_allocation_open(1 << 22, &error);
+        heaps[i] = tl_fmu_libc_open(1 << 22, &error);
         TEST_ASSERT_TRUE(heaps[i] != NULL);
     }
 }
 
 void tearDown(void) {
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
 }
 
 static bool is_in(const tl_fmu_heap *heap, const void *block) {
@@ -52,11 +53,11 @@ static void test_each_fmu_has_its_own_heap(void) {
     volatile size_t odd = 48; /* memalign() rounds it up to 64 */
     for (size_t i = 0; i < 2; i++) {
         void *block = NULL;
-        TEST_ASSERT_NULL(tl_fmu_allocation_enter(heaps[i]));
+        TEST_ASSERT_NULL(tl_fmu_libc_enter(heaps[i]));
         void *const taken[] = {malloc(10),        calloc(3, 7), realloc(NULL, 50), aligned_alloc(64, 128),
                                memalign(odd, 10), valloc(10),   pvalloc(10),       strdup("a text")};
         TEST_ASSERT_EQUAL_INT(0, posix_memalign(&block, 256, 10));
-        TEST_ASSERT_EQUAL_PTR(heaps[i], tl_fmu_allocation_enter(NULL));
+        TEST_ASSERT_EQUAL_PTR(heaps[i], tl_fmu_libc_enter(NULL));
         for (size_t k = 0; k < sizeof taken / sizeof taken[0]; k++) {
             TEST_ASSERT_TRUE(is_in(heaps[i], taken[k]));
             free(taken[k]);
@@ -77,18 +78,18 @@ static void test_each_fmu_has_its_own_heap(void) {
 
 static void test_a_block_goes_where_it_came_from(void) {
     char *outside = malloc(20);
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     char *inside = malloc(20);
     memcpy(inside, "inside", sizeof "inside");
     memcpy(outside, "outside", sizeof "outside");
     outside = grow(outside, 100000);
     TEST_ASSERT_FALSE(is_in(heaps[0], outside));
     TEST_ASSERT_EQUAL_STRING("outside", outside);
-    (void)tl_fmu_allocation_enter(heaps[1]);
+    (void)tl_fmu_libc_enter(heaps[1]);
     inside = grow(inside, 3000);
     TEST_ASSERT_TRUE(is_in(heaps[0], inside));
     TEST_ASSERT_EQUAL_STRING("inside", inside);
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(3000, malloc_usable_size(inside));
     volatile size_t none = 0;
     TEST_ASSERT_NULL(realloc(inside, none)); // NOLINT(clang-analyzer-optin.portability.UnixAPI): as it is here
@@ -98,7 +99,7 @@ static void test_a_block_goes_where_it_came_from(void) {
 }
 
 static void test_realloc_keeps_what_there_was(void) {
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     unsigned char *block = malloc(1);
     block[0] = 7;
     for (size_t size = 2; size < 200000; size += size / 3 + 1) {
@@ -114,7 +115,7 @@ static void test_realloc_keeps_what_there_was(void) {
 }
 
 static void test_calloc_is_zero_wherever_it_comes_from(void) {
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     for (int i = 0; i < 10; i++) {
         unsigned char *block = calloc(100, 10);
         for (size_t k = 0; k < 1000; k++) {
@@ -129,7 +130,7 @@ static void test_impossible_requests(void) {
     volatile size_t huge = SIZE_MAX / 2 + 1;
     void *block = &block;
     for (size_t i = 0; i < 2; i++) {
-        (void)tl_fmu_allocation_enter(i == 0 ? heaps[0] : NULL);
+        (void)tl_fmu_libc_enter(i == 0 ? heaps[0] : NULL);
         errno = 0;
         TEST_ASSERT_NULL(take(huge));
         TEST_ASSERT_EQUAL_INT(ENOMEM, errno);
@@ -152,15 +153,15 @@ static void test_impossible_requests(void) {
 static void test_the_number_of_heaps_is_limited(void) {
     tl_error error;
     size_t opened = 0;
-    while (opened <= TL_FMU_ALLOCATION_HEAPS && tl_fmu_allocation_open(1 << 16, &error) != NULL) {
+    while (opened <= TL_FMU_LIBC_HEAPS && tl_fmu_libc_open(1 << 16, &error) != NULL) {
         opened++;
     }
-    TEST_ASSERT_LESS_THAN_UINT64(TL_FMU_ALLOCATION_HEAPS, opened);
+    TEST_ASSERT_LESS_THAN_UINT64(TL_FMU_LIBC_HEAPS, opened);
     TL_EXPECT_PARTS("256", error.text);
 }
 
 static void test_a_heap_that_is_full(void) {
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     void *small = take(100);
     TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
     unsigned char *large = take_zeroed(3, 2 << 20); /* the heap has 4 MiB */
@@ -185,7 +186,7 @@ static void *allocate_besides(void *context) {
 static void test_another_thread_is_in_no_call(void) {
     pthread_t thread;
     void *block = NULL;
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, allocate_besides, NULL));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
     TEST_ASSERT_FALSE(is_in(heaps[0], block));
@@ -203,22 +204,22 @@ static void test_a_thread_that_is_allowed(void) {
     int pipes[2];
     TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
     heaps[0]->allows_threads = true;
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, allocate_besides, pipes));
-    (void)tl_fmu_allocation_enter(NULL);
-    while (tl_fmu_heap_threads_ran(heaps[0])) {
+    (void)tl_fmu_libc_enter(NULL);
+    while (tl_fmu_libc_threads_ran(heaps[0])) {
         sleep_shortly();
     }
-    TEST_ASSERT_EQUAL_UINT32(1, tl_fmu_heap_threads_alive(heaps[0]));
-    TEST_ASSERT_FALSE(tl_fmu_heap_threads_ran(heaps[0]));
+    TEST_ASSERT_EQUAL_UINT32(1, tl_fmu_libc_threads_alive(heaps[0]));
+    TEST_ASSERT_FALSE(tl_fmu_libc_threads_ran(heaps[0]));
     TEST_ASSERT_EQUAL_INT(1, write(pipes[1], "x", 1));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
-    TEST_ASSERT_TRUE(tl_fmu_heap_threads_ran(heaps[0]));
-    while (tl_fmu_heap_threads_alive(heaps[0]) > 0) { /* the kernel needs some time to end it */
+    TEST_ASSERT_TRUE(tl_fmu_libc_threads_ran(heaps[0]));
+    while (tl_fmu_libc_threads_alive(heaps[0]) > 0) { /* the kernel needs some time to end it */
         sleep_shortly();
-        (void)tl_fmu_heap_threads_ran(heaps[0]);
+        (void)tl_fmu_libc_threads_ran(heaps[0]);
     }
-    TEST_ASSERT_FALSE(tl_fmu_heap_threads_ran(heaps[0]));
+    TEST_ASSERT_FALSE(tl_fmu_libc_threads_ran(heaps[0]));
     TEST_ASSERT_TRUE(is_in(heaps[0], block));
     TEST_ASSERT_FALSE(heaps[0]->has_threads);
     TEST_ASSERT_EQUAL_INT(0, close(pipes[0]) + close(pipes[1]));
@@ -231,9 +232,9 @@ static void test_more_threads_than_are_watched(void) {
         pthread_t thread;
         void *block = NULL;
         TEST_ASSERT_FALSE(heaps[0]->has_threads);
-        (void)tl_fmu_allocation_enter(heaps[0]);
+        (void)tl_fmu_libc_enter(heaps[0]);
         TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, allocate_besides, NULL));
-        (void)tl_fmu_allocation_enter(NULL);
+        (void)tl_fmu_libc_enter(NULL);
         TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, &block));
         free(block);
     }
@@ -256,7 +257,7 @@ static void expect_bytes(unsigned char wanted, const unsigned char *bytes, size_
 
 static void test_private_mappings_are_in_the_heap(void) {
     enum { SIZE = 10000, PAGES = 3 * 4096 };
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     unsigned char *first = map_private(SIZE);
     unsigned char *second = map_private(SIZE);
     TEST_ASSERT_TRUE(is_in(heaps[0], first) && is_in(heaps[0], second) && first != second);
@@ -288,7 +289,7 @@ static void test_private_mappings_are_in_the_heap(void) {
 static void test_mappings_are_used_again(void) {
     unsigned char *mappings[8];
     size_t used = 0;
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     for (int round = 0; round < 100; round++) {
         for (size_t i = 0; i < 8; i++) {
             mappings[i] = map_private(4096);
@@ -302,13 +303,13 @@ static void test_mappings_are_used_again(void) {
 }
 
 static void test_memory_that_it_maps_is_noted(void) {
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *constant = mmap(NULL, 4096, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     TEST_ASSERT_FALSE(heaps[0]->has_outside_memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     void *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
     TEST_ASSERT_TRUE(heaps[0]->has_outside_memory);
     TEST_ASSERT_FALSE(heaps[1]->has_outside_memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
@@ -330,18 +331,18 @@ static void expect_the_first(void) {
 static void test_each_has_its_own_random_numbers(void) {
     expect_the_first();
     for (size_t i = 0; i < 2; i++) {
-        (void)tl_fmu_allocation_enter(heaps[i]);
+        (void)tl_fmu_libc_enter(heaps[i]);
         expect_the_first();
         srand(5);
         srand48(5);
     }
     long of_other = random();
     double word_of_other = drand48();
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     TEST_ASSERT_EQUAL_INT64(of_other, random());
     double word = drand48();
     TEST_ASSERT_EQUAL_DOUBLE(word_of_other, word);
-    (void)tl_fmu_allocation_enter(NULL);
+    (void)tl_fmu_libc_enter(NULL);
     TEST_ASSERT_EQUAL_INT(1681692777, rand()); /* the third number of the sequence */
 }
 
@@ -349,7 +350,7 @@ static void test_all_kinds_of_random_numbers(void) {
     char bytes[64];
     unsigned short words[3] = {1, 2, 3};
     unsigned short parameters[7] = {1, 2, 3, 4, 5, 6, 7};
-    (void)tl_fmu_allocation_enter(heaps[0]);
+    (void)tl_fmu_libc_enter(heaps[0]);
     srandom(9);
     long first = random();
     char *before = initstate(9, bytes, sizeof bytes);
@@ -377,7 +378,7 @@ static void test_all_kinds_of_random_numbers(void) {
 // NOLINTEND(cert-msc30-c,cert-msc50-cpp,cert-msc32-c,cert-msc51-cpp)
 
 int main(void) {
-    if (!tl_fmu_allocation_serves()) {
+    if (!tl_fmu_libc_serves()) {
         printf("skipped: not with a sanitizer\n");
         return SKIPPED;
     }
