@@ -284,7 +284,7 @@ const tl_plant_access tl_can_access = {
     .calls = "getsockopt setsockopt recvmsg",
     .sockets = sockets,
     .socket_count = sizeof sockets / sizeof sockets[0],
-    .address_bytes = sizeof(struct sockaddr_can),
+    .bind_address_bytes = sizeof(struct sockaddr_can),
     .commands = commands,
     .command_count = sizeof commands / sizeof commands[0],
 };

@@ -291,7 +291,7 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
 /* Waits for bytes or an interruption. Returns false if there is nothing to read. */
 static bool await(const tl_plant_io *io) {
     struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake.descriptor, .events = POLLIN}};
-    return poll(both, 2, WAIT_MS) > 0 && !tl_wake_answer(&io->wake) && (both[0].revents & POLLIN) != 0;
+    return poll(both, 2, WAIT_MS) > 0 && !tl_wake_clear(&io->wake) && (both[0].revents & POLLIN) != 0;
 }
 
 typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END } drained;
@@ -331,7 +331,7 @@ static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     *finished = false;
-    if (tl_wake_answer(&io->wake)) {
+    if (tl_wake_clear(&io->wake)) {
         return TL_OK;
     }
     if (io->file < 0 && !open_path(io, sink)) {

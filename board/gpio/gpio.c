@@ -215,7 +215,7 @@ static int read_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     bool was_in_doubt = own->input.doubtful;
     bool some = false;
     if (own->flooded) {
-        some = tl_gpio_input_newest(&own->input, level, stamp, &reading);
+        some = tl_gpio_input_resync(&own->input, level, stamp, &reading);
     } else if (tl_gpio_line_descriptor(own->line) < 0 && level != own->input.level) {
         some = tl_gpio_input_edge(&own->input, level, stamp, stamp, &reading); /* the best that is known */
     } else {
@@ -306,7 +306,7 @@ static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end
     const struct timespec longest = {.tv_sec = (time_t)(left > 0 ? left / TL_SECOND : 0),
                                      .tv_nsec = (long)(left > 0 ? left % TL_SECOND : 0)};
     int ready = ppoll(io->waits, count, &longest, NULL);
-    if (ready > 0 && io->waits[0].revents != 0 && tl_wake_answer(&io->wake)) {
+    if (ready > 0 && io->waits[0].revents != 0 && tl_wake_clear(&io->wake)) {
         return false;
     }
     for (nfds_t i = 1; i < count && ready > 0; i++) {
@@ -324,7 +324,7 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
     (void)error;
     *finished = false;
     tl_time end = tl_monotonic_now() + io->wait;
-    if (tl_wake_answer(&io->wake)) {
+    if (tl_wake_clear(&io->wake)) {
         return TL_OK;
     }
     for (size_t i = 0; i < io->count; i++) {

@@ -70,7 +70,7 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
     if (level != input->level) {
         bool believed = input->doubtful;
         input->doubtful = true;
-        return believed && tl_gpio_input_newest(input, level, stamp, reading);
+        return believed && tl_gpio_input_resync(input, level, stamp, reading);
     }
     input->doubtful = false;
     bool changed = tl_gpio_input_advance(input, stamp, reading);
@@ -81,7 +81,7 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
     return changed;
 }
 
-bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
+bool tl_gpio_input_resync(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
     input->missed += level != input->level ? 1 : 0;
     tl_time at = stamp > input->seen ? stamp : input->seen;
     bool changed = move(input, level, at, reading);

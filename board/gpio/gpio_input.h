@@ -71,7 +71,7 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
 
 /* Adds a level and accepts it at once. Call it if edges may have been dropped or not read. Older
  * edges are dropped from now on. */
-bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
+bool tl_gpio_input_resync(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
 /* Completes debouncing up to `now`. First add all edges before `now`. */
 bool tl_gpio_input_advance(tl_gpio_input *input, tl_time now, tl_reading *reading);

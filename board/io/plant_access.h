@@ -24,8 +24,8 @@ typedef struct tl_plant_access {
     const char *calls; /* names of further system calls, separated by spaces; any arguments; NULL: none */
     const tl_plant_socket *sockets;
     size_t socket_count;
-    uint32_t address_bytes;   /* length of the address that bind() may have; 0: no bind() */
-    const uint32_t *commands; /* that ioctl() may have */
+    uint32_t bind_address_bytes; /* length of the address that bind() may have; 0: no bind() */
+    const uint32_t *commands;    /* that ioctl() may have */
     size_t command_count;
     const char *read, *write; /* folder that it may read, or read and write, besides its sources' files; NULL: none */
 } tl_plant_access;

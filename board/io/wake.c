@@ -20,7 +20,7 @@ bool tl_wake_is_called(const tl_wake *wake) {
     return poll(&one, 1, 0) > 0;
 }
 
-bool tl_wake_answer(const tl_wake *wake) {
+bool tl_wake_clear(const tl_wake *wake) {
     eventfd_t count = 0;
     return eventfd_read(wake->descriptor, &count) == 0;
 }

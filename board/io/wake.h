@@ -28,7 +28,7 @@ void tl_wake_call(const tl_wake *wake);
 bool tl_wake_is_called(const tl_wake *wake);
 
 /* Returns whether a call was waiting, and answers it. */
-bool tl_wake_answer(const tl_wake *wake);
+bool tl_wake_clear(const tl_wake *wake);
 
 /* Closes the descriptor. Allowed twice, and after tl_wake_make() has failed. */
 void tl_wake_release(tl_wake *wake);

@@ -244,7 +244,7 @@ static bool is_connected(tl_plant_io *io, progress *now) {
     }
     char cause[TEXT];
     if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
-        now->interrupted = tl_wake_answer(&io->link->wake);
+        now->interrupted = tl_wake_clear(&io->link->wake);
         if (!now->interrupted) {
             set_link_down(io, now->sink, cause);
         }
@@ -279,7 +279,7 @@ static void send_all_due(tl_plant_io *io, progress *now) {
     if (now->answered) {
         tl_backoff_reset(&io->backoff);
     }
-    now->interrupted = (now->silent > 0 || now->over) && tl_wake_answer(&io->link->wake);
+    now->interrupted = (now->silent > 0 || now->over) && tl_wake_clear(&io->link->wake);
     if (now->silent == 0 || now->interrupted) {
         return;
     }
@@ -294,7 +294,7 @@ static void send_all_due(tl_plant_io *io, progress *now) {
 
 static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     (void)error;
-    progress now = {.sink = sink, .interrupted = tl_wake_answer(&io->link->wake)};
+    progress now = {.sink = sink, .interrupted = tl_wake_clear(&io->link->wake)};
     *finished = false;
     io->polls++;
     if (!now.interrupted && is_connected(io, &now)) {

@@ -835,7 +835,7 @@ static bool begin_recording(guarded *self) {
     }
     self->by_replay = self->guard->by_replay;
     *self->replay = (tl_fmu_replay){.most = self->guard->most,
-                                    .was_reported = &self->guard->functions.replay,
+                                    .results = &self->guard->functions.replay,
                                     .functions = &self->guard->functions,
                                     .instance = self,
                                     .reset = reset_to_start};

@@ -91,11 +91,11 @@ double tl_conditioner_between(tl_time low_pass, const tl_conditioned *before, co
 static tl_conditioned apply_low_pass(tl_conditioner *self, const tl_reading *reading) {
     tl_conditioned filtered = {.reading = *reading, .smooth = reading->value};
     if (self->condition.low_pass > 0 && !self->is_empty) {
-        double smooth = filter_line(self->condition.low_pass, &self->heard, reading);
+        double smooth = filter_line(self->condition.low_pass, &self->last_smoothed, reading);
         filtered.smooth = isfinite(smooth) ? smooth : reading->value;
     }
     self->is_empty = false;
-    self->heard = filtered;
+    self->last_smoothed = filtered;
     return filtered;
 }
 

@@ -55,7 +55,7 @@ typedef struct tl_conditioner {
     size_t count;                             /* readings in it since the filters started */
     size_t order[TL_CONDITIONER_MEDIAN];      /* indices in the window, sorted by value */
     bool is_empty;                            /* the low-pass has had no reading since it started */
-    tl_conditioned heard;                     /* last reading that entered the low-pass, and its output then */
+    tl_conditioned last_smoothed;             /* last reading that entered the low-pass, and its output then */
     bool has_accepted;
     tl_reading accepted;                          /* last accepted reading */
     uint32_t since;                               /* readings since the accepted one */

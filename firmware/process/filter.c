@@ -345,7 +345,7 @@ static const tl_plant_access names_access = {
     .calls = "recvmsg",
     .sockets = name_sockets,
     .socket_count = COUNT(name_sockets),
-    .address_bytes = sizeof(struct sockaddr_nl),
+    .bind_address_bytes = sizeof(struct sockaddr_nl),
     .commands = name_commands,
     .command_count = COUNT(name_commands),
 };
@@ -370,8 +370,8 @@ static void add_access(rules *list, const tl_plant_access *access) {
     if (access->calls != NULL) {
         allow_all(list, access->calls);
     }
-    if (access->address_bytes != 0) {
-        allow_one(list, "bind", IS(2, access->address_bytes));
+    if (access->bind_address_bytes != 0) {
+        allow_one(list, "bind", IS(2, access->bind_address_bytes));
     }
     for (size_t i = 0; i < access->socket_count; i++) {
         const tl_plant_socket *one = &access->sockets[i];

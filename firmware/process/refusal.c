@@ -91,8 +91,8 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     return true;
 }
 
-const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported) {
-    return *was_reported < refusals->count ? refusals->entries[(*was_reported)++].said : NULL;
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count) {
+    return *reported_count < refusals->count ? refusals->entries[(*reported_count)++].said : NULL;
 }
 
 bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls) {

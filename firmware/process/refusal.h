@@ -70,10 +70,10 @@ typedef struct tl_fmu_refusals {
  * of its process contain the current function. Returns true if there is a new message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
-/* Returns the next message that was not yet reported, or NULL. *was_reported counts
+/* Returns the next message that was not yet reported, or NULL. *reported_count counts
  * the reported messages; the caller sets it to 0 at first. The text is valid as long as `refusals`.
  */
-const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *was_reported);
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count);
 
 /* Returns true if the failure of the process may have been caused by a refused call: it was refused
  * in the FMI call that failed, or in none. Call it after the process has ended. */

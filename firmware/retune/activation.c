@@ -449,15 +449,16 @@ static void take_trial_line(void *context, const char *line) {
     self->reported_at = self->waited;
     if (report_problem(self, text)) {
         self->problems++;
-    } else if (level == TL_LOG_ERROR && self->heard[0] == '\0') {
-        (void)snprintf(self->heard, sizeof self->heard, "%s", text); /* part of the refusal, so it is sent only once */
+    } else if (level == TL_LOG_ERROR && self->first_error[0] == '\0') {
+        (void)snprintf(self->first_error, sizeof self->first_error, "%s",
+                       text); /* part of the refusal, so it is sent only once */
     } else {
         report_step(self, TL_CONTROL_TRY, "%s", text);
     }
 }
 
 static outcome begin_trial(tl_activation *self) {
-    self->heard[0] = '\0';
+    self->first_error[0] = '\0';
     self->problems = 0;
     report_step(self, TL_CONTROL_TRY, "loading, starting and rolling back the FMUs, beside the running twin");
     return start_worker(self, &(const tl_worker_job){.kind = TL_WORKER_TRIAL}, TRIAL_LIMIT, take_trial_line);
@@ -479,14 +480,14 @@ static outcome poll_trial(tl_activation *self) {
     if (is_done && (self->is_measured || self->way == TL_ACTIVATION_BY_RESTART)) {
         return DONE;
     }
-    if (self->heard[0] == '\0' && self->problems != 0) { /* the client has received them */
+    if (self->first_error[0] == '\0' && self->problems != 0) { /* the client has received them */
         return refuse_candidate(self, TL_CONTROL_INVALID, "the trial failed: %u problem%s", self->problems,
                                 self->problems == 1 ? "" : "s");
     }
     return refuse_candidate(self, TL_CONTROL_INVALID, "the trial failed: %s",
-                            self->heard[0] != '\0' ? self->heard
-                            : is_done              ? "no valid result"
-                                                   : self->worker.reason);
+                            self->first_error[0] != '\0' ? self->first_error
+                            : is_done                    ? "no valid result"
+                                                         : self->worker.reason);
 }
 
 /* ---- predict ---- */

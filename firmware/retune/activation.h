@@ -215,8 +215,9 @@ typedef struct tl_activation {
     tl_worker worker;
     tl_verdict verdict;
     tl_trial_answer answer;
-    char heard[TL_CONTROL_TEXT]; /* the trial's first error, except problems of the configuration's text; "": none */
-    uint32_t problems;           /* number of problems of the configuration's text that the trial logged */
+    char first_error
+        [TL_CONTROL_TEXT]; /* the trial's first error, except problems of the configuration's text; "": none */
+    uint32_t problems;     /* number of problems of the configuration's text that the trial logged */
     tl_rehearsal rehearsal;
     char leaving[TL_SHA256_TEXT]; /* hash of the run's configuration before a handover */
     tl_time passed;               /* ns from the previous poll to this one */

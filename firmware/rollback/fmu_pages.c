@@ -537,7 +537,7 @@ typedef struct scan_order {
     uint64_t inverted;
     uint64_t all_of;
     uint64_t any_of;
-    uint64_t was_reported;
+    uint64_t returned;
 } scan_order;
 
 #define SCAN _IOWR('f', 16, scan_order)
@@ -570,7 +570,7 @@ static bool find_written(const unsigned char *begin, size_t size, bool forget, t
                         .runs = (uintptr_t)runs,
                         .room = RUNS,
                         .all_of = IS_WRITTEN,
-                        .was_reported = IS_WRITTEN};
+                        .returned = IS_WRITTEN};
     while (order.walked < order.end) {
         order.begin = order.walked;
         int count = ioctl(map, SCAN, &order);

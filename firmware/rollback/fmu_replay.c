@@ -379,7 +379,7 @@ void tl_fmu_replay_begin(tl_fmu_replay *replay) {
     tl_fmu_prologue_end(&replay->prologue);
     if (replay->history.calls != NULL) {
         tl_fmu_history_begin(&replay->history);
-        replay->was_reported->is_over = false;
+        replay->results->is_over = false;
     }
     replay->phase = TL_FMU_REPLAY_BEGINS;
 }
@@ -417,7 +417,7 @@ static fmi2Status take_memory(tl_fmu_replay *replay) {
         tl_fmu_replay_end(replay);
         return fmi2Error;
     }
-    replay->was_reported->bytes = count_bytes(replay->most, calls_of_step(replay), size);
+    replay->results->bytes = count_bytes(replay->most, calls_of_step(replay), size);
     return fmi2OK;
 }
 
@@ -436,7 +436,7 @@ fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay) {
 
 /* Ends the replay if memory for a call was missing; reaching the limit of steps does not end it. */
 static void look_for_end(tl_fmu_replay *replay) {
-    replay->was_reported->is_over = replay->was_reported->is_over || replay->history.has_run_over;
+    replay->results->is_over = replay->results->is_over || replay->history.has_run_over;
 }
 
 static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2ValueReference *references, size_t count,
@@ -444,7 +444,7 @@ static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2Val
     const port_group known = group_of(replay, kind);
     if (known.count != count || (count != 0 && known.references != references)) {
         tl_fmu_history_lose(&replay->history);
-        replay->was_reported->is_over = true;
+        replay->results->is_over = true;
         return;
     }
     size_t size = bytes_of_values(kind, count);
@@ -498,7 +498,7 @@ void tl_fmu_replay_forget(tl_fmu_replay *replay, fmi2FMUstate *state) {
  * the original state. */
 static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, const void *values) {
     if (call->is_step) {
-        replay->was_reported->steps++;
+        replay->results->steps++;
         return replay->functions->do_step(replay->instance, call->now, call->size,
                                           call->is_final ? fmi2True : fmi2False);
     }
@@ -512,7 +512,7 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
     fmi2Status status = call_again(&made, replay->functions, replay->instance);
     if (status <= fmi2Warning && !known.is_set) {
         uint64_t gives = mark(replay->value_buffer, bytes_of_values(kind, known.count));
-        replay->was_reported->differs = replay->was_reported->differs || gives != call->gave;
+        replay->results->differs = replay->results->differs || gives != call->gave;
     }
     return status;
 }
@@ -525,7 +525,7 @@ static fmi2Status reset_instance(tl_fmu_replay *replay) {
         status = tl_fmu_prologue_play(&replay->prologue, replay->functions, replay->instance);
     }
     tl_time took = tl_clock_now(NULL) - started_at;
-    replay->was_reported->beginning = took > replay->was_reported->beginning ? took : replay->was_reported->beginning;
+    replay->results->beginning = took > replay->results->beginning ? took : replay->results->beginning;
     return status;
 }
 
@@ -563,8 +563,8 @@ fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
         return fmi2Error;
     }
     tl_fmu_history_begin(&replay->history);
-    replay->was_reported->is_over = false;
-    replay->was_reported->differs = false;
+    replay->results->is_over = false;
+    replay->results->differs = false;
     replay->phase = TL_FMU_REPLAY_PLAYS;
     fmi2Status status = reset_instance(replay);
     replay->phase = TL_FMU_REPLAY_NOTES;

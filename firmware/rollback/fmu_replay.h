@@ -174,7 +174,7 @@ typedef enum tl_fmu_replay_phase {
 /* Zeroed, except the fields before `phase`: ready to begin. */
 typedef struct tl_fmu_replay {
     uint32_t most;                               /* most steps from the start that can be rolled back */
-    tl_fmi2_replay *was_reported;                /* results, for the FMU's caller (fmi2.h) */
+    tl_fmi2_replay *results;                     /* results, for the FMU's caller (fmi2.h) */
     const tl_fmi2 *functions;                    /* the functions by which calls are repeated */
     fmi2Component instance;                      /* the instance for these calls */
     fmi2Status (*reset)(fmi2Component instance); /* resets the instance, so that it can be initialised */

@@ -99,7 +99,7 @@ static void take_settings(tl_synchroniser *synchroniser, const tl_plan *plan,
         .stagnation = plan->stagnation,
         .margin = plan->margin,
         .noise_floor = plan->noise_floor,
-        .held_inputs = plan->measurements == TL_AHEAD,
+        .uses_newest_sample = plan->measurements == TL_AHEAD,
     };
     memcpy(synchroniser->adjusted, settings->adjusted, sizeof synchroniser->adjusted);
 }
@@ -351,7 +351,7 @@ static tl_outcome improve(tl_step_search *search, double value) {
 /* True if the solver can guess but has no data of this twin yet. All outputs are within tolerance.
  * Without data, the twin would move freely within the tolerance until the first large error. */
 static bool needs_teaching(const tl_synchroniser *synchroniser) {
-    return !synchroniser->had_final_search && synchroniser->solver->is_new != NULL &&
+    return !synchroniser->has_taught_solver && synchroniser->solver->is_new != NULL &&
            synchroniser->solver->is_new(synchroniser->optimiser);
 }
 
@@ -359,7 +359,7 @@ static bool needs_teaching(const tl_synchroniser *synchroniser) {
  * without effect is not recorded. */
 static tl_outcome teach_solver(tl_step_search *search, double value) {
     tl_synchroniser *synchroniser = search->synchroniser;
-    synchroniser->had_final_search = true;
+    synchroniser->has_taught_solver = true;
     search->acquaints = true;
     run_search(search, value);
     bool searched = search->evaluations > 1;
@@ -542,7 +542,7 @@ static tl_status commit_found(tl_step_search *search, const double *u, tl_record
 }
 
 void tl_synchroniser_refresh(tl_synchroniser *synchroniser, int64_t step) {
-    if (synchroniser->held_inputs) {
+    if (synchroniser->uses_newest_sample) {
         tl_plant *plant = &synchroniser->exchange->plant;
         tl_plant_deliver(plant, tl_plant_shown(plant, step, plant->newest));
         tl_exchange_deliver(synchroniser->exchange);
@@ -713,7 +713,7 @@ static void forget_solver(const tl_optimiser_class *solver, tl_optimiser *optimi
 static void forget_courses(tl_synchroniser *synchroniser) {
     synchroniser->courses = 0;
     synchroniser->was_blind = false;
-    synchroniser->had_final_search = false;
+    synchroniser->has_taught_solver = false;
     forget_solver(synchroniser->solver, synchroniser->optimiser);
     forget_solver(synchroniser->fallback, synchroniser->second);
 }

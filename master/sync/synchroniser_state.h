@@ -84,11 +84,11 @@ typedef struct tl_synchroniser {
     double last_delta[TL_MAX_ADJUST]; /* u − û of the step committed last */
     bool has_last;                    /* a step was committed */
     int courses;                      /* number of steps in a row whose `course` is known: 0, 1, or 2 for more */
-    bool held_inputs;                 /* mode ahead: each step uses the newest sample in place of a later one */
+    bool uses_newest_sample;          /* mode ahead: each step uses the newest sample in place of a later one */
     bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
     bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool had_final_search;            /* the one search within tolerance, which gives the solver data, is done */
+    bool has_taught_solver;           /* the one search within tolerance, which gives the solver data, is done */
     tl_synchroniser_times times;
 } tl_synchroniser;
 

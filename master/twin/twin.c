@@ -759,7 +759,7 @@ void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, b
 
 /* ---- the end ---- */
 
-bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component) {
+bool tl_twin_has_dead_fmu(const tl_twin *twin, const tl_component *component) {
     for (size_t i = 0; i < twin->graph.component_count; i++) {
         const tl_component *other = &twin->graph.components[i];
         if (other->fmi == component->fmi && other->mode == TL_MODE_DEAD) {
@@ -774,13 +774,13 @@ void tl_twin_destroy(tl_twin *twin) {
         return;
     }
     for (size_t i = 0; i < twin->graph.component_count; i++) {
-        if (!tl_twin_is_lost(twin, &twin->graph.components[i])) {
+        if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_exchange_end_component(&twin->exchange, i);
             tl_event_horizon_forget(twin->event, i);
             tl_verifier_end_component(&twin->verifier, i);
             tl_free_twin_end_component(&twin->free_twin, i);
         }
-        if (!tl_twin_is_lost(twin, &twin->graph.components[i])) {
+        if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);
         }
     }

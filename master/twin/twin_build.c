@@ -306,7 +306,7 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         const tl_plan_component *description = &plan->components[i];
         tl_component *component = &twin->graph.components[i];
         tl_error error;
-        if (tl_twin_is_lost(twin, component)) {
+        if (tl_twin_has_dead_fmu(twin, component)) {
             continue;
         }
         if (!place_starts(twin, description, component)) {

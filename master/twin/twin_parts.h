@@ -80,6 +80,6 @@ tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);
 
 /* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this
  * FMU may be called any more. */
-bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);
+bool tl_twin_has_dead_fmu(const tl_twin *twin, const tl_component *component);
 
 #endif

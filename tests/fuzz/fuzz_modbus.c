@@ -251,7 +251,7 @@ bool tl_wake_is_called(const tl_wake *wake) {
     return woken;
 }
 
-bool tl_wake_answer(const tl_wake *wake) {
+bool tl_wake_clear(const tl_wake *wake) {
     bool was = woken;
     (void)wake;
     woken = false;

@@ -99,11 +99,11 @@ static void test_two_edges_to_the_same_level(void) {
 
 static void test_the_newest_level_wins(void) {
     start(0, false);
-    expect_reading(tl_gpio_input_newest(&input, true, 110 * MS, &reading), 1, 110 * MS);
+    expect_reading(tl_gpio_input_resync(&input, true, 110 * MS, &reading), 1, 110 * MS);
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
     TEST_ASSERT_FALSE(edge(true, 105)); /* late edges of the burst are dropped */
     TEST_ASSERT_FALSE(edge(false, 106));
-    expect_reading(tl_gpio_input_newest(&input, true, 112 * MS, &reading), 1, 112 * MS);
+    expect_reading(tl_gpio_input_resync(&input, true, 112 * MS, &reading), 1, 112 * MS);
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
 }
 
@@ -167,7 +167,7 @@ static void test_a_missed_edge_begins_the_time_anew(void) {
     TEST_ASSERT_EQUAL_UINT64(1, input.missed);
     TEST_ASSERT_FALSE(tl_gpio_input_advance(&input, 206 * MS, &reading));
     expect_reading(tl_gpio_input_advance(&input, 209 * MS, &reading), 1, 204 * MS);
-    TEST_ASSERT_FALSE(tl_gpio_input_newest(&input, true, 220 * MS, &reading)); /* the earlier level is unknown, too */
+    TEST_ASSERT_FALSE(tl_gpio_input_resync(&input, true, 220 * MS, &reading)); /* the earlier level is unknown, too */
     expect_reading(tl_gpio_input_level(&input, true, 225 * MS, &reading), 1, 225 * MS);
 }
 

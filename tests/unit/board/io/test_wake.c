@@ -26,7 +26,7 @@ static bool wait_for_a_call(int timeout_ms) {
 
 static void test_no_call(void) {
     TEST_ASSERT_FALSE(tl_wake_is_called(&wake));
-    TEST_ASSERT_FALSE(tl_wake_answer(&wake));
+    TEST_ASSERT_FALSE(tl_wake_clear(&wake));
     TEST_ASSERT_FALSE(wait_for_a_call(0));
 }
 
@@ -35,17 +35,17 @@ static void test_a_call_waits_until_it_is_answered(void) {
     TEST_ASSERT_TRUE(tl_wake_is_called(&wake));
     TEST_ASSERT_TRUE(tl_wake_is_called(&wake));
     TEST_ASSERT_TRUE(wait_for_a_call(0));
-    TEST_ASSERT_TRUE(tl_wake_answer(&wake));
+    TEST_ASSERT_TRUE(tl_wake_clear(&wake));
     TEST_ASSERT_FALSE(tl_wake_is_called(&wake));
-    TEST_ASSERT_FALSE(tl_wake_answer(&wake));
+    TEST_ASSERT_FALSE(tl_wake_clear(&wake));
 }
 
 static void test_several_calls_are_one(void) {
     tl_wake_call(&wake);
     tl_wake_call(&wake);
     tl_wake_call(&wake);
-    TEST_ASSERT_TRUE(tl_wake_answer(&wake));
-    TEST_ASSERT_FALSE(tl_wake_answer(&wake));
+    TEST_ASSERT_TRUE(tl_wake_clear(&wake));
+    TEST_ASSERT_FALSE(tl_wake_clear(&wake));
 }
 
 static void *call(void *context) {
@@ -59,7 +59,7 @@ static void test_another_thread_ends_a_wait(void) {
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&caller, NULL, call, &wake));
     TEST_ASSERT_TRUE(wait_for_a_call(60000));
     TEST_ASSERT_EQUAL_INT(0, pthread_join(caller, NULL));
-    TEST_ASSERT_TRUE(tl_wake_answer(&wake));
+    TEST_ASSERT_TRUE(tl_wake_clear(&wake));
     TEST_ASSERT_TRUE(tl_monotonic_now() - begun < 60 * TL_SECOND);
 }
 

@@ -91,16 +91,16 @@ static const tl_fmi2 functions = {.set_real = set_real,
                                   .get_boolean = get_boolean,
                                   .do_step = do_step};
 
-static tl_fmi2_replay was_reported;
+static tl_fmi2_replay results;
 static tl_fmu_replay replay;
 
 void setUp(void) {
     drift = 0.0;
     refuses_reset = false;
     resets = 0;
-    was_reported = (tl_fmi2_replay){.most = MOST};
+    results = (tl_fmi2_replay){.most = MOST};
     replay = (tl_fmu_replay){.most = MOST,
-                             .was_reported = &was_reported,
+                             .results = &results,
                              .functions = &functions,
                              .instance = &fmu,
                              .reset = reset,
@@ -157,8 +157,8 @@ static void test_to_any_place_in_any_order(void) {
         TEST_ASSERT_EQUAL_MEMORY(&then[order[i]], &fmu, sizeof fmu);
         (void)step(order[i], -5.0); /* from another state */
     }
-    TEST_ASSERT_FALSE(was_reported.differs || was_reported.is_over);
-    TEST_ASSERT_GREATER_THAN_UINT64(0, was_reported.steps);
+    TEST_ASSERT_FALSE(results.differs || results.is_over);
+    TEST_ASSERT_GREATER_THAN_UINT64(0, results.steps);
     for (unsigned i = 0; i < STEPS; i++) {
         tl_fmu_replay_forget(&replay, &states[i]);
         TEST_ASSERT_NULL(states[i]);
@@ -191,9 +191,9 @@ static void test_one_that_does_not_do_the_same_again(void) {
     (void)step(1, 1.0);
     drift = 1e-12;
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
-    TEST_ASSERT_TRUE(was_reported.differs);
+    TEST_ASSERT_TRUE(results.differs);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore_start(&replay));
-    TEST_ASSERT_FALSE(was_reported.differs);
+    TEST_ASSERT_FALSE(results.differs);
     tl_fmu_replay_forget(&replay, &state);
 }
 
@@ -223,7 +223,7 @@ static void test_too_far(void) {
     fmi2FMUstate state = NULL;
     for (unsigned i = 0; i < MOST; i++) {
         (void)step(i, 0.5);
-        TEST_ASSERT_FALSE(was_reported.is_over);
+        TEST_ASSERT_FALSE(results.is_over);
     }
     (void)step(MOST, 0.5);
     (void)tl_fmu_replay_save(&replay, &state);
@@ -236,13 +236,13 @@ static void test_too_far(void) {
 static void test_an_unknown_call(void) {
     static const fmi2ValueReference other[] = {5};
     tl_fmu_replay_note(&replay, TL_PROLOGUE_SET_REAL, other, 1, u, fmi2OK);
-    TEST_ASSERT_TRUE(was_reported.is_over);
+    TEST_ASSERT_TRUE(results.is_over);
 }
 
 static void test_without_ports(void) {
     tl_fmu_replay_end(&replay);
-    replay = (tl_fmu_replay){
-        .most = MOST, .was_reported = &was_reported, .functions = &functions, .instance = &fmu, .reset = reset};
+    replay =
+        (tl_fmu_replay){.most = MOST, .results = &results, .functions = &functions, .instance = &fmu, .reset = reset};
     tl_fmu_replay_begin(&replay);
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_start(&replay));
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore_start(&replay));

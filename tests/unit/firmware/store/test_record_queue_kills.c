@@ -4,7 +4,7 @@
  *
  * Ticks continue from process to process: each one finds the end of the one before in the queue.
  * Every second one resumes its run and repeats the sample without a step. Notes in other shared
- * memory have what was put for certain. TL_OUTBOX_LIVES is the number of processes. */
+ * memory have what was put for certain. TL_RECORD_QUEUE_PROCESSES is the number of processes. */
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -380,7 +380,7 @@ static void begin(void) {
 static void each_killed_writer_has_a_successor(void) {
     tl_test_random random = {1};
     char text[200];
-    int64_t lives = (int64_t)tl_test_campaign("TL_OUTBOX_LIVES", usual_lives());
+    int64_t lives = (int64_t)tl_test_campaign("TL_RECORD_QUEUE_PROCESSES", usual_lives());
     begin();
     for (life = 0; life < lives; life++) {
         pid_t self = getpid();
