@@ -88,7 +88,7 @@ static bool wait_until(tl_plant_readers *readers, tl_time instant) {
 }
 
 static tl_time grid_of(const source_thread *own) {
-    return own->source->run_start != NULL ? own->source->run_start(own->readers->context) : 0;
+    return own->source->run_start != NULL ? own->source->run_start(own->readers->context) : -1;
 }
 
 /* The driver has failed for good: reports its error, and posts TL_NO_LINK so that no old value

@@ -42,7 +42,7 @@ static void learn_lead(tl_poll_phase *self, tl_time needed) {
 
 /* Returns the first instant of the grid that is not before `earliest`. */
 static tl_time first_of_grid(tl_time origin, tl_time period, tl_time earliest) {
-    tl_time past = (earliest - origin % period) % period; /* no overflow, whatever the origin is */
+    tl_time past = (earliest - origin % period) % period; /* does not overflow */
     past += past < 0 ? period : 0;
     return past == 0 ? earliest : earliest + period - past;
 }
@@ -51,8 +51,8 @@ tl_time tl_poll_phase_next(tl_poll_phase *self, tl_time origin, tl_time now) {
     tl_time start = self->due - self->lead;
     tl_time earliest = now > start + self->period ? now : start + self->period;
     /* With the old lead, so that an increase of the lead skips no instant. */
-    self->due = first_of_grid(origin != 0 ? origin : self->due, self->period, earliest + self->lead);
-    if (origin != 0 && now - start <= self->period) {
+    self->due = first_of_grid(origin > 0 ? origin : self->due, self->period, earliest + self->lead);
+    if (origin >= 0 && now - start <= self->period) {
         learn_lead(self, now - start);
     }
     return self->due - self->lead;

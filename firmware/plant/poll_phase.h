@@ -34,9 +34,9 @@ typedef struct tl_poll_phase {
 void tl_poll_phase_begin(tl_poll_phase *self, tl_time period, tl_time now);
 
 /* The present poll has ended at `now`. Returns the start of the next one; it may have passed
- * already by an increase of the lead. `origin`: any instant of the grid, untrusted; 0: not known.
- * Then the grid and the lead stay as they are. If the grid changes, the next poll starts at least
- * one period after the present one. */
+ * already by an increase of the lead. `origin`: any positive instant of the grid; 0: not known, so
+ * the grid stays as it is; negative: the source is not phased, so the lead stays 0. If the grid
+ * changes, the next poll starts at least one period after the present one. */
 tl_time tl_poll_phase_next(tl_poll_phase *self, tl_time origin, tl_time now);
 
 #endif
