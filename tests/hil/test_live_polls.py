@@ -132,7 +132,7 @@ def test_ages_add_up():
         for share, key in (0.5, "p50_s"), (0.99, "p99_s"):
             age, shown = ages[math.ceil(share * len(ages)) - 1] * 1e-9, told["age"][key]
             expect(age < shown <= age * 17 / 16 + 1.1e-6, f"{key}: {shown}, recorded {age}")
-        texts = query(database, "SELECT text FROM events WHERE text LIKE 'values % old at their ticks%'")
+        texts = query(database, "SELECT text FROM events WHERE source = 'plant' AND text LIKE '%p50%p99%'")
         expect(len(texts) == 1 and texts[0][0] in log, f"{texts}")
         print(f"    step {step_s * 1e3:g} ms, polled every {period_s * 1e3:g} ms: {polls} polls, {told['ticks']} ticks, {texts[0][0]}")
 
