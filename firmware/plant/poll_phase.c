@@ -3,7 +3,7 @@
 
 #include <stdlib.h>
 
-enum { FIRST_WINDOW = 2, LATE_PERIODS = 10 };
+enum { FIRST_WINDOW = 2, LATE_PERIODS = 3 };
 
 /* Covers what differs from one window to the next. */
 static const tl_time MARGIN = TL_SECOND / 5000;

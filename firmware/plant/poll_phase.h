@@ -5,7 +5,7 @@
  * Method:  polls end before the instants origin + i·period. If the period divides T_S or is a
  *          multiple of it, a poll ends before each tick, or before every n-th. The lead is the time
  *          from the start of a poll to its instant. It is computed after each window of 2, 4, 8 …
- *          512 polls from the times that these needed. It minimises time + 10·period·(share of
+ *          512 polls from the times that these needed. It minimises time + 3·period·(share of
  *          longer times), and 0.2 ms are added: a poll that ends late costs a whole period. The
  *          time counts from the planned start, so it includes a late wake-up. A poll that is longer
  *          than the period is not counted, because no lead makes it end in time.
