@@ -5,11 +5,13 @@
 
 /* The unit of the bins is 1.024 µs. Below 16 units, each bin is one unit. From there on, a bin is
  * 1/16 of the largest power of two in the age. */
-enum { UNIT_BITS = 10, PART_BITS = 4, PARTS = 1 << PART_BITS };
+enum { UNIT_BITS = 10 };
+
+static const size_t PARTS = 16;
 
 static size_t bin_of(tl_time age) {
     uint64_t units = age > 0 ? (uint64_t)age >> UNIT_BITS : 0;
-    unsigned doublings = 0;
+    size_t doublings = 0;
     while (units >> doublings >= 2 * PARTS) {
         doublings++;
     }
