@@ -49,6 +49,19 @@ static void on_link(void *context, const char *source, bool up, const char *text
     tl_journal_event(&self->setup.journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
+/* t_start of the live twin. If a twin in the other slot has another one, it is the older one. The
+ * value is untrusted; it only sets the phase of polls. */
+static tl_time run_start(void *context) {
+    const io *self = context;
+    tl_time newest = 0;
+    for (int i = 0; i < TL_TWIN_SLOTS; i++) {
+        const tl_live_twin_status *twin = self->setup.blocks[TL_LIVE_TWIN_STATUS + i].bytes;
+        tl_time start = __atomic_load_n(&twin->start, __ATOMIC_RELAXED);
+        newest = start > newest ? start : newest;
+    }
+    return newest;
+}
+
 static tl_status open_plant(io *self, tl_error *error) {
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_sample_buffers_shape shape;
@@ -59,6 +72,7 @@ static tl_status open_plant(io *self, tl_error *error) {
                                              .buffers = buffers,
                                              .beats = self->beats,
                                              .on_link = on_link,
+                                             .run_start = run_start,
                                              .context = self};
     return tl_live_plant_open(&settings, &self->plant, error);
 }

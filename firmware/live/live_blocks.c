@@ -77,7 +77,7 @@ tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
     const unsigned slot = job->slot_index;
     const uint32_t recorded = ONE(TL_LIVE_RECORDER_STATUS) | BOTH(TL_LIVE_RESUME);
     const tl_live_access accesses[] = {
-        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_STATUS),
+        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_STATUS) | BOTH(TL_LIVE_TWIN_STATUS),
                            .writes = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
         [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_EVENTS) |
                                           ONE(TL_LIVE_SUPERVISOR_EVENTS) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |

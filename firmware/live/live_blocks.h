@@ -111,7 +111,7 @@ typedef struct tl_live_twin_status {
     uint64_t unreadable;         /* by the supervisor: `fmus` whose checkpoint ended a process; 0: none; kept */
     tl_live_request resume;      /* newest request for resume data; of a shadow: for samples; 0: none */
     int64_t resumed_from;        /* shadow: first tick of the requested samples; written before `resume` */
-    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC); 0: not known yet */
+    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC), also for io; 0: not known yet */
     int64_t started;             /* the same in UTC, ms since 1970; both are set before the twin is ready */
     uint32_t handed_over;        /* newest handover that this twin has completed */
     tl_live_tuning_answer tuned; /* answer to the newest tuning; kept for the config manager */

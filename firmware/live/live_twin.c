@@ -695,6 +695,11 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
     } else {
         tl_twin_recorder_check(&end->account, report_warning, &self->journal);
     }
+    if (end->summary.ages.values != 0) {
+        char ages[TL_AGES_TEXT];
+        tl_ages_write(&end->summary.ages, ages);
+        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "plant", "%s", ages);
+    }
     __atomic_store_n(&end->is_there, 1, __ATOMIC_RELEASE);
     return status;
 }

@@ -78,12 +78,21 @@ static tl_status open_driver(const tl_config *config, const tl_config_source *co
     return status;
 }
 
+/* True if a poll can end before each tick, or before every n-th tick. */
+static bool is_phased(const tl_config_source *source, tl_time step) {
+    tl_time period = tl_time_of_seconds(source->period_s);
+    return source->driver->is_polled && (period % step == 0 || step % period == 0);
+}
+
 /* Opens one configured source; skips it if no signal uses it. */
-static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_heartbeats *beats,
+static tl_status open_source(tl_live_plant *plant, const tl_live_plant_settings *settings, size_t index,
                              tl_error *error) {
+    const tl_config *config = settings->config;
     const tl_config_source *configured = &config->sources[index];
     tl_plant_source *source = &plant->sources[plant->source_count];
-    *source = (tl_plant_source){.name = configured->name, .period = tl_time_of_seconds(configured->period_s)};
+    *source = (tl_plant_source){.name = configured->name,
+                                .period = tl_time_of_seconds(configured->period_s),
+                                .run_start = is_phased(configured, config->step) ? settings->run_start : NULL};
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == index && config->signals[i].of == i) {
             source->repeats[source->signal_count] = tl_config_repeats(config, &config->signals[i]);
@@ -100,7 +109,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     tl_status status = open_driver(config, configured, &reach, source, error);
     if (status == TL_OK) {
         tl_time hang = reach.wait > config->realtime_hang ? reach.wait : config->realtime_hang;
-        source->heartbeat = tl_thread_heartbeat_start(beats, source->name, hang + 2 * source->period);
+        source->heartbeat = tl_thread_heartbeat_start(settings->beats, source->name, hang + 2 * source->period);
         plant->source_count++;
     }
     return status;
@@ -151,8 +160,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
-        tl_status status =
-            is_of(config, i, settings->kinds) ? open_source(plant, config, i, settings->beats, error) : TL_OK;
+        tl_status status = is_of(config, i, settings->kinds) ? open_source(plant, settings, i, error) : TL_OK;
         if (status != TL_OK) { /* the readers do not own the sources yet */
             for (size_t k = 0; k < plant->source_count; k++) {
                 plant->sources[k].driver->close(plant->sources[k].io);

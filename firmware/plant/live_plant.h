@@ -31,6 +31,7 @@ typedef struct tl_live_plant_settings {
         *buffers;         /* one per signal, copied; their memory must outlive the plant; no other writer for `kinds` */
     tl_heartbeats *beats; /* each source has a heartbeat there; NULL: none */
     void (*on_link)(void *context, const char *source, bool good, const char *text); /* see plant_reader.h */
+    tl_time (*run_start)(void *context); /* see plant_reader.h; NULL: polls are not phased */
     void *context;
 } tl_live_plant_settings;
 

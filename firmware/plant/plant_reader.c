@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "firmware/base/os.h"
+#include "firmware/plant/poll_phase.h"
 #include "firmware/process/crash.h"
 
 /* ---- repeated reading ---- */
@@ -86,6 +87,10 @@ static bool wait_until(tl_plant_readers *readers, tl_time instant) {
     return stop;
 }
 
+static tl_time grid_of(const source_thread *own) {
+    return own->source->run_start != NULL ? own->source->run_start(own->readers->context) : -1;
+}
+
 /* The driver has failed for good: reports its error, and posts TL_NO_LINK so that no old value
  * counts as fresh. */
 static void report_failure(source_thread *own, const tl_error *error) {
@@ -103,7 +108,8 @@ static void *run(void *context) {
         .post = post, .link = forward_report, .part_failed = forward_failure, .context = own};
     bool finished = false;
     char name[NAME];
-    tl_time next = tl_clock_now(NULL);
+    tl_poll_phase phase;
+    tl_poll_phase_begin(&phase, source->period, tl_clock_now(NULL));
     /* The thread sets its own name. Another thread would have to write to /proc, to which `run` has
      * no access any more. */
     (void)snprintf(name, sizeof name, "io %.12s", source->name);
@@ -117,9 +123,7 @@ static void *run(void *context) {
             report_failure(own, &error);
             finished = true;
         }
-        tl_time now = tl_clock_now(NULL);
-        next += source->period * (now > next ? (now - next) / source->period + 1 : 1);
-    } while (!finished && !wait_until(own->readers, next));
+    } while (!finished && !wait_until(own->readers, tl_poll_phase_next(&phase, grid_of(own), tl_clock_now(NULL))));
     if (source->driver->finish != NULL) {
         source->driver->finish(source->io, &sink);
     }

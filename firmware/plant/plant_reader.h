@@ -43,8 +43,7 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
  *          person should act, because the link is down or a part of it fails. If a driver fails
  *          permanently, three things happen: the link is reported as down, its signals are posted
  *          once as TL_NO_LINK, and its thread ends.
- * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
- *          poll are skipped.
+ * Clock:   CLOCK_MONOTONIC. A source is polled once per period; poll_phase.h computes the instants.
  * Owner:   the readers own the `io` of each source from the start.
  * Thread:  start and stop from one thread. Stop returns within 0.2 s because drivers are
  *          interrupted, unless a driver is resolving a host name. The threads block all signals and
@@ -59,7 +58,10 @@ typedef struct tl_plant_source {
     size_t signal_count;
     tl_time repeats[TL_MAX_SIGNALS]; /* channel → `within` of tl_repeated_reading_is(), ns */
     tl_time period;                  /* ns between polls, > 0 */
-    tl_thread_heartbeat *heartbeat;  /* of its thread, set at each poll and reading; NULL: none */
+    /* Returns t_start of the run, before whose ticks the polls should end; 0: not known. Called in
+     * the thread of the source, with the readers' `context`. NULL: polls are not phased. */
+    tl_time (*run_start)(void *context);
+    tl_thread_heartbeat *heartbeat; /* of its thread, set at each poll and reading; NULL: none */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;

@@ -40,6 +40,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
     summary->samples++;
+    tl_ages_add_sample(&summary->ages, config, sample);
     for (size_t i = 0; i < config->signal_count; i++) {
         summary->moved[i] += sample->moved >> i & 1U;
         bool is_one = !config->signals[i].is_reading; /* its look-up is matched and counted instead */
@@ -231,6 +232,14 @@ static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_
     tl_json_close(json);
 }
 
+static void add_ages(tl_json_writer *json, const tl_ages *ages) {
+    tl_json_open_object(json, "age");
+    tl_json_add_count(json, "values", ages->values);
+    tl_json_add_number(json, "p50_s", tl_seconds(tl_ages_percentile(ages, 50)));
+    tl_json_add_number(json, "p99_s", tl_seconds(tl_ages_percentile(ages, 99)));
+    tl_json_close(json);
+}
+
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 FILE *file, tl_error *error) {
     printing page;
@@ -271,6 +280,9 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_add_count(&json, "skipped", page.figures.skipped);
     tl_json_add_count(&json, "deadline_misses", summary->deadline_misses);
     tl_json_add_count(&json, "time_limited", page.figures.time_limited);
+    if (summary->ticks != 0 && summary->ages.values != 0) {
+        add_ages(&json, &summary->ages);
+    }
     tl_figures_json_add_resumption(&json, &summary->resumption);
     if (summary->tunings != 0) {
         tl_json_open_object(&json, "tunings");
@@ -492,6 +504,7 @@ static void print_lock(const printing *page) {
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
                             FILE *file) {
     printing page;
+    char text[TL_AGES_TEXT];
     begin_printing(&page, summary, config, account);
     page.file = file;
     page.width = NARROWEST;
@@ -520,6 +533,10 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
                    page.figures.skipped);
         print_line(&page, "", "%" PRIu64 " deadlines missed, longest cycle %.3f ms", summary->deadline_misses,
                    tl_seconds(page.figures.longest) * 1e3);
+        if (summary->ages.values != 0) {
+            tl_ages_write(&summary->ages, text);
+            print_line(&page, "", "%s", text);
+        }
     }
     if (verbose) {
         print_details(&page);

@@ -11,6 +11,7 @@
 
 #include "firmware/config/config.h"
 #include "firmware/monitor/lock_tally.h"
+#include "firmware/report/ages.h"
 #include "firmware/report/run_figures.h"
 #include "master/twin/account.h"
 
@@ -31,13 +32,14 @@ typedef struct tl_summary {
         tl_time age; /* of the reading, ns */
         uint32_t quality;
     } rejected[TL_MAX_SIGNALS]; /* the last sample that was not good, by signal */
-    uint64_t refused;           /* candidates that could not be evaluated */
-    uint64_t ticks;             /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
-    uint64_t deadline_misses;   /* steps that ended after their period */
-    uint64_t gaps;              /* live: number of gaps; successive missed ticks are one gap */
-    tl_lock_tally lock;         /* of the last twin of a run */
-    uint64_t tunings;           /* tunings received during the run */
-    uint64_t tunings_left_out;  /* of these, not applied by a replay, because its configuration is different */
+    tl_ages ages;
+    uint64_t refused;          /* candidates that could not be evaluated */
+    uint64_t ticks;            /* instants at which a step was due, by the clock: steps + skipped; 0: not known */
+    uint64_t deadline_misses;  /* steps that ended after their period */
+    uint64_t gaps;             /* live: number of gaps; successive missed ticks are one gap */
+    tl_lock_tally lock;        /* of the last twin of a run */
+    uint64_t tunings;          /* tunings received during the run */
+    uint64_t tunings_left_out; /* of these, not applied by a replay, because its configuration is different */
     double wall_s;
     tl_resumption resumption; /* of the earlier run, if any; the outcomes then include its last steps */
 } tl_summary;

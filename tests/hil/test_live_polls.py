@@ -100,5 +100,42 @@ def test_a_median_counts_readings():
     at_most(mse_of(database), 0.1 * polls, f"true MSE, (rad/s)²; {polls:.4f} if each poll counts")
 
 
+class CountedDevice(Device):
+    """Notes the time of each request."""
+
+    def __init__(self, omega):
+        super().__init__(omega)
+        self.asked = []
+
+    def _reply(self, request):
+        self.asked.append(time.monotonic())
+        return super()._reply(request)
+
+
+AGES = """SELECT min(tick) * ? - stamp_ns AS age FROM samples JOIN signals USING (run, signal)
+          WHERE kind = 'plant' AND quality = 0 GROUP BY signal, stamp_ns ORDER BY age"""
+
+
+def test_ages_add_up():
+    """At most one poll per period, and the ages shown are those of the recorded samples. The ages
+    depend on the load of the machine, so they are only printed."""
+    for step_s, period_s in ((0.01, 0.01), (0.01, 0.005), (0.001, 0.001), (0.01, 0.02)):
+        with CountedDevice(OMEGA) as device:
+            config = edited_config(PLAIN_LIVE, {"duration_s": 3, "step_s": step_s, "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": period_s}}}})
+            database = config.parent / "run.db"
+            with Program("run", config, "--json", "--db", database) as run:
+                told, log = end_well(run)
+        polls, periods = len(device.asked), (device.asked[-1] - device.asked[0]) / period_s
+        expect(polls <= periods + 4, f"{polls} requests in {periods:.1f} periods")
+        ages = [age for (age,) in query(database, AGES, round(step_s * 1e9))]
+        expect(told["age"]["values"] == len(ages) > 0, f"{told['age']}, but {len(ages)} values are recorded")
+        for share, key in (0.5, "p50_s"), (0.99, "p99_s"):
+            age, shown = ages[math.ceil(share * len(ages)) - 1] * 1e-9, told["age"][key]
+            expect(age < shown <= age * 17 / 16 + 1.1e-6, f"{key}: {shown}, recorded {age}")
+        texts = query(database, "SELECT text FROM events WHERE source = 'plant' AND text LIKE '%p50%p99%'")
+        expect(len(texts) == 1 and texts[0][0] in log, f"{texts}")
+        print(f"    step {step_s * 1e3:g} ms, polled every {period_s * 1e3:g} ms: {polls} polls, {told['ticks']} ticks, {texts[0][0]}")
+
+
 if __name__ == "__main__":
     main()

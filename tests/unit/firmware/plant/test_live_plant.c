@@ -59,6 +59,14 @@ static void on_link(void *context, const char *source, bool good, const char *te
     (void)pthread_mutex_unlock(&lock);
 }
 
+static unsigned phased; /* calls of run_start; atomic */
+
+static tl_time run_start(void *context) {
+    (void)context;
+    (void)__atomic_add_fetch(&phased, 1, __ATOMIC_RELAXED);
+    return 0;
+}
+
 static bool was_reported(const char *words) {
     (void)pthread_mutex_lock(&lock);
     bool found = strstr(links, words) != NULL;
@@ -77,6 +85,7 @@ static void wait_until_reported(const char *words) {
 void setUp(void) {
     verdict = (tl_test_verdict){.count = 0};
     links[0] = '\0';
+    phased = 0;
     server = NULL;
     plant = NULL;
     sample_memory = NULL;
@@ -128,8 +137,12 @@ static tl_status try_to_open(void) {
     }
     tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* the plant copies them */
     memcpy(buffers, input.buffers, sizeof buffers);
-    const tl_live_plant_settings settings = {
-        .config = config, .kinds = TL_LIVE_PLANT_ALL, .buffers = buffers, .on_link = on_link, .context = links};
+    const tl_live_plant_settings settings = {.config = config,
+                                             .kinds = TL_LIVE_PLANT_ALL,
+                                             .buffers = buffers,
+                                             .on_link = on_link,
+                                             .run_start = run_start,
+                                             .context = links};
     tl_status status = tl_live_plant_open(&settings, &plant, &error);
     memset(buffers, 0xff, sizeof buffers);
     return status;
@@ -288,6 +301,31 @@ static void test_closing_is_quick(void) {
     tl_live_plant_close(NULL);
 }
 
+/* Only those of Modbus, and only if the period divides the step or is a multiple of it. */
+static void test_which_polls_are_phased(void) {
+    static const struct {
+        double period_s;
+        bool is_phased;
+    } cases[] = {{0.01, true}, {0.03, true}, {0.005, true}, {0.004, false}, {0.015, false}};
+    start_server(0);
+    write_rows();
+    read_config(tl_plant_server_port(server));
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        verdict.config.sources[1].period_s = cases[i].period_s;
+        open_plant();
+        uint64_t polls = *input.buffers[0].count + 3;
+        for (tl_time until = tl_clock_now(NULL) + PATIENCE;
+             __atomic_load_n(input.buffers[0].count, __ATOMIC_ACQUIRE) < polls;) {
+            TEST_ASSERT_TRUE(tl_clock_now(NULL) < until);
+            tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+        }
+        tl_live_plant_close(plant);
+        plant = NULL;
+        TEST_ASSERT_EQUAL_INT(cases[i].is_phased, phased > 0);
+        phased = 0;
+    }
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_live_plant");
     UNITY_BEGIN();
@@ -299,5 +337,6 @@ int main(void) {
     RUN_TEST(test_a_signal_without_a_source);
     RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);
+    RUN_TEST(test_which_polls_are_phased);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -315,6 +315,25 @@ static void test_a_slow_poll_skips_instants(void) {
     stop(1);
 }
 
+static tl_time origin;
+
+static tl_time run_start(void *context) {
+    TEST_ASSERT_EQUAL_PTR(buffers, context);
+    return origin;
+}
+
+/* The ticks are half a period after the first poll, so the second poll is not before one and a half
+ * periods. The third one is. */
+static void test_polls_follow_the_ticks(void) {
+    sources[0].period = 40000000;
+    sources[0].run_start = run_start;
+    origin = tl_clock_now(NULL) + 20000000;
+    start(1);
+    wait_for_polls(0, 2);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - origin >= 40000000);
+    stop(1);
+}
+
 static void test_no_memory_for_threads(void) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     TEST_IGNORE_MESSAGE("a sanitizer needs its address space");
@@ -362,6 +381,7 @@ int main(void) {
     RUN_TEST(test_stop_does_not_wait);
     RUN_TEST(test_periods);
     RUN_TEST(test_a_slow_poll_skips_instants);
+    RUN_TEST(test_polls_follow_the_ticks);
     RUN_TEST(test_no_memory_for_threads);
     return UNITY_END();
 }

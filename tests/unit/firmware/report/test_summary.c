@@ -160,6 +160,34 @@ static void test_time_limits_and_the_longest_step(void) {
     expect_line("1 deadlines|3.000 ms");
 }
 
+/* Ages are shown for a live run only, because a recording has none. */
+static void test_ages(void) {
+    tl_config_source source = {0};
+    tl_sample sample = {.instant = TL_SECOND};
+    assembly.config.sources = &source;
+    assembly.config.source_count = 1;
+    for (size_t i = 0; i < assembly.config.signal_count; i++) {
+        assembly.config.signals[i].source = 0;
+        sample.stamps[i] = TL_SECOND - 3000000;
+    }
+    tl_summary_sample(&summary, &assembly.config, &sample);
+    print_json();
+    TEST_ASSERT_NULL(find("age"));
+    cJSON_Delete(root);
+    root = NULL;
+    free(printed);
+    summary.ticks = 1;
+    print_json();
+    expect_number((double)assembly.config.signal_count, "age/values");
+    expect_number(0.003014656, "age/p50_s");
+    expect_number(0.003014656, "age/p99_s");
+    free(printed);
+    print_table();
+    expect_line("3.015 ms|p50|3.015 ms|p99");
+    assembly.config.source_count = 0;
+    assembly.config.sources = NULL;
+}
+
 static void test_nothing_happened(void) {
     print_json();
     expect_number(0, "steps");
@@ -305,6 +333,7 @@ int main(void) {
     RUN_TEST(test_sums);
     RUN_TEST(test_skipped_steps);
     RUN_TEST(test_time_limits_and_the_longest_step);
+    RUN_TEST(test_ages);
     RUN_TEST(test_nothing_happened);
     RUN_TEST(test_json_has_the_values_of_the_twin);
     RUN_TEST(test_the_table);

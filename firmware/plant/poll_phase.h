@@ -1,0 +1,42 @@
+/* Poll phase: schedules the polls of one source so that they end just before ticks.
+ *
+ * Purpose: a value is then as young at its tick as the device permits. Without a phase it is up to
+ *          one period older, by the chance of the start.
+ * Method:  polls end before the instants origin + i·period. If the period divides T_S or is a
+ *          multiple of it, a poll ends before each tick, or before every n-th. The lead is the time
+ *          from the start of a poll to its instant. It is computed after each window of 2, 4, 8 …
+ *          512 polls from the times that these needed. It minimises time + 3·period·(share of
+ *          longer times), and 0.2 ms are added: a poll that ends late costs a whole period. The
+ *          time counts from the planned start, so it includes a late wake-up. A poll that is longer
+ *          than the period is not counted, because no lead makes it end in time.
+ * Rate:    at most one poll per instant. Instants missed during a slow poll are skipped.
+ * Thread:  pure functions; plain data of the thread of the source.
+ */
+#ifndef TL_FIRMWARE_PLANT_POLL_PHASE_H
+#define TL_FIRMWARE_PLANT_POLL_PHASE_H
+
+#include <stdint.h>
+
+#include "master/base/simtime.h"
+
+enum { TL_POLL_PHASE_WINDOW = 512 };
+
+typedef struct tl_poll_phase {
+    tl_time period; /* ns, > 0 */
+    tl_time due;    /* the present poll should end before it */
+    tl_time lead;   /* the poll starts this time before `due`, 0 … period */
+    /* private: */
+    uint32_t window, polls;               /* polls of this window: planned, done */
+    tl_time needed[TL_POLL_PHASE_WINDOW]; /* their times, ns */
+} tl_poll_phase;
+
+/* Begins with a poll at `now`. */
+void tl_poll_phase_begin(tl_poll_phase *self, tl_time period, tl_time now);
+
+/* The present poll has ended at `now`. Returns the start of the next one; it may have passed
+ * already by an increase of the lead. `origin`: any positive instant of the grid; 0: not known, so
+ * the grid stays as it is; negative: the source is not phased, so the lead stays 0. If the grid
+ * changes, the next poll starts at least one period after the present one. */
+tl_time tl_poll_phase_next(tl_poll_phase *self, tl_time origin, tl_time now);
+
+#endif

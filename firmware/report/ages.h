@@ -1,0 +1,39 @@
+/* Ages of the plant's values at the ticks that use them first.
+ *
+ * Purpose: shows how fresh the values are: p50 and p99 of the time from a reading to its tick.
+ * Counted: good values of live sources that are looked up at their tick, each reading once. A value
+ *          on a line, a conditioned value, or one that waits for a delay is older by intention, and
+ *          is not counted; its NAME@reading is.
+ * Bins:    16 in each doubling of the age, from 1 µs to 67 s, so a percentile is at most 1/16 too
+ *          large. Older values count as 67 s.
+ * Trust:   the percentiles are safe for any content.
+ * Thread:  plain data; one thread at a time.
+ */
+#ifndef TL_FIRMWARE_REPORT_AGES_H
+#define TL_FIRMWARE_REPORT_AGES_H
+
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+
+enum { TL_AGE_BINS = 16 * (26 - 4 + 1) };
+
+/* The caller zeroes it at first. */
+typedef struct tl_ages {
+    uint64_t values;
+    uint64_t bins[TL_AGE_BINS];
+    tl_time newest[TL_MAX_SIGNALS]; /* stamp of the newest counted reading, by signal */
+} tl_ages;
+
+/* Counts the new values of a sample. */
+void tl_ages_add_sample(tl_ages *ages, const tl_config *config, const tl_sample *sample);
+
+/* Returns the age in ns that `percent` of the values do not exceed, 0 … 100; 0 without values. */
+tl_time tl_ages_percentile(const tl_ages *ages, unsigned percent);
+
+enum { TL_AGES_TEXT = 96 };
+
+/* Writes p50 and p99 for people. */
+void tl_ages_write(const tl_ages *ages, char text[TL_AGES_TEXT]);
+
+#endif
