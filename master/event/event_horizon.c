@@ -369,7 +369,7 @@ static tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
     tl_synchroniser *synchroniser = stroke->synchroniser;
     tl_exchange_set_adjusted(synchroniser->exchange, 0, stroke->u);
     tl_status status = tl_exchange_try(synchroniser->exchange, stroke->at, 0, error);
-    tl_ledger_walked(&synchroniser->ledger, status == TL_OK,
+    tl_ledger_walked(&synchroniser->ledger, NULL, status == TL_OK,
                      status == TL_OK ? SIZE_MAX : synchroniser->exchange->failed);
     if (status != TL_OK) {
         return status;
@@ -859,7 +859,7 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
     }
     status = step_once(self, step, error);
     if (status == TL_FMU_FAILED && corrected) {
-        tl_ledger_walked(&synchroniser->ledger, 0, synchroniser->exchange->failed);
+        tl_ledger_walked(&synchroniser->ledger, NULL, 0, synchroniser->exchange->failed);
         status = tl_snapshot_restore(self->stroke.live, error);
         self->u = nominal_of(self);
         self->own_course = false;

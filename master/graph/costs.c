@@ -6,11 +6,11 @@
 /* Steps between two close measurements. */
 enum { CLOSELY_EVERY = 16 };
 
-/* Executions that may all take as long as the longest; and the number that a mean is taken over. */
-enum { FEW = 16, MEMORY = 16 };
+/* Number of executions that a mean is taken over. */
+enum { MEMORY = 16 };
 
 tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
-    tl_time more = times > FEW ? times - FEW : 0;
+    tl_time more = times > TL_COST_FEW ? times - TL_COST_FEW : 0;
     return (times - more) * cost->most + (tl_time)((double)more * cost->mean);
 }
 

@@ -25,9 +25,12 @@ typedef struct tl_cost {
     double mean;  /* ns: recent mean over candidates, without the committed step, which may take far longer */
 } tl_cost;
 
-/* Expected cost of `times` executions in a row, ns. The first 16 count with the longest recent
- * duration, all others with the mean. That is enough, because the caller asks again after each
- * macro step. */
+/* Executions in a row that may all take as long as the longest. */
+enum { TL_COST_FEW = 16 };
+
+/* Expected cost of `times` executions in a row, ns. TL_COST_FEW of them count with the longest
+ * recent duration, all others with the mean. That is enough, because the caller compares with the
+ * clock after each macro step. */
 tl_time tl_cost_of(const tl_cost *cost, tl_time times);
 
 typedef struct tl_costs {

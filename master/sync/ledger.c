@@ -4,16 +4,18 @@
 
 #include <string.h>
 
-/* Most doubles for remembered candidates: 8 MB. */
+/* Limits the remembered candidates: a longest sequence of each takes 8 MB together. */
 static const size_t MOST_VALUES = (size_t)1 << 20;
 
-/* There is no difference. */
+/* There is no difference; and no step. */
 static const int64_t FOREVER = INT64_MAX / 2;
+static const int64_t NO_STEP = -1;
 
+/* One more than are remembered: the newest one waits to be compared with them. */
 static size_t most_entries(const tl_horizon *horizon, uint32_t evaluations) {
     size_t wanted = (size_t)evaluations * horizon->prediction;
     size_t room = MOST_VALUES / ((size_t)horizon->prediction * horizon->variables);
-    return wanted < room ? wanted : room;
+    return (wanted < room ? wanted : room) + 1;
 }
 
 bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
@@ -21,13 +23,18 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
     *ledger = (tl_ledger){.horizon = horizon, .plant = plant, .saving = plan->saving};
     ledger->signal_count = plan->signal_count;
     ledger->ahead = plan->measurements == TL_AHEAD;
-    ledger->known = tl_arena_take(arena, horizon->nodes, sizeof *ledger->known);
+    ledger->known.step = NO_STEP;
+    ledger->samples.step = NO_STEP;
+    int64_t **const ends[] = {&ledger->known.any, &ledger->known.candidate, &ledger->until, &ledger->settled};
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        *ends[i] = tl_arena_take(arena, horizon->nodes, sizeof **ends[i]);
+        if (*ends[i] == NULL) {
+            return false;
+        }
+    }
     ledger->saved = tl_arena_take(arena, horizon->nodes, sizeof *ledger->saved);
-    ledger->until = tl_arena_take(arena, horizon->nodes, sizeof *ledger->until);
-    ledger->settled = tl_arena_take(arena, horizon->nodes, sizeof *ledger->settled);
     ledger->executes = tl_arena_take(arena, horizon->nodes, sizeof *ledger->executes);
-    if (ledger->known == NULL || ledger->until == NULL || ledger->settled == NULL || ledger->saved == NULL ||
-        ledger->executes == NULL) {
+    if (ledger->saved == NULL || ledger->executes == NULL) {
         return false;
     }
     for (size_t k = 0; k < plan->component_count; k++) {
@@ -36,78 +43,67 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
     if (horizon->variables == 0 || !plan->saving.sequences) {
         return true;
     }
-    size_t sequence = (size_t)horizon->prediction * horizon->variables;
     ledger->capacity = most_entries(horizon, evaluations);
     ledger->entries = tl_arena_take(arena, ledger->capacity, sizeof *ledger->entries);
-    ledger->sequences = tl_arena_take(arena, ledger->capacity * sequence, sizeof *ledger->sequences);
-    ledger->committed = tl_arena_take(arena, sequence, sizeof *ledger->committed);
-    ledger->current = tl_arena_take(arena, sequence, sizeof *ledger->current);
-    return ledger->entries != NULL && ledger->sequences != NULL && ledger->committed != NULL && ledger->current != NULL;
+    ledger->unknowns = tl_arena_take(arena, ledger->capacity * horizon->count, sizeof *ledger->unknowns);
+    ledger->samples.differs = tl_arena_take(arena, plan->signal_count + 1, sizeof *ledger->samples.differs);
+    return ledger->entries != NULL && ledger->unknowns != NULL && ledger->samples.differs != NULL;
+}
+
+static int64_t lesser(int64_t a, int64_t b) {
+    return a < b ? a : b;
 }
 
 static size_t slot_of(const tl_ledger *ledger, size_t index) {
-    return (ledger->oldest + index) % ledger->capacity;
+    size_t slot = ledger->oldest + index;
+    return slot < ledger->capacity ? slot : slot - ledger->capacity;
 }
 
-/* u at an absolute step: of the committed steps; and of the current candidate, from i on. */
-static const double *committed_value(const tl_ledger *ledger, int64_t step, size_t variable) {
+/* End of the horizon of an entry. */
+static int64_t end_of(const tl_ledger *ledger, const tl_ledger_entry *entry) {
+    return entry->first + (int64_t)ledger->horizon->prediction;
+}
+
+/* ---- differences of u ---- */
+
+/* u of an entry from an absolute step on: its remaining unknowns of one variable. The last one
+ * applies to the rest of the horizon. */
+static const double *remaining_unknowns(const tl_ledger *ledger, size_t slot, int64_t step, size_t variable) {
     const tl_horizon *horizon = ledger->horizon;
-    return &ledger->committed[(size_t)(step % horizon->prediction) * horizon->variables + variable];
+    int64_t index = lesser(step - ledger->entries[slot].first, (int64_t)horizon->length[variable] - 1);
+    return &ledger->unknowns[slot * horizon->count + horizon->offset[variable] + (size_t)index];
 }
 
-static const double *candidate_value(const tl_ledger *ledger, int64_t step, size_t variable) {
-    return &ledger->current[(size_t)(step - ledger->step) * ledger->horizon->variables + variable];
-}
-
-/* Comparable steps of an entry and of the candidate: up to `length` of the candidate. */
-static int64_t last_compared(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
-    int64_t end = entry->first + ledger->horizon->prediction;
-    int64_t present = ledger->step + length;
-    return end < present ? end : present;
-}
-
-/* u of an entry at an absolute step. */
-static const double *entry_value(const tl_ledger *ledger, size_t slot, int64_t step, size_t variable) {
-    const tl_horizon *horizon = ledger->horizon;
-    const double *sequence = &ledger->sequences[slot * horizon->prediction * horizon->variables];
-    return &sequence[(size_t)(step - ledger->entries[slot].first) * horizon->variables + variable];
-}
-
-/* Compares an entry with the steps committed since its last comparison: the result for these steps
- * is final. */
-static void compare_with_committed(const tl_ledger *ledger, size_t slot) {
-    tl_ledger_entry *entry = &ledger->entries[slot];
-    int64_t end = entry->first + ledger->horizon->prediction;
-    for (; entry->compared < end && entry->compared < ledger->step; entry->compared++) {
-        for (size_t v = 0; v < ledger->horizon->variables; v++) {
-            const double *was = entry_value(ledger, slot, entry->compared, v);
-            if (entry->parted[v] == FOREVER &&
-                memcmp(was, committed_value(ledger, entry->compared, v), sizeof *was) != 0) {
-                entry->parted[v] = entry->compared;
-            }
-        }
-    }
+static bool is_same(const double *a, const double *b) {
+    uint64_t bits[2];
+    memcpy(&bits[0], a, sizeof *a);
+    memcpy(&bits[1], b, sizeof *b);
+    return bits[0] == bits[1];
 }
 
 /* The first absolute step at which a variable's u of an entry differs: from the committed steps
  * before i, from the candidate from i on. */
-static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t variable, uint32_t length) {
+static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t candidate, size_t variable) {
     const tl_ledger_entry *entry = &ledger->entries[slot];
-    int64_t end = last_compared(ledger, entry, length);
+    int64_t constant = ledger->step + (int64_t)ledger->horizon->length[variable];
+    int64_t end = lesser(end_of(ledger, entry), constant);
     if (entry->parted[variable] != FOREVER) {
         return entry->parted[variable];
     }
     for (int64_t step = ledger->step; step < end; step++) {
-        const double *was = entry_value(ledger, slot, step, variable);
-        if (memcmp(was, candidate_value(ledger, step, variable), sizeof *was) != 0) {
+        if (!is_same(remaining_unknowns(ledger, slot, step, variable),
+                     remaining_unknowns(ledger, candidate, step, variable))) {
             return step;
         }
     }
     return FOREVER;
 }
 
-static int64_t lesser(int64_t a, int64_t b) {
-    return a < b ? a : b;
+/* ---- differences of samples ---- */
+
+/* True if all samples of an entry's horizon had arrived when it was simulated. */
+static bool has_all_samples(const tl_ledger *ledger, const tl_ledger_entry *entry) {
+    return entry->newest >= end_of(ledger, entry) + ledger->plant->shift;
 }
 
 /* The sample delivered at t_(step + after). For a committed step: the sample that its commit used.
@@ -119,8 +115,8 @@ static int64_t present_sample(const tl_ledger *ledger, int64_t step, int64_t aft
 
 /* The first absolute step at which a plant signal has another value than when the entry was
  * simulated. At that time the newest sample replaced one that had not arrived. */
-static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal, uint32_t length) {
-    int64_t end = last_compared(ledger, entry, length);
+static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal) {
+    int64_t end = end_of(ledger, entry);
     int64_t first = entry->newest - ledger->plant->shift;
     first = first > entry->first ? first : entry->first;
     for (int64_t step = lesser(first, end); step < end; step++) {
@@ -138,8 +134,8 @@ static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *en
 /* The first absolute step at which the plant delivers the sample of another tick than for the
  * entry. Samples that had arrived then are delivered again, except in mode ahead, where fewer
  * samples were known at the commit. */
-static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
-    int64_t end = last_compared(ledger, entry, length);
+static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry) {
+    int64_t end = end_of(ledger, entry);
     int64_t stood_for = entry->newest - ledger->plant->shift;
     int64_t first = !ledger->ahead && stood_for > entry->first ? stood_for : entry->first;
     for (int64_t step = first; step < end; step++) {
@@ -150,6 +146,27 @@ static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *ent
     return FOREVER;
 }
 
+/* The differences of all signals, and last of the plant's ticks. All candidates of a step have the
+ * same. */
+static const int64_t *find_sample_differences(tl_ledger *ledger, const tl_ledger_entry *entry) {
+    tl_ledger_samples *samples = &ledger->samples;
+    if (samples->step == ledger->step && samples->present == ledger->plant->newest && samples->first == entry->first &&
+        samples->newest == entry->newest) {
+        return samples->differs;
+    }
+    for (size_t s = 0; s < ledger->signal_count; s++) {
+        samples->differs[s] = signal_differs(ledger, entry, s);
+    }
+    samples->differs[ledger->signal_count] = plant_differs(ledger, entry);
+    samples->step = ledger->step;
+    samples->present = ledger->plant->newest;
+    samples->first = entry->first;
+    samples->newest = entry->newest;
+    return samples->differs;
+}
+
+/* ---- known steps ---- */
+
 /* A difference of a source reaches node k `way` steps later. */
 static void limit_agreement(int64_t *until, int64_t differs, const uint32_t *distances, size_t nodes) {
     for (size_t k = 0; k + 1 < nodes && differs != FOREVER; k++) {
@@ -159,92 +176,123 @@ static void limit_agreement(int64_t *until, int64_t differs, const uint32_t *dis
     }
 }
 
-/* The steps at which the variables differ. */
-static void find_differences(const tl_ledger *ledger, size_t slot, uint32_t length) {
-    compare_with_committed(ledger, slot);
-    for (size_t v = 0; v < ledger->horizon->variables; v++) {
-        ledger->entries[slot].differs[v] = variable_differs(ledger, slot, v, length);
-    }
-}
-
-/* Last absolute step up to which each node agrees with an earlier candidate with known differences.
- */
-static void find_until(tl_ledger *ledger, size_t slot, uint32_t length) {
+/* Last absolute step up to which each node agrees with an entry. `differs`: the step at which each
+ * variable differs. Raises `known` to it. */
+static void learn_entry(tl_ledger *ledger, const tl_ledger_entry *entry, const int64_t *differs, int64_t *known) {
     const tl_horizon *horizon = ledger->horizon;
-    const tl_ledger_entry *entry = &ledger->entries[slot];
+    const int64_t *samples = find_sample_differences(ledger, entry);
     int64_t *until = ledger->until;
+    bool failed = entry->failed != SIZE_MAX;
     for (size_t k = 0; k < horizon->nodes; k++) {
-        until[k] = entry->first + (int64_t)entry->depth + (k < entry->partial ? 1 : 0);
+        until[k] = entry->first + (int64_t)entry->depth + (failed && k < entry->failed ? 1 : 0);
         if (ledger->saving.structure) {
             until[k] = lesser(until[k], entry->first + (int64_t)horizon->reach[k]);
         }
     }
     for (size_t v = 0; v < horizon->variables; v++) {
-        limit_agreement(until, entry->differs[v], &horizon->from_adjust[v * horizon->nodes], horizon->nodes);
+        limit_agreement(until, differs[v], &horizon->from_adjust[v * horizon->nodes], horizon->nodes);
     }
     for (size_t s = 0; s < ledger->signal_count; s++) {
-        limit_agreement(until, signal_differs(ledger, entry, s, length), &horizon->from_signal[s * horizon->nodes],
-                        horizon->nodes);
+        limit_agreement(until, samples[s], &horizon->from_signal[s * horizon->nodes], horizon->nodes);
     }
     size_t plant = horizon->nodes - 1;
-    until[plant] = lesser(until[plant], plant_differs(ledger, entry, length));
-}
-
-/* Whether two candidates leave the same results. */
-static bool are_alike(const tl_ledger *ledger, const tl_ledger_entry *a, const tl_ledger_entry *b) {
-    return a->first == b->first && a->newest == b->newest && a->depth == b->depth && a->partial == b->partial &&
-           memcmp(a->differs, b->differs, ledger->horizon->variables * sizeof *a->differs) == 0;
-}
-
-/* Executions that the current candidate does not need, up to `length`. */
-static void compare_all(tl_ledger *ledger, uint32_t length) {
-    const tl_ledger_entry *before = NULL;
-    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
-        int64_t left = ledger->settled[k] - ledger->step;
-        ledger->known[k] = left > 0 && !ledger->executes[k] ? (uint32_t)left : 0;
-    }
-    for (size_t i = 0; i < ledger->count; i++) {
-        size_t slot = slot_of(ledger, i);
-        find_differences(ledger, slot, length);
-        if (before != NULL && are_alike(ledger, before, &ledger->entries[slot])) {
-            continue;
-        }
-        before = &ledger->entries[slot];
-        find_until(ledger, slot, length);
-        for (size_t k = 0; k < ledger->horizon->nodes; k++) {
-            if (!ledger->executes[k] && ledger->until[k] - ledger->step > (int64_t)ledger->known[k]) {
-                ledger->known[k] = (uint32_t)(ledger->until[k] - ledger->step);
-            }
-        }
+    until[plant] = lesser(until[plant], samples[ledger->signal_count]);
+    for (size_t k = 0; k < horizon->nodes; k++) {
+        known[k] = !ledger->executes[k] && until[k] > known[k] ? until[k] : known[k];
     }
 }
 
-void tl_ledger_expect(tl_ledger *ledger, const double *u) {
-    const tl_horizon *horizon = ledger->horizon;
-    if (!ledger->saving.sequences) {
+/* Steps that are known from an entry whatever the candidate is. */
+static void learn_for_any(tl_ledger *ledger, const tl_ledger_entry *entry) {
+    int64_t differs[TL_MAX_ADJUST];
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        differs[v] = lesser(entry->parted[v], ledger->step);
+    }
+    learn_entry(ledger, entry, differs, ledger->known.any);
+}
+
+/* From all evaluated entries, for the present step and samples. */
+static void update_known(tl_ledger *ledger) {
+    tl_ledger_known *known = &ledger->known;
+    if (known->step == ledger->step && known->present == ledger->plant->newest) {
         return;
     }
-    double *value = ledger->current;
-    for (uint32_t depth = 0; depth < horizon->prediction; depth++) {
-        for (size_t v = 0; v < horizon->variables; v++) {
-            *value++ = tl_horizon_value(horizon, u, v, depth);
+    memcpy(known->any, ledger->settled, ledger->horizon->nodes * sizeof *known->any);
+    for (size_t i = 0; i < ledger->evaluated; i++) {
+        learn_for_any(ledger, &ledger->entries[slot_of(ledger, i)]);
+    }
+    known->step = ledger->step;
+    known->present = ledger->plant->newest;
+}
+
+/* The longest agreement with the candidate so far: the step at which a variable differs, and the
+ * candidate's u there. */
+typedef struct longest {
+    int64_t step;
+    const double *u;
+} longest;
+
+/* True if some variable may agree with the candidate for longer. */
+static bool may_improve(const tl_ledger *ledger, size_t slot, const longest *best) {
+    const tl_ledger_entry *entry = &ledger->entries[slot];
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        if (entry->parted[v] == FOREVER && best[v].step < end_of(ledger, entry) &&
+            is_same(remaining_unknowns(ledger, slot, best[v].step, v), best[v].u)) {
+            return true;
         }
     }
-    compare_all(ledger, horizon->prediction);
+    return false;
 }
+
+/* True if an older entry cannot agree in more steps, unless some variable agrees for longer. */
+static bool is_whole(const tl_ledger *ledger, const tl_ledger_entry *entry) {
+    bool has_present = entry->first == ledger->step && entry->newest == ledger->plant->newest;
+    return entry->depth == ledger->horizon->prediction && entry->failed == SIZE_MAX &&
+           (has_present || has_all_samples(ledger, entry));
+}
+
+static void raise_best(const tl_ledger *ledger, size_t candidate, const int64_t *differs, longest *best) {
+    bool longer = true;
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        longer = longer && differs[v] >= best[v].step;
+    }
+    for (size_t v = 0; v < ledger->horizon->variables && longer; v++) {
+        best[v] = (longest){differs[v], remaining_unknowns(ledger, candidate, differs[v], v)};
+    }
+}
+
+/* Compares the candidate with the entries before it. The newest ones come first, because they agree
+ * for longest. */
+static void compare_candidate(tl_ledger *ledger, size_t index) {
+    size_t candidate = slot_of(ledger, index);
+    int64_t differs[TL_MAX_ADJUST];
+    longest best[TL_MAX_ADJUST];
+    update_known(ledger);
+    memcpy(ledger->known.candidate, ledger->known.any, ledger->horizon->nodes * sizeof *ledger->known.any);
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        differs[v] = ledger->step;
+        best[v].step = 0;
+    }
+    raise_best(ledger, candidate, differs, best);
+    for (size_t i = index; i-- > 0;) {
+        size_t slot = slot_of(ledger, i);
+        if (!may_improve(ledger, slot, best)) {
+            continue;
+        }
+        for (size_t v = 0; v < ledger->horizon->variables; v++) {
+            differs[v] = variable_differs(ledger, slot, candidate, v);
+        }
+        learn_entry(ledger, &ledger->entries[slot], differs, ledger->known.candidate);
+        if (is_whole(ledger, &ledger->entries[slot])) {
+            raise_best(ledger, candidate, differs, best);
+        }
+    }
+}
+
+/* ---- counts ---- */
 
 static uint32_t reach_of(const tl_ledger *ledger, size_t node) {
     return ledger->saving.structure ? ledger->horizon->reach[node] : ledger->horizon->prediction;
-}
-
-tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_cost *cost, uint32_t depth) {
-    tl_time sum = 0;
-    for (size_t k = 0; k + 1 < ledger->horizon->nodes; k++) {
-        uint32_t from = ledger->known[k] > depth ? ledger->known[k] : depth;
-        uint32_t reach = reach_of(ledger, k);
-        sum += reach > from ? tl_cost_of(&cost[k], reach - from) : 0;
-    }
-    return sum;
 }
 
 static void save(tl_ledger *ledger, size_t node, uint64_t executions) {
@@ -252,130 +300,206 @@ static void save(tl_ledger *ledger, size_t node, uint64_t executions) {
     ledger->saved_in_all += executions;
 }
 
-/* Executions of a node that the candidate needs in its first `depth` steps. */
-static uint32_t needed_steps(const tl_ledger *ledger, size_t node, uint32_t depth) {
+/* Executions of a node that a candidate needs in its first `depth` steps. */
+static uint64_t needed_steps(const tl_ledger *ledger, size_t node, uint32_t depth) {
     uint32_t reach = reach_of(ledger, node);
     uint32_t until = reach < depth ? reach : depth;
-    return until > ledger->known[node] ? until - ledger->known[node] : 0;
+    int64_t left = ledger->step + (int64_t)until - ledger->known.candidate[node];
+    return left > (int64_t)until ? until : left > 0 ? (uint64_t)left : 0;
 }
 
-static void add_entry(tl_ledger *ledger, uint32_t depth, size_t partial) {
-    const tl_horizon *horizon = ledger->horizon;
-    if (ledger->count == ledger->capacity) {
-        ledger->incomplete = true;
-        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
-        ledger->count--;
-    }
-    size_t slot = slot_of(ledger, ledger->count++);
-    size_t sequence = (size_t)horizon->prediction * horizon->variables;
-    tl_ledger_entry *entry = &ledger->entries[slot];
-    *entry = (tl_ledger_entry){.first = ledger->step,
-                               .newest = ledger->plant->newest,
-                               .depth = depth,
-                               .partial = partial,
-                               .compared = ledger->step};
-    for (size_t v = 0; v < horizon->variables; v++) {
-        entry->parted[v] = FOREVER;
-    }
-    memcpy(&ledger->sequences[slot * sequence], ledger->current, sequence * sizeof *ledger->current);
-}
-
-void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
-    const tl_plan_saving *saving = &ledger->saving;
+static void count_candidate(tl_ledger *ledger, uint32_t depth, size_t failed) {
     bool whole = failed == SIZE_MAX;
     uint32_t begun = whole ? depth : depth + 1;
     ledger->plain += begun;
-    if (whole && !saving->structure && !saving->sequences) {
+    if (whole && !ledger->saving.structure && ledger->capacity == 0) {
         return;
     }
     for (size_t k = 0; k < ledger->horizon->nodes; k++) {
         save(ledger, k, begun - needed_steps(ledger, k, whole || k <= failed ? begun : depth));
     }
-    if (saving->sequences) {
-        add_entry(ledger, depth, whole ? 0 : failed);
+}
+
+/* Whether two candidates of a step had the same samples and executed the same steps. */
+static bool has_same_steps(const tl_ledger_entry *a, const tl_ledger_entry *b) {
+    return a->first == b->first && a->newest == b->newest && a->depth == b->depth && a->failed == b->failed;
+}
+
+static void evaluate_candidates(tl_ledger *ledger) {
+    while (ledger->evaluated < ledger->count) {
+        size_t index = ledger->evaluated;
+        const tl_ledger_entry *entry = &ledger->entries[slot_of(ledger, index)];
+        compare_candidate(ledger, index);
+        count_candidate(ledger, entry->depth, entry->failed);
+        if (index == 0 || !has_same_steps(entry, &ledger->entries[slot_of(ledger, index - 1)])) {
+            learn_for_any(ledger, entry);
+        }
+        ledger->evaluated++;
+    }
+}
+
+static void drop_oldest(tl_ledger *ledger) {
+    ledger->oldest = slot_of(ledger, 1);
+    ledger->count--;
+    ledger->evaluated--;
+}
+
+void tl_ledger_walked(tl_ledger *ledger, const double *u, uint32_t depth, size_t failed) {
+    size_t unknowns = ledger->horizon->count;
+    if (ledger->capacity == 0) {
+        count_candidate(ledger, depth, failed);
+        return;
+    }
+    if (ledger->count == ledger->capacity) {
+        evaluate_candidates(ledger);
+        ledger->incomplete = true;
+        drop_oldest(ledger);
+    }
+    size_t slot = slot_of(ledger, ledger->count++);
+    tl_ledger_entry *entry = &ledger->entries[slot];
+    *entry =
+        (tl_ledger_entry){.first = ledger->step, .newest = ledger->plant->newest, .depth = depth, .failed = failed};
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        entry->parted[v] = FOREVER;
+    }
+    memcpy(&ledger->unknowns[slot * unknowns], u, unknowns * sizeof *u);
+}
+
+/* ---- entries after a commit ---- */
+
+/* Notes the variables whose u differs from the step committed now. */
+static void compare_with_committed(tl_ledger *ledger, size_t slot) {
+    tl_ledger_entry *entry = &ledger->entries[slot];
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        const double *was = remaining_unknowns(ledger, slot, ledger->step, v);
+        if (entry->parted[v] == FOREVER && !is_same(was, &ledger->committed[v])) {
+            entry->parted[v] = ledger->step;
+        }
     }
 }
 
 /* True if the committed steps differ from a candidate in every variable, and all its samples had
  * arrived. Then later candidates do not change which of its results can be reused. */
 static bool is_settled(const tl_ledger *ledger, const tl_ledger_entry *entry) {
-    bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction + ledger->plant->shift;
+    bool settled = has_all_samples(ledger, entry);
     for (size_t v = 0; v < ledger->horizon->variables && settled; v++) {
-        settled = entry->differs[v] < ledger->step;
+        settled = entry->parted[v] != FOREVER;
     }
     return settled;
 }
 
-static void settle(tl_ledger *ledger, size_t slot) {
-    find_until(ledger, slot, 0);
-    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
-        if (ledger->until[k] > ledger->settled[k]) {
-            ledger->settled[k] = ledger->until[k];
-        }
+/* Whether every later candidate shares the same steps with two entries. */
+static bool are_alike(const tl_ledger *ledger, size_t slot, size_t other) {
+    const tl_horizon *horizon = ledger->horizon;
+    const tl_ledger_entry *a = &ledger->entries[slot];
+    const tl_ledger_entry *b = &ledger->entries[other];
+    bool alike = has_same_steps(a, b) && memcmp(a->parted, b->parted, horizon->variables * sizeof *a->parted) == 0;
+    for (size_t v = 0; v < horizon->variables && alike; v++) {
+        const double *rest = remaining_unknowns(ledger, slot, ledger->step, v);
+        size_t used = (size_t)(rest - &ledger->unknowns[slot * horizon->count + horizon->offset[v]]);
+        alike = a->parted[v] != FOREVER || memcmp(rest, remaining_unknowns(ledger, other, ledger->step, v),
+                                                  (horizon->length[v] - used) * sizeof *rest) == 0;
+    }
+    return alike;
+}
+
+static void keep_entry(tl_ledger *ledger, size_t to, size_t from) {
+    size_t unknowns = ledger->horizon->count;
+    size_t slots[2] = {slot_of(ledger, to), slot_of(ledger, from)};
+    if (to != from) {
+        ledger->entries[slots[0]] = ledger->entries[slots[1]];
+        memcpy(&ledger->unknowns[slots[0] * unknowns], &ledger->unknowns[slots[1] * unknowns],
+               unknowns * sizeof *ledger->unknowns);
     }
 }
 
-/* Whether an entry has ended, or has nothing more to contribute. */
-static bool is_done(tl_ledger *ledger, size_t slot) {
-    const tl_ledger_entry *entry = &ledger->entries[slot];
-    if (entry->first + (int64_t)ledger->horizon->prediction <= ledger->step) {
-        return true;
-    }
-    find_differences(ledger, slot, 0);
-    bool settled = is_settled(ledger, entry);
-    if (settled) {
-        settle(ledger, slot);
-    }
-    return settled;
-}
-
-static void move_entry(tl_ledger *ledger, size_t to, size_t from) {
-    size_t sequence = (size_t)ledger->horizon->prediction * ledger->horizon->variables;
-    ledger->entries[to] = ledger->entries[from];
-    memcpy(&ledger->sequences[to * sequence], &ledger->sequences[from * sequence],
-           sequence * sizeof *ledger->sequences);
-}
-
-/* After a commit. Mostly the oldest entries are removed, so that the others need not move. */
-static void drop_settled(tl_ledger *ledger) {
-    while (ledger->count != 0 && is_done(ledger, ledger->oldest)) {
-        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
-        ledger->count--;
-    }
+/* Drops entries that are like the one before: mostly the newest ones, so that few others move. */
+static void drop_alike(tl_ledger *ledger) {
     size_t kept = ledger->count != 0 ? 1 : 0;
     for (size_t i = 1; i < ledger->count; i++) {
-        size_t from = slot_of(ledger, i);
-        if (!is_done(ledger, from)) {
-            size_t to = slot_of(ledger, kept++);
-            if (to != from) {
-                move_entry(ledger, to, from);
-            }
+        if (!are_alike(ledger, slot_of(ledger, kept - 1), slot_of(ledger, i))) {
+            keep_entry(ledger, kept++, i);
         }
     }
     ledger->count = kept;
+    ledger->evaluated = kept;
 }
 
-void tl_ledger_commit(tl_ledger *ledger, const double *values) {
-    const tl_horizon *horizon = ledger->horizon;
-    ledger->plain++;
-    if (ledger->capacity == 0) {
-        return; /* no candidate is remembered: every component executes */
+/* Whether an entry has ended, or has nothing more to contribute. */
+static bool is_done(tl_ledger *ledger, const tl_ledger_entry *entry) {
+    if (end_of(ledger, entry) <= ledger->step) {
+        return true;
     }
-    size_t size = horizon->variables * sizeof *values;
-    memcpy(ledger->current, values, size);
-    compare_all(ledger, 1);
-    memcpy(&ledger->committed[(size_t)(ledger->step % horizon->prediction) * horizon->variables], values, size);
-    for (size_t k = 0; k < horizon->nodes; k++) {
-        if (ledger->known[k] != 0) {
+    bool settled = is_settled(ledger, entry);
+    if (settled) {
+        learn_entry(ledger, entry, entry->parted, ledger->settled);
+    }
+    return settled;
+}
+
+/* Mostly the oldest entries are done, so that the others need not move. */
+static void drop_done(tl_ledger *ledger) {
+    while (ledger->count != 0 && is_done(ledger, &ledger->entries[ledger->oldest])) {
+        drop_oldest(ledger);
+    }
+    size_t kept = 0;
+    for (size_t i = 0; i < ledger->count; i++) {
+        if (i == 0 || !is_done(ledger, &ledger->entries[slot_of(ledger, i)])) {
+            keep_entry(ledger, kept++, i);
+        }
+    }
+    ledger->count = kept;
+    ledger->evaluated = kept;
+}
+
+/* A node needs no execution in the committed step if it is known in every step that starts with
+ * it. */
+static void evaluate_commit(tl_ledger *ledger) {
+    ledger->plain++;
+    for (size_t i = 0; i < ledger->count; i++) {
+        compare_with_committed(ledger, slot_of(ledger, i));
+    }
+    ledger->step++;
+    drop_alike(ledger);
+    update_known(ledger);
+    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
+        if (ledger->known.any[k] >= ledger->step) {
             save(ledger, k, 1);
         }
     }
-    ledger->step++;
-    drop_settled(ledger);
+    drop_done(ledger);
+}
+
+void tl_ledger_commit(tl_ledger *ledger, const double *values) {
+    if (ledger->capacity == 0) {
+        ledger->plain++; /* no candidate is remembered: every component executes */
+        return;
+    }
+    memcpy(ledger->committed, values, ledger->horizon->variables * sizeof *values);
+    ledger->has_committed = true;
+}
+
+static void evaluate_recorded(tl_ledger *ledger) {
+    evaluate_candidates(ledger);
+    if (ledger->has_committed) {
+        evaluate_commit(ledger);
+        ledger->has_committed = false;
+    }
+}
+
+uint64_t tl_ledger_evaluate(tl_ledger *ledger) {
+    evaluate_recorded(ledger);
+    uint64_t before = ledger->total;
+    ledger->total = tl_ledger_total(ledger);
+    return ledger->total - before;
 }
 
 void tl_ledger_reset(tl_ledger *ledger) {
+    evaluate_recorded(ledger);
     ledger->count = 0;
+    ledger->evaluated = 0;
+    ledger->known.step = NO_STEP;
+    ledger->samples.step = NO_STEP;
     memset(ledger->settled, 0, ledger->horizon->nodes * sizeof *ledger->settled);
 }
 
@@ -384,6 +508,7 @@ void tl_ledger_forget(tl_ledger *ledger) {
     memset(ledger->saved, 0, ledger->horizon->nodes * sizeof *ledger->saved);
     ledger->saved_in_all = 0;
     ledger->plain = 0;
+    ledger->total = 0;
     ledger->incomplete = false;
 }
 

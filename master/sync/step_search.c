@@ -72,36 +72,55 @@ tl_status tl_step_search_go_back(tl_step_search *search) {
     return search->back;
 }
 
-/* Predicted cost of the rest of a candidate from `depth` on. */
-static tl_time cost_from(const tl_synchroniser *synchroniser, uint32_t depth) {
-    const tl_exchange *exchange = synchroniser->exchange;
-    return exchange->whole ? tl_exchange_cost(exchange, synchroniser->horizon.prediction - depth)
-                           : tl_ledger_cost(&synchroniser->ledger, exchange->costs.each, depth);
+/* Adds what a candidate executes from macro step `from` to `until`: a component, or all of them.
+ * TL_COST_FEW executions count with the longest recent duration, as in tl_cost_of(): the last ones.
+ * Until the sums are taken, `rest` has the differences from one macro step to the next. */
+static void add_executions(tl_step_search *search, const tl_cost *cost, uint32_t from, uint32_t until) {
+    tl_time *rest = search->synchroniser->rest;
+    tl_time mean = (tl_time)cost->mean;
+    tl_time nominal = search->nominal_follows ? (tl_time)until : 0;
+    bool shares = nominal > 0 && search->synchroniser->exchange->cached != NULL;
+    uint32_t last = until > TL_COST_FEW ? until - TL_COST_FEW : 0;
+    search->reserved += tl_cost_of(cost, shares ? nominal : nominal + 1);
+    if (from < until) {
+        rest[from] += mean;
+        rest[last > from ? last : from] += cost->most - mean;
+        rest[until] -= cost->most;
+    }
 }
 
-/* Largest cost of the committed step, and of the evaluation of nominal if it is still to come. The
- * committed step is the first step of a candidate. */
-static tl_time cost_of_rest(const tl_step_search *search) {
+/* Predicts the cost of all macro steps of a candidate from the graph. After the first candidate of
+ * a step, a component executes only steps that a variable can have reached. Also predicts the cost
+ * to reserve: of the committed step, and of nominal if it is still to be evaluated. The committed
+ * step is the first step of a candidate. */
+static void predict_costs(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
     const tl_exchange *exchange = synchroniser->exchange;
-    tl_time horizon = search->nominal_follows ? (tl_time)synchroniser->horizon.prediction : 0;
-    if (exchange->whole || horizon == 0) {
-        return tl_exchange_cost(exchange, horizon + 1);
+    tl_time *rest = synchroniser->rest;
+    uint32_t steps = synchroniser->horizon.prediction;
+    memset(rest, 0, (steps + 1) * sizeof *rest);
+    search->reserved = 0;
+    if (exchange->whole) {
+        add_executions(search, &exchange->costs.all, 0, steps);
     }
-    tl_time sum = 0;
-    for (size_t k = 0; k < exchange->component_count; k++) {
-        tl_time reach = exchange->reach != NULL ? (tl_time)exchange->reach[k] : horizon;
-        sum += tl_cost_of(&exchange->costs.each[k], exchange->cached != NULL && reach > 0 ? reach : reach + 1);
+    for (size_t k = 0; k < exchange->component_count && !exchange->whole; k++) {
+        uint32_t until = exchange->reach != NULL ? exchange->reach[k] : steps;
+        bool reuses = search->walked && exchange->cached != NULL && exchange->cached[k].keep != TL_KEEP_NONE;
+        add_executions(search, &exchange->costs.each[k], reuses ? synchroniser->horizon.nearest[k] : 0, until);
     }
-    return sum;
+    for (uint32_t depth = 1; depth < steps; depth++) {
+        rest[depth] += rest[depth - 1];
+    }
+    rest[steps] = 0;
+    for (uint32_t depth = steps; depth-- > 0;) {
+        rest[depth] += rest[depth + 1];
+    }
 }
 
-/* Time to reserve after the present candidate: for the committed step, and for the evaluation of
- * nominal if it is still to come. */
+/* Time to reserve after the present candidate. */
 static tl_time reserved_time(const tl_step_search *search) {
     const tl_synchroniser_times *times = &search->synchroniser->times;
-    tl_time nominal = search->nominal_follows ? times->asking.most + times->within.most : 0;
-    return times->committing.most + nominal + cost_of_rest(search);
+    return times->committing.most + (search->nominal_follows ? times->within.most : 0) + search->reserved;
 }
 
 /* True if `wanted` and the reserved time fit into the budget, by the last clock reading. */
@@ -118,10 +137,9 @@ static bool has_time(tl_step_search *search, tl_time wanted) {
 
 /* True if the rest of the candidate from `depth` on, and the reserved time, fit into the budget. */
 static bool has_time_for_rest(tl_step_search *search, uint32_t depth) {
-    const tl_synchroniser *synchroniser = search->synchroniser;
-    const tl_synchroniser_times *times = &synchroniser->times;
+    const tl_synchroniser_times *times = &search->synchroniser->times;
     tl_time within = times->within.most > times->beside ? times->within.most - times->beside : 0;
-    return has_time(search, cost_from(synchroniser, depth) + within + (search->closing ? 0 : times->thinking.most));
+    return has_time(search, search->synchroniser->rest[depth] + within + (search->closing ? 0 : times->thinking.most));
 }
 
 /* Ends the current part of the step; NULL: a part that is not predicted. */
@@ -140,27 +158,18 @@ static void check_nominal_follows(tl_step_search *search, const double *u) {
                               memcmp(u, synchroniser->memory.nominal, synchroniser->horizon.count * sizeof *u) != 0;
 }
 
-/* An evaluation of u starts, under the clock. */
-static bool is_in_time(tl_step_search *search, const double *u) {
-    tl_synchroniser *synchroniser = search->synchroniser;
-    tl_synchroniser_times *times = &synchroniser->times;
-    tl_estimate *before = search->walked ? &times->thinking : NULL;
-    bool predicts = synchroniser->ledger.saving.sequences;
-    if (predicts) {
-        end_part(search, before);
-        if (!has_time(search, times->asking.most)) {
-            return false;
-        }
-    }
-    tl_ledger_expect(&synchroniser->ledger, u);
+/* An evaluation starts, under the clock. */
+static bool is_in_time(tl_step_search *search) {
     (void)tl_step_search_go_back(search);
-    end_part(search, predicts ? &times->asking : before);
+    end_part(search, search->walked ? &search->synchroniser->times.thinking : NULL);
+    predict_costs(search);
     return has_time_for_rest(search, 0);
 }
 
 bool tl_step_search_may_guess(tl_step_search *search) {
     if (search->budget->now != NULL) {
         end_part(search, NULL);
+        predict_costs(search);
         search->guessed = has_time(search, search->synchroniser->times.guessing.most);
     } else {
         search->guessed = true;
@@ -187,21 +196,30 @@ bool tl_step_search_may_evaluate(tl_step_search *search, const double *u) {
         return false;
     }
     check_nominal_follows(search, u);
-    if (search->budget->now != NULL) {
-        return is_in_time(search, u);
-    }
-    tl_ledger_expect(&search->synchroniser->ledger, u);
-    return true;
+    return search->budget->now == NULL || is_in_time(search);
 }
 
 /* ---- one candidate ---- */
+
+/* Ends a macro step under the clock. If it took 1.5 times as long as predicted, predicts the costs
+ * again. */
+static void end_macro_step(tl_step_search *search, uint32_t depth) {
+    const tl_time *rest = search->synchroniser->rest;
+    tl_costs *costs = &search->synchroniser->exchange->costs;
+    tl_time before = costs->read - costs->seen;
+    tl_time beside = tl_costs_lap(costs);
+    search->synchroniser->times.beside += beside;
+    if (2 * (costs->read - before - beside) > 3 * (rest[depth - 1] - rest[depth])) {
+        predict_costs(search);
+    }
+}
 
 /* Whether a candidate should be aborted at `depth`. */
 static bool is_late(tl_step_search *search, uint32_t depth) {
     if (depth == 0 || search->budget->now == NULL) {
         return false;
     }
-    search->synchroniser->times.beside += tl_costs_lap(&search->synchroniser->exchange->costs);
+    end_macro_step(search, depth);
     search->late = !has_time_for_rest(search, depth);
     return search->late;
 }
@@ -228,7 +246,7 @@ static tl_status simulate_horizon(tl_step_search *search, const double *u, doubl
                                     synchroniser->memory.candidate_course);
         }
     }
-    tl_ledger_walked(&synchroniser->ledger, depth, status == TL_OK ? SIZE_MAX : exchange->failed);
+    tl_ledger_walked(&synchroniser->ledger, u, depth, status == TL_OK ? SIZE_MAX : exchange->failed);
     return status;
 }
 

@@ -28,6 +28,7 @@ typedef struct tl_step_search {
     bool walked;          /* a candidate was simulated: the time after it is spent in the solver */
     bool closing;         /* the current candidate is the last one: reserve no time for the solver */
     bool guessed;         /* the solver was asked for a guess */
+    tl_time reserved;     /* predicted cost of executions after the current candidate, ns; see predict_costs() */
     bool late;            /* a candidate was aborted because time ran out */
     bool nominal_follows; /* nominal is evaluated after the current candidate: time is reserved for it */
     tl_stop stop;

@@ -33,7 +33,9 @@ static bool take_memory(tl_synchroniser *synchroniser, tl_arena *arena) {
     double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
     double **const samples[] = {&memory->earlier};
     memory->free = tl_arena_take(arena, synchroniser->horizon.count, sizeof *memory->free);
-    return memory->free != NULL && take_arrays(arena, sequences, 8, synchroniser->horizon.count) &&
+    synchroniser->rest = tl_arena_take(arena, (size_t)synchroniser->horizon.prediction + 1, sizeof *synchroniser->rest);
+    return memory->free != NULL && synchroniser->rest != NULL &&
+           take_arrays(arena, sequences, 8, synchroniser->horizon.count) &&
            take_arrays(arena, vectors, 6, synchroniser->objective.residual_most) &&
            take_arrays(arena, courses, 3, size_of_course(synchroniser)) &&
            take_arrays(arena, samples, 1, synchroniser->objective.matched);
@@ -565,8 +567,7 @@ static tl_status step_free(tl_synchroniser *synchroniser, int64_t step, tl_outco
 
 static void begin_time(tl_synchroniser *synchroniser, const tl_budget *budget) {
     tl_synchroniser_times *times = &synchroniser->times;
-    tl_estimate *const parts[] = {&times->guessing, &times->asking, &times->within, &times->thinking,
-                                  &times->committing};
+    tl_estimate *const parts[] = {&times->guessing, &times->within, &times->thinking, &times->committing};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
         if (times->refused) {
             tl_estimate_rest(parts[i]);

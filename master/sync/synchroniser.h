@@ -4,13 +4,12 @@
  * Purpose: finds the u of step i within a budget and commits the step with it. A step is always
  *          committed, unless an FMU fails with nominal u too. Its u is nominal if no candidate is
  *          better. The search is planned to end within the budget.
- * Time:    the cost of a candidate is predicted before it starts: from the number of executions
- *          that the ledger (ledger.h: predicts them from the graph) expects, their measured
- *          durations, and the overhead beside them. Time is
- *          reserved for the solver after it, for the committed step, and for the evaluation of
- *          nominal if it is not done yet. A candidate that is slower than predicted is aborted
- *          between two macro steps. The clock is read once per macro step, once or twice per
- *          evaluation, and a few times per step.
+ * Time:    the cost of a candidate is predicted before it starts: from the executions that the
+ *          graph demands, their measured durations, and the overhead beside them. It is predicted
+ *          again if a macro step takes far longer. Time is reserved for the solver after it, for
+ *          the committed step, and for the evaluation of nominal if it is not done yet. A candidate
+ *          that is slower than predicted is aborted between two macro steps. The clock is read once
+ *          per macro step, once per evaluation, and a few times per step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_SYNCHRONISER_H

@@ -21,12 +21,11 @@
 #include "master/sync/objective.h"
 
 /* Expected durations of the parts of a step beside executions, ns, if there is a clock. Before the
- * first evaluation, time that is neither `guessing` nor `asking` is in no part. */
+ * first evaluation, time that is not `guessing` is in no part. */
 typedef struct tl_synchroniser_times {
     tl_estimate guessing;   /* the solver's guess, before the first evaluation of a step */
-    tl_estimate asking;     /* if saving.sequences is on (plan.h): from a solver's request to the candidate's start */
     tl_estimate within;     /* an evaluation, without its executions */
-    tl_estimate thinking;   /* the solver, from an evaluation to its next request; with `asking` if sequences is off */
+    tl_estimate thinking;   /* the solver and the rollback, from an evaluation to the start of the next one */
     tl_estimate committing; /* from the last evaluation to the end of the step, without executions */
     tl_time beside;         /* ns: duration of the current part so far */
     bool refused;           /* there was no time for a part of this step */
@@ -90,6 +89,7 @@ typedef struct tl_synchroniser {
     bool was_blind;                   /* no variable was identifiable in the step before */
     bool has_taught_solver;           /* the one search within tolerance, which gives the solver data, is done */
     tl_synchroniser_times times;
+    tl_time *rest; /* predicted cost of a candidate's macro steps from each depth on, ns: T_P + 1 values */
 } tl_synchroniser;
 
 #endif

@@ -610,7 +610,6 @@ static void check_rollback(tl_twin *twin, int64_t step, uint32_t *flags) {
 /* Computes one step. */
 static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
-    uint64_t predicted = tl_ledger_total(&twin->synchroniser.ledger);
     uint32_t flags = 0;
     tl_status status = twin->resets ? reset_twin(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
@@ -626,7 +625,6 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
         tl_verifier_committed(&twin->verifier, step);
     }
     record->executions = (uint32_t)(count_executions(twin) - before);
-    record->predicted = (uint32_t)(tl_ledger_total(&twin->synchroniser.ledger) - predicted);
     record->used = 0;
     return status;
 }
@@ -705,7 +703,8 @@ static tl_status advance_tick(tl_twin *twin, const tl_sample *sample, const tick
     if (step < twin->first) {
         return TL_OK;
     }
-    tl_status status = compute_step(twin, step, mode, ahead ? &twin->pending : record, error);
+    tl_record *computed = ahead ? &twin->pending : record;
+    tl_status status = compute_step(twin, step, mode, computed, error);
     if (status != TL_OK) {
         return status;
     }
@@ -716,8 +715,9 @@ static tl_status advance_tick(tl_twin *twin, const tl_sample *sample, const tick
         status = follow_free_twin(twin, record, error);
     }
     if (status == TL_OK && mode->budget != NULL && mode->budget->now != NULL) {
-        (ahead ? &twin->pending : record)->used = tl_synchroniser_end_step(&twin->synchroniser, mode->budget);
+        computed->used = tl_synchroniser_end_step(&twin->synchroniser, mode->budget);
     }
+    computed->predicted = (uint32_t)tl_ledger_evaluate(&twin->synchroniser.ledger);
     return status;
 }
 

@@ -157,7 +157,6 @@ uint64_t tl_test_rig_walk(tl_test_rig *rig, const double *u, uint32_t steps) {
     uint64_t sum = 0;
     uint32_t depth = 0;
     begin(rig);
-    tl_ledger_expect(&rig->ledger, u);
     while (rig->status == TL_OK && depth < steps) {
         set_inputs(rig, u, depth);
         rig->status = tl_track_try(rig->track, rig->step + depth, depth, &rig->error);
@@ -170,7 +169,8 @@ uint64_t tl_test_rig_walk(tl_test_rig *rig, const double *u, uint32_t steps) {
         }
     }
     rig->walked = depth;
-    tl_ledger_walked(&rig->ledger, depth, rig->status == TL_OK ? SIZE_MAX : rig->exchange.failed);
+    tl_ledger_walked(&rig->ledger, u, depth, rig->status == TL_OK ? SIZE_MAX : rig->exchange.failed);
+    (void)tl_ledger_evaluate(&rig->ledger);
     return rig->status == TL_OK ? sum : 0;
 }
 
@@ -193,6 +193,7 @@ uint64_t tl_test_rig_commit(tl_test_rig *rig, const double *u) {
         values[v] = tl_horizon_value(&rig->horizon, u, v, 0);
     }
     tl_ledger_commit(&rig->ledger, values);
+    (void)tl_ledger_evaluate(&rig->ledger);
     rig->step++;
     rig->begun = false;
     for (size_t i = 0; i < rig->exchange.values_size; i++) {

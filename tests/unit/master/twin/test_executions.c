@@ -201,6 +201,91 @@ static void horizons_overlap(void) {
     end();
 }
 
+/* ---- recorded candidates ---- */
+
+/* Starts row `make_b` with a ledger that remembers at most `capacity` candidates. */
+static void start_b(size_t capacity) {
+    make_b();
+    plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
+    tl_test_rig_start(&rig, &plan, 64);
+    TEST_ASSERT_TRUE(capacity <= rig.ledger.capacity);
+    rig.ledger.capacity = capacity;
+}
+
+static void record_candidate(double u) {
+    tl_ledger_walked(&rig.ledger, &u, rig.horizon.prediction, SIZE_MAX);
+}
+
+static uint64_t predicted_by_ledger(void) {
+    uint64_t sum = 0;
+    for (size_t k = 0; k < network.count; k++) {
+        sum += tl_ledger_predicted(&rig.ledger, k);
+    }
+    return sum;
+}
+
+static void candidates_count_when_they_are_evaluated(void) {
+    double u = 1.0;
+    start_b(EVALUATIONS);
+    record_candidate(u);
+    record_candidate(2.0);
+    record_candidate(u);
+    tl_ledger_commit(&rig.ledger, &u);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_ledger_total(&rig.ledger));
+    uint64_t executions = tl_ledger_evaluate(&rig.ledger);
+    TEST_ASSERT_EQUAL_UINT64(10 + 5, predicted_by_ledger());
+    TEST_ASSERT_EQUAL_UINT64(tl_ledger_total(&rig.ledger), executions);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_ledger_evaluate(&rig.ledger));
+    end();
+}
+
+static void a_reset_evaluates_what_is_recorded(void) {
+    double u = 1.0;
+    start_b(EVALUATIONS);
+    for (uint64_t round = 1; round <= 2; round++) {
+        record_candidate(u);
+        record_candidate(u);
+        tl_ledger_commit(&rig.ledger, &u);
+        tl_ledger_reset(&rig.ledger);
+        TEST_ASSERT_EQUAL_UINT64(10 * round, predicted_by_ledger());
+        TEST_ASSERT_EQUAL_INT64((int64_t)round, rig.ledger.step);
+    }
+    record_candidate(u);
+    tl_ledger_forget(&rig.ledger);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_ledger_evaluate(&rig.ledger));
+    end();
+}
+
+static void a_full_ring_predicts_too_much(void) {
+    for (size_t capacity = 3; capacity <= 4; capacity++) {
+        bool is_full = capacity == 3;
+        start_b(capacity);
+        for (size_t n = 0; n < 4; n++) {
+            record_candidate(nth(n % 3));
+        }
+        (void)tl_ledger_evaluate(&rig.ledger);
+        TEST_ASSERT_EQUAL(is_full, rig.ledger.incomplete);
+        TEST_ASSERT_EQUAL_UINT64(10 + 2 * 5 + (is_full ? 5 : 0), predicted_by_ledger());
+        end();
+    }
+}
+
+/* Of each step whose horizon has not ended, only different candidates remain. */
+static void alike_candidates_are_dropped_after_the_commit(void) {
+    start_b(EVALUATIONS);
+    for (size_t step = 0; step < 20; step++) {
+        double u = nth(step);
+        for (size_t n = 1; n <= 3; n++) {
+            record_candidate(u + (double)n);
+        }
+        tl_ledger_commit(&rig.ledger, &u);
+        (void)tl_ledger_evaluate(&rig.ledger);
+        TEST_ASSERT_TRUE(rig.ledger.count < rig.horizon.prediction);
+    }
+    TEST_ASSERT_FALSE(rig.ledger.incomplete);
+    end();
+}
+
 /* ---- chains ---- */
 
 static uint64_t predicted_of_all(void) {
@@ -507,6 +592,10 @@ int main(void) {
     RUN_TEST(table_4_2_with_both_and_outputs_only);
     RUN_TEST(the_committing_step_runs_what_is_not_known);
     RUN_TEST(horizons_overlap);
+    RUN_TEST(candidates_count_when_they_are_evaluated);
+    RUN_TEST(a_reset_evaluates_what_is_recorded);
+    RUN_TEST(a_full_ring_predicts_too_much);
+    RUN_TEST(alike_candidates_are_dropped_after_the_commit);
     RUN_TEST(a_chain_costs_its_length_not_its_square);
     RUN_TEST(without_anything_executions_are_k_times_steps_and_horizons);
     RUN_TEST(outputs_only_catches_up_and_changes_nothing);
