@@ -45,6 +45,11 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
     return ledger->entries != NULL && ledger->sequences != NULL && ledger->committed != NULL && ledger->current != NULL;
 }
 
+void tl_ledger_drop_candidates(tl_ledger *ledger) {
+    ledger->saving.sequences = false;
+    ledger->capacity = 0;
+}
+
 static size_t slot_of(const tl_ledger *ledger, size_t index) {
     return (ledger->oldest + index) % ledger->capacity;
 }

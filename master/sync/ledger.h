@@ -70,6 +70,9 @@ typedef struct tl_ledger {
 bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
                     const tl_plan *plan, uint32_t evaluations);
 
+/* Call before the first candidate: no component keeps results, so no candidate is remembered. */
+void tl_ledger_drop_candidates(tl_ledger *ledger);
+
 /* Call before a candidate starts at the committed instant: finds its steps that need no execution.
  * `u`: its unknowns. */
 void tl_ledger_expect(tl_ledger *ledger, const double *u);

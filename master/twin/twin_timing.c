@@ -178,6 +178,24 @@ static tl_status measure_repeated(tl_twin *twin, size_t component, tl_twin_timin
     return is_well ? TL_OK : tl_component_restore(self.component, start, error);
 }
 
+enum { MASKED = 64 }; /* components in tl_twin_unsaved() */
+
+/* If no component keeps results, neither caches nor remembered candidates can save executions. */
+static void drop_unused(tl_twin *twin) {
+    const tl_cached_component *cached = twin->exchange.cached;
+    bool is_used = false;
+    twin->unsaved = 0;
+    for (size_t k = 0; k < twin->exchange.component_count; k++) {
+        bool is_kept = cached != NULL && cached[k].keep != TL_KEEP_NONE;
+        is_used = is_used || is_kept;
+        twin->unsaved |= k < MASKED && !is_kept ? UINT64_C(1) << k : 0;
+    }
+    if (!is_used) {
+        tl_exchange_drop_caches(&twin->exchange, twin->synchroniser.horizon.prediction);
+        tl_ledger_drop_candidates(&twin->synchroniser.ledger);
+    }
+}
+
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = TL_OK;
@@ -192,5 +210,6 @@ tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error) {
         exchange->cached[k].keep = is_kept ? TL_KEEP_STATES : TL_KEEP_NONE;
         twin->synchroniser.ledger.executes[k] = !is_kept;
     }
+    drop_unused(twin);
     return status;
 }

@@ -139,6 +139,9 @@ static void states_are_kept_if_that_is_faster(void) {
         start_with(TL_KEEP_AUTO, cases[i].save_cost, cases[i].has_clock, 0);
         tl_twin_ledger entry = tl_twin_get_ledger(run.twin, 0);
         TEST_ASSERT_EQUAL_INT(cases[i].chosen, entry.keep);
+        bool is_kept = cases[i].chosen == TL_KEEP_STATES;
+        TEST_ASSERT_EQUAL_UINT64(is_kept ? 0 : 1, tl_twin_unsaved(run.twin));
+        TEST_ASSERT_EQUAL(is_kept, tl_twin_get_facts(run.twin).sequences);
         start_with(cases[i].chosen, cases[i].save_cost, false, 0);
         tl_twin_ledger same = tl_twin_get_ledger(run.twin, 0);
         TEST_ASSERT_EQUAL_UINT64(same.executions, entry.executions);
