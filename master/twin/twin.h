@@ -276,7 +276,9 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component);
  * is one per step. */
 tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
 
-/* Bit k: component k < 64 keeps no results, by its configuration or by choice. 0 before the start. */
+/* Bit k: component k keeps no results, by its configuration or by choice. 0 before the start, and
+ * for components from TL_TWIN_UNSAVED on, which choose to keep states. */
+enum { TL_TWIN_UNSAVED = 64 };
 uint64_t tl_twin_unsaved(const tl_twin *twin);
 
 /* False if there were more candidates than the ledger can hold: then its prediction is too high. */

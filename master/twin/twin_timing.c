@@ -178,8 +178,6 @@ static tl_status measure_repeated(tl_twin *twin, size_t component, tl_twin_timin
     return is_well ? TL_OK : tl_component_restore(self.component, start, error);
 }
 
-enum { MASKED = 64 }; /* components in tl_twin_unsaved() */
-
 /* If no component keeps results, neither caches nor remembered candidates can save executions. */
 static void drop_unused(tl_twin *twin) {
     const tl_cached_component *cached = twin->exchange.cached;
@@ -188,7 +186,7 @@ static void drop_unused(tl_twin *twin) {
     for (size_t k = 0; k < twin->exchange.component_count; k++) {
         bool is_kept = cached != NULL && cached[k].keep != TL_KEEP_NONE;
         is_used = is_used || is_kept;
-        twin->unsaved |= k < MASKED && !is_kept ? UINT64_C(1) << k : 0;
+        twin->unsaved |= k < TL_TWIN_UNSAVED && !is_kept ? UINT64_C(1) << k : 0;
     }
     if (!is_used) {
         tl_exchange_drop_caches(&twin->exchange, twin->synchroniser.horizon.prediction);
@@ -201,7 +199,8 @@ tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t k = 0; exchange->cached != NULL && k < exchange->component_count && status == TL_OK; k++) {
         tl_twin_timing timing = {.rounds = 0};
-        bool is_timed = twin->now != NULL && twin->proof.has_midst && exchange->components[k].fmi->replay.most == 0;
+        bool is_timed = k < TL_TWIN_UNSAVED && twin->now != NULL && twin->proof.has_midst &&
+                        exchange->components[k].fmi->replay.most == 0;
         if (exchange->cached[k].keep != TL_KEEP_AUTO) {
             continue;
         }
