@@ -69,8 +69,8 @@ typedef struct tl_recording_time {
     tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;
 
-/* What the run's components with "keep": "auto" kept. Known only if the run is replayed with its own
- * configuration. */
+/* What the run's components with "keep": "auto" kept. Known only if the run is replayed with its
+ * own configuration. */
 typedef struct tl_recording_keep {
     bool is_known;
     uint64_t unsaved; /* as tl_twin_unsaved() */

@@ -86,8 +86,8 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
  * this tick, not the step, so that they are in order. */
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 
-/* Call it for each complete record. Reports once what components with "keep": "auto" keep, so that a
- * replay can repeat it. `unsaved` as in tl_twin_unsaved(). */
+/* Call it for each complete record. Reports once what components with "keep": "auto" keep, so that
+ * a replay can repeat it. `unsaved` as in tl_twin_unsaved(). */
 void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved);
 
 /* Reports a new state of the lock monitor (lock_monitor.h), found with the record that was complete
