@@ -232,7 +232,7 @@ def read_config(path):
 def keep_states(document):
     """A copy that keeps all states, where it does not say what is kept."""
     named = document.get("components") if isinstance(document, dict) else None
-    known = {name: {"keep": "states", **one} for name, one in named.items() if isinstance(one, dict)} if isinstance(named, dict) else {}
+    known = {name: {**one, "keep": one.get("keep", "states")} for name, one in named.items() if isinstance(one, dict)} if isinstance(named, dict) else {}
     return {**document, "components": {**named, **known}} if known else document
 
 
