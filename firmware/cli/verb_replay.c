@@ -204,6 +204,7 @@ static tl_status open_recording(replayer *self) {
     if (job->config.duration != 0) {
         job->order.time.length = job->config.duration;
     }
+    job->order.keep = tl_recording_get_keep(self->recording);
     const tl_recording_tunings tunings = tl_recording_get_tunings(self->recording);
     job->order.tunings = (const unsigned char *)tunings.list;
     job->order.tunings_size = tunings.count * sizeof *tunings.list;

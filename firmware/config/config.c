@@ -386,6 +386,46 @@ const char *tl_config_quality_remedy(tl_quality quality) {
     }
 }
 
+/* ---- the choice of "keep": "auto" ---- */
+
+static const char KEEP_EVENT[] = "saving:";
+
+/* Returns the length, also if there is no room. */
+static size_t print_keep(const tl_config_component *component, bool is_saved, char *text, size_t size) {
+    return (size_t)snprintf(text, size, " %s %s", component->name, is_saved ? "states" : "none");
+}
+
+size_t tl_config_write_keep(const tl_config *config, uint64_t unsaved, size_t first, char text[TL_CONFIG_KEEP_TEXT]) {
+    size_t length = (size_t)snprintf(text, TL_CONFIG_KEEP_TEXT, "%s", KEEP_EVENT);
+    const char *separator = "";
+    size_t k = first;
+    for (; k < config->component_count; k++) {
+        char part[TL_CONFIG_KEEP_TEXT];
+        bool is_saved = k >= TL_TWIN_UNSAVED || (unsaved >> k & 1U) == 0;
+        size_t needed = strlen(separator) + print_keep(&config->components[k], is_saved, part, sizeof part);
+        if (config->components[k].keep == TL_KEEP_AUTO) {
+            if (length + needed >= TL_CONFIG_KEEP_TEXT) {
+                break;
+            }
+            (void)snprintf(text + length, TL_CONFIG_KEEP_TEXT - length, "%s%s", separator, part);
+            length += needed;
+            separator = ",";
+        }
+    }
+    text[separator[0] != '\0' ? length : 0] = '\0';
+    return k;
+}
+
+bool tl_config_read_keep(const tl_config *config, const char *text, uint64_t *unsaved) {
+    bool is_choice = strncmp(text, KEEP_EVENT, sizeof KEEP_EVENT - 1) == 0;
+    for (size_t k = 0; is_choice && k < config->component_count && k < TL_TWIN_UNSAVED; k++) {
+        char part[TL_CONFIG_KEEP_TEXT];
+        (void)print_keep(&config->components[k], false, part, sizeof part);
+        *unsaved |= strstr(text, part) != NULL ? UINT64_C(1) << k : 0;
+    }
+    return is_choice;
+}
+
 /* ---- problems, logged for the user ---- */
 
 size_t tl_problems_take_line(const char **text) {

@@ -231,6 +231,14 @@ enum { TL_CONFIG_DESCRIPTION = 256 };
 void tl_config_describe_quality(const tl_config *config, size_t signal, double value, tl_quality quality, tl_time age,
                                 char text[TL_CONFIG_DESCRIPTION]);
 
+/* Text of an event: "saving: motor states, drive none". The first function writes what components
+ * with "keep": "auto" keep, from component `first` on, as far as there is room for it. `unsaved` as
+ * in tl_twin_unsaved(). Returns the next component. The second function returns false if the text
+ * is not of that kind; else it sets the bits of components that keep none. */
+enum { TL_CONFIG_KEEP_TEXT = 224 };
+size_t tl_config_write_keep(const tl_config *config, uint64_t unsaved, size_t first, char text[TL_CONFIG_KEEP_TEXT]);
+bool tl_config_read_keep(const tl_config *config, const char *text, uint64_t *unsaved);
+
 /* Returns what the user can do about this quality, for example "check scale, address, word
  * order". */
 const char *tl_config_quality_remedy(tl_quality quality);

@@ -335,6 +335,15 @@ static void read_free_twin(tl_config_object *object, tl_config *config) {
     }
 }
 
+/* Without caches there is nothing to choose. */
+static void resolve_keep(const tl_config *config) {
+    bool has_caches = config->synchronise && config->saving.sequences && config->event.start.signal == NULL;
+    for (size_t i = 0; i < config->component_count && !has_caches; i++) {
+        tl_config_component *component = &config->components[i];
+        component->keep = component->keep == TL_KEEP_AUTO ? TL_KEEP_STATES : component->keep;
+    }
+}
+
 void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
     static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
@@ -370,6 +379,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_count(&object, "verify_every", &verify_every, &config->verify_every);
     read_free_twin(&object, config);
     read_saving(&object, &defaults, config);
+    resolve_keep(config);
     read_budget(&object, config);
     tl_config_done(&object);
 }

@@ -233,7 +233,7 @@ static void read_states(tl_config_object *entry, tl_config_component *component)
     static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
     static const tl_rollback methods[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
     static const tl_config_number steps = {.whole = true, .minimum = 1, .maximum = 1e5, .example = "1000"};
-    size_t keep = TL_KEEP_STATES;
+    size_t keep = TL_KEEP_AUTO;
     size_t method = 0;
     component->replay_steps = TL_REPLAY_STEPS;
     (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, keeps, &keep);

@@ -40,6 +40,7 @@ struct tl_recording {
     bool by_recording;          /* stamps, and t_start, are those of the recording that the run replayed */
     tl_recording_beginning beginning;
     tl_recording_tunings tunings;
+    tl_recording_keep keep;
     tl_recording_time time;         /* without its length */
     bool looks_up_again;            /* signals are looked up as the configuration requires: */
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest posted reading */
@@ -255,6 +256,21 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
     return status;
 }
 
+/* ---- what the run has kept ---- */
+
+static void take_keep(void *context, const tl_history_event *event) {
+    tl_recording *recording = context;
+    if (strcmp(event->source, "twin") == 0 &&
+        tl_config_read_keep(recording->config, event->text, &recording->keep.unsaved)) {
+        recording->keep.is_known = true;
+    }
+}
+
+static tl_status find_keep(tl_recording *recording, const tl_history_run *run, tl_error *error) {
+    const tl_history_visitor visitor = {.context = recording, .event = take_keep};
+    return recording->same_configuration ? tl_history_events(recording->history, run, "", -1, &visitor, error) : TL_OK;
+}
+
 /* ---- look-ups ---- */
 
 static bool has_same_lookups(const tl_config *config, const tl_config *run) {
@@ -323,6 +339,7 @@ static tl_status open_run(tl_recording *recording, tl_error *error) {
     recording->ticks = range[1] + 1;
     recording->time = (tl_recording_time){.has_start = strcmp(run->verb, "hold") != 0, .experiment = run->experiment};
     status = find_tunings(recording, run, error);
+    status = status == TL_OK ? find_keep(recording, run, error) : status;
     return status == TL_OK ? find_beginning(recording, run, range[0], error) : status;
 }
 
@@ -571,6 +588,10 @@ tl_recording_time tl_recording_get_time(const tl_recording *recording) {
     tl_recording_time time = recording->time;
     time.length = tl_time_of_step(0, recording->config->step, recording->ticks - 1);
     return time;
+}
+
+tl_recording_keep tl_recording_get_keep(const tl_recording *recording) {
+    return recording->keep;
 }
 
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording) {

@@ -69,6 +69,13 @@ typedef struct tl_recording_time {
     tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;
 
+/* What the run's components with "keep": "auto" kept. Known only if the run is replayed with its
+ * own configuration. */
+typedef struct tl_recording_keep {
+    bool is_known;
+    uint64_t unsaved; /* as tl_twin_unsaved() */
+} tl_recording_keep;
+
 /* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
  * wrote.
  *
@@ -104,6 +111,7 @@ tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
 void tl_recording_use_limits(tl_recording *recording);
 
 tl_recording_time tl_recording_get_time(const tl_recording *recording);
+tl_recording_keep tl_recording_get_keep(const tl_recording *recording);
 
 /* Reads the next tick. The first call reads tick 0, or the first tick of the run. Sets *end if the
  * recording ends before the tick's instant. */

@@ -374,6 +374,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
         }
     }
     tl_watch_record(&cycle->watch, tick, record);
+    tl_watch_keep(&cycle->watch, tick, tl_twin_unsaved(cycle->settings.assembly->twin));
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_request(&cycle->checkpointer, tick);
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));

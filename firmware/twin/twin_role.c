@@ -183,10 +183,13 @@ static tl_status read_job(role *self, tl_error *error) {
     }
     status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
     for (size_t i = 0; status == TL_OK && i < self->assembly.config.component_count;
-         i++) { /* rollback methods to test */
+         i++) { /* rollback methods to test, and what a recorded run has kept */
         const tl_rollback method = (tl_rollback)self->job.rollback[i];
         tl_config_component *component = &self->assembly.config.components[i];
         component->rollback = method != TL_ROLLBACK_NONE ? method : component->rollback;
+        if (self->job.keep.is_known && component->keep == TL_KEEP_AUTO && i < TL_TWIN_UNSAVED) {
+            component->keep = (self->job.keep.unsaved >> i & 1U) != 0 ? TL_KEEP_NONE : TL_KEEP_STATES;
+        }
     }
     return status == TL_OK && has_second(self) ? read_config(self, &self->second, error) : status;
 }

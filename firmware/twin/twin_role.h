@@ -65,6 +65,7 @@ typedef struct tl_twin_job {
     uint64_t memory;        /* bytes that the process may use; 0: no limit */
     uint32_t user;          /* user ID to switch to; 0: no change */
     tl_recording_time time; /* of the recording */
+    tl_recording_keep keep; /* as the recorded run */
     bool plain;       /* reuse no executions: no sequence cache, and every component executes in every candidate */
     bool variables;   /* the page lists the variables */
     bool brief;       /* a check without the late verification (twin_trial.h) */

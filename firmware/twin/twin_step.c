@@ -58,6 +58,7 @@ static tl_status execute_step(const tl_assembly *assembly, const tl_recording_ti
 }
 
 static void fill_result(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
+    result->unsaved = tl_twin_unsaved(assembly->twin);
     if (tells == TL_TELLS_COUNTS) {
         (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
     } else if (tells == TL_TELLS_OUTPUTS) {

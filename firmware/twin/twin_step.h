@@ -37,8 +37,9 @@ typedef enum tl_twin_tells {
 /* Result of one tick. In mode ahead it has the record of the step before. */
 typedef struct tl_twin_result {
     int64_t tick;
-    int32_t status; /* tl_status of the step */
-    uint32_t ready; /* 1: there is a record */
+    int32_t status;   /* tl_status of the step */
+    uint32_t ready;   /* 1: there is a record */
+    uint64_t unsaved; /* tl_twin_unsaved() */
     tl_record record;
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];

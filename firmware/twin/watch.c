@@ -430,6 +430,18 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     watch_delay(watch, tick, record);
 }
 
+void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved) {
+    size_t next = watch->has_keep ? watch->config->component_count : 0;
+    watch->has_keep = true;
+    while (next < watch->config->component_count) {
+        char text[TL_CONFIG_KEEP_TEXT];
+        next = tl_config_write_keep(watch->config, unsaved, next, text);
+        if (text[0] != '\0') {
+            tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s", text);
+        }
+    }
+}
+
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
     static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
                                                            [TL_LOCK_LOCKED] = TL_EVENT_INFO,

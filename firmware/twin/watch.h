@@ -70,6 +70,7 @@ typedef struct tl_watch {
     bool refused;                            /* reported: a candidate could not be evaluated */
     bool rests;                              /* reported: u stays at nominal */
     bool no_way_back;                        /* reported: an FMU cannot be rolled back by replay */
+    bool has_keep;                           /* reported: what is kept */
     uint64_t skipped;                        /* missed ticks not reported yet */
     tl_time skipped_since;                   /* `now` of the last report; TL_TIME_NEVER: none */
     tl_noise_watch noise;                    /* of the matched outputs */
@@ -84,6 +85,10 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
 /* Call it for each complete record. `tick`: tick at which the record was complete. Events carry
  * this tick, not the step, so that they are in order. */
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
+
+/* Call it for each complete record. Reports once what components with "keep": "auto" keep, so that
+ * a replay can repeat it. `unsaved` as in tl_twin_unsaved(). */
+void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved);
 
 /* Reports a new state of the lock monitor (lock_monitor.h), found with the record that was complete
  * at this tick. */

@@ -66,6 +66,16 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
     return placed;
 }
 
+void tl_exchange_drop_caches(tl_exchange *exchange, uint32_t prediction) {
+    exchange->cached = NULL;
+    exchange->rooms = NULL;
+    exchange->plant.delivered = NULL;
+    exchange->whole = true;
+    for (size_t i = 0; i < exchange->component_count && exchange->reach != NULL; i++) {
+        exchange->whole = exchange->whole && exchange->reach[i] >= prediction;
+    }
+}
+
 /* Remaining bound for the caches; minimal, but not "no bound", if other modules use all of it. */
 static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
     uint64_t extra_states = 0;

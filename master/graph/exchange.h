@@ -73,7 +73,7 @@ typedef struct tl_exchange {
     tl_cached_component *cached; /* one per component; NULL: nothing is saved by sequences */
     uint32_t extra_states;       /* states per component that other modules keep; they count towards the memory bound */
     tl_state_room *rooms;        /* one per component, for its cache; filled by tl_exchange_start() */
-    bool whole;                  /* no executions are saved: all components execute in one call */
+    bool whole;                  /* no executions of components are saved: all execute in one call */
     tl_costs costs;              /* of executions */
     uint64_t executions;         /* number of executions of all components, without the plant */
     size_t failed;               /* index of the component at which the last macro step failed */
@@ -151,6 +151,9 @@ bool tl_exchange_is_finite(const tl_exchange *exchange);
  * `reach` and `capacity` must outlive the exchange. `prediction`: T_P. */
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
                                  const uint32_t *capacity, uint32_t prediction);
+
+/* Call before tl_exchange_start(): nothing is saved by sequences from now on. */
+void tl_exchange_drop_caches(tl_exchange *exchange, uint32_t prediction);
 
 /* Expected cost of `steps` macro steps of all components, ns. */
 tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);

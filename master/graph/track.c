@@ -241,7 +241,7 @@ static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_
 
 tl_status tl_track_begin(tl_track *track, tl_error *error) {
     tl_status status = tl_exchange_begin(track->exchange, error);
-    if (track->blocks != NULL) {
+    if (track->exchange->cached != NULL) {
         track->depth = 0;
         start_candidate(track);
     }
@@ -250,14 +250,14 @@ tl_status tl_track_begin(tl_track *track, tl_error *error) {
 
 tl_status tl_track_rewind(tl_track *track, tl_error *error) {
     tl_status status = tl_exchange_rewind(track->exchange, error);
-    if (track->blocks != NULL) {
+    if (track->exchange->cached != NULL) {
         start_candidate(track);
     }
     return status;
 }
 
 tl_status tl_track_try(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
-    if (track->blocks == NULL) {
+    if (track->exchange->cached == NULL) {
         return tl_exchange_try(track->exchange, step, depth, error);
     }
     bool known = depth < track->depth;

@@ -54,6 +54,11 @@ static int64_t lesser(int64_t a, int64_t b) {
     return a < b ? a : b;
 }
 
+void tl_ledger_drop_candidates(tl_ledger *ledger) {
+    ledger->saving.sequences = false;
+    ledger->capacity = 0;
+}
+
 static size_t slot_of(const tl_ledger *ledger, size_t index) {
     size_t slot = ledger->oldest + index;
     return slot < ledger->capacity ? slot : slot - ledger->capacity;

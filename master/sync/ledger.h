@@ -86,6 +86,9 @@ typedef struct tl_ledger {
 bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
                     const tl_plan *plan, uint32_t evaluations);
 
+/* Call before the first candidate: no component keeps results, so no candidate is remembered. */
+void tl_ledger_drop_candidates(tl_ledger *ledger);
+
 /* Records that the candidate with unknowns `u` was simulated for `depth` whole steps. If a
  * component failed in the next step, `failed` is its index; else SIZE_MAX. `u` may be NULL if
  * saving.sequences is off. */

@@ -107,7 +107,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .plain = twin->synchroniser.ledger.plain,
         .predicted = tl_ledger_predicted(&twin->synchroniser.ledger, component),
         .executions = tl_twin_executions(twin, component),
-        .keep = TL_KEEP_AUTO,
+        .keep = twin->unsaved != 0 ? TL_KEEP_NONE : TL_KEEP_AUTO,
     };
     fill_needs(twin, component, &entry);
     if (!plant) {
@@ -129,6 +129,10 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     }
     entry.difference = (int64_t)(entry.executions - entry.repeated - entry.predicted);
     return entry;
+}
+
+uint64_t tl_twin_unsaved(const tl_twin *twin) {
+    return twin->unsaved;
 }
 
 bool tl_twin_ledger_is_complete(const tl_twin *twin) {

@@ -70,7 +70,7 @@ typedef struct tl_twin_ledger {
     bool reads_late;       /* it rejects reading in initialisation mode */
     bool on_path;          /* on a path from an adjusted variable to a matched output */
     uint32_t longer;       /* C_k: extra length of the path through it over the shortest path; 0: on no path */
-    tl_keep keep;          /* what is kept; TL_KEEP_AUTO before the start, or without a cache */
+    tl_keep keep;          /* what is kept; without a cache TL_KEEP_NONE, but TL_KEEP_AUTO before the start */
     uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
     uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */
     uint32_t nodes;        /* nodes of its cache; 0: no cache */
@@ -275,6 +275,11 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component);
 /* Returns predicted and counted executions of a component. If nothing is adjusted, the prediction
  * is one per step. */
 tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
+
+/* Bit k: component k keeps no results, by its configuration or by choice. 0 before the start, and
+ * for components from TL_TWIN_UNSAVED on, which choose to keep states. */
+enum { TL_TWIN_UNSAVED = 64 };
+uint64_t tl_twin_unsaved(const tl_twin *twin);
 
 /* False if there were more candidates than the ledger can hold: then its prediction is too high. */
 bool tl_twin_ledger_is_complete(const tl_twin *twin);

@@ -55,6 +55,7 @@ struct tl_twin {
     tl_proof proof;
     uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
     bool resets;           /* the FMUs must be reset before the next step */
+    uint64_t unsaved;      /* as tl_twin_unsaved() */
     const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
     tl_verifier verifier;
     tl_free_twin free_twin;
@@ -72,10 +73,11 @@ struct tl_twin {
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
 /* Defined in twin_timing.c. After the rollback proof and before tl_exchange_start(): replaces
- * TL_KEEP_AUTO of each component by TL_KEEP_STATES or TL_KEEP_NONE. Repeats the first step at most
- * 15 times, for at most 5 ms for each component. Keeps states without a clock, with rollback by
- * replay, or if a component can hold only one state. Errors: TL_FMU_FAILED or TL_FMU_FATAL if a
- * component cannot be restored. */
+ * TL_KEEP_AUTO of each component by TL_KEEP_STATES or TL_KEEP_NONE. If all components have
+ * TL_KEEP_NONE, drops the caches, and the ledger predicts only by structure. Repeats the first
+ * step at most 15 times, for at most 5 ms for each component. Keeps states without a clock, with
+ * rollback by replay, or if a component can hold only one state. Errors: TL_FMU_FAILED or
+ * TL_FMU_FATAL if a component cannot be restored. */
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);
 
 /* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this

@@ -1,6 +1,7 @@
 /* Timing of a component: see twin_timing.h. */
 #include "master/twin/twin_timing.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "master/twin/twin_parts.h"
@@ -92,25 +93,35 @@ void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void
 
 /* ---- choice of what is kept ---- */
 
+/* Caches and ledger take about this time for each step of a candidate, and in addition for each
+ * component in it, ns (tests/bench/keep.py). */
+static const double BOOKKEEPING = 100.0;
+static const double BOOKKEEPING_EACH = 60.0;
+
+/* Of secant: the first guess, and one move by the slope that it already knows. */
 static double expected_evaluations(const tl_twin *twin) {
-    const tl_synchroniser *synchroniser = &twin->synchroniser;
-    double most = (double)twin->tuning.evaluations;
-    double newton = (double)synchroniser->horizon.count + 3.0;
-    bool is_secant = synchroniser->solver != NULL && strcmp(synchroniser->solver->name, "secant") == 0;
-    return is_secant && newton < most ? newton : most;
+    const tl_optimiser_class *solver = twin->synchroniser.solver;
+    return solver != NULL && strcmp(solver->name, "secant") == 0 ? 2.0 : (double)twin->tuning.evaluations;
 }
 
 /* Evaluations that are saved because others begin alike: with one unknown for each step, those that
- * move one unknown share on average half of their steps. */
+ * move one unknown share on average half of their steps. The first guess and one more do not. */
 static double alike(const tl_horizon *horizon, double evaluations) {
     double unknowns = (double)horizon->count;
-    double moves = unknowns < evaluations - 1.0 ? unknowns : evaluations - 1.0;
+    double moves = unknowns < evaluations - 2.0 ? unknowns : evaluations - 2.0;
     return horizon->count > horizon->variables ? 0.5 * moves : 0.0;
 }
 
-/* With all states kept, the first evaluation mostly needs one new step, because it continues the
- * committed ones, and the commit needs none. */
-double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing) {
+/* Expected times of a component in a search, ns. */
+typedef struct search_times {
+    double with_states;
+    double without_states;
+    double bookkeeping; /* of the whole twin, if a component keeps results */
+} search_times;
+
+/* With all states kept, the first evaluation mostly needs no restore and one new step, because it
+ * continues the committed ones, and the commit needs none. */
+static search_times expect_times(const tl_twin *twin, size_t component, const tl_twin_timing *timing) {
     const tl_horizon *horizon = &twin->synchroniser.horizon;
     double evaluations = expected_evaluations(twin);
     uint32_t reach = twin->exchange.reach != NULL ? horizon->reach[component] : horizon->prediction;
@@ -119,9 +130,16 @@ double tl_twin_part_without_states(const tl_twin *twin, size_t component, const 
     double needed = 1.0 + (evaluations - 1.0 - alike(horizon, evaluations)) * later;
     double step = (double)timing->step.median;
     double save = (double)timing->save.median;
-    double restores = evaluations * (double)timing->restore.median;
-    double with_states = needed * (step + save) + restores;
-    return with_states > 0.0 ? (all * step + save + restores) / with_states : 1.0;
+    double restore = (double)timing->restore.median;
+    double bookkeeping = BOOKKEEPING + BOOKKEEPING_EACH * (double)twin->exchange.component_count;
+    return (search_times){.with_states = needed * (step + save) + (evaluations - 1.0) * restore,
+                          .without_states = all * step + save + evaluations * restore,
+                          .bookkeeping = evaluations * (double)horizon->prediction * bookkeeping};
+}
+
+double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing) {
+    search_times times = expect_times(twin, component, timing);
+    return times.without_states / (times.with_states + times.bookkeeping / (double)twin->exchange.component_count);
 }
 
 static tl_time lasted(tl_time from, tl_time to, tl_time reading) {
@@ -178,19 +196,54 @@ static tl_status measure_repeated(tl_twin *twin, size_t component, tl_twin_timin
     return is_well ? TL_OK : tl_component_restore(self.component, start, error);
 }
 
+/* If no component keeps results, neither caches nor remembered candidates can save executions. */
+static void drop_unused(tl_twin *twin) {
+    const tl_cached_component *cached = twin->exchange.cached;
+    bool is_used = false;
+    twin->unsaved = 0;
+    for (size_t k = 0; k < twin->exchange.component_count; k++) {
+        bool is_kept = cached != NULL && cached[k].keep != TL_KEEP_NONE;
+        is_used = is_used || is_kept;
+        twin->synchroniser.ledger.executes[k] = cached != NULL && !is_kept;
+        twin->unsaved |= k < TL_TWIN_UNSAVED && !is_kept ? UINT64_C(1) << k : 0;
+    }
+    if (!is_used) {
+        tl_exchange_drop_caches(&twin->exchange, twin->synchroniser.horizon.prediction);
+        tl_ledger_drop_candidates(&twin->synchroniser.ledger);
+    }
+}
+
+/* Chooses for one component; returns the time that its states save in a search, ns. Infinity: it
+ * keeps them in any case. */
+static tl_status choose_keep(tl_twin *twin, size_t k, double *gain, tl_error *error) {
+    tl_exchange *exchange = &twin->exchange;
+    tl_keep *keep = &exchange->cached[k].keep;
+    tl_twin_timing timing = {.rounds = 0};
+    bool is_timed = *keep == TL_KEEP_AUTO && k < TL_TWIN_UNSAVED && twin->now != NULL && twin->proof.has_midst &&
+                    exchange->components[k].fmi->replay.most == 0;
+    tl_status status = is_timed ? measure_repeated(twin, k, &timing, error) : TL_OK;
+    search_times times = expect_times(twin, k, &timing);
+    *gain = *keep == TL_KEEP_NONE ? 0.0 : timing.rounds == 0 ? HUGE_VAL : times.without_states - times.with_states;
+    if (*keep == TL_KEEP_AUTO) {
+        *keep = *gain >= 0.0 ? TL_KEEP_STATES : TL_KEEP_NONE;
+    }
+    return status;
+}
+
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = TL_OK;
+    double gains = 0.0;
     for (size_t k = 0; exchange->cached != NULL && k < exchange->component_count && status == TL_OK; k++) {
-        tl_twin_timing timing = {.rounds = 0};
-        bool is_timed = twin->now != NULL && twin->proof.has_midst && exchange->components[k].fmi->replay.most == 0;
-        if (exchange->cached[k].keep != TL_KEEP_AUTO) {
-            continue;
-        }
-        status = is_timed ? measure_repeated(twin, k, &timing, error) : TL_OK;
-        bool is_kept = timing.rounds == 0 || tl_twin_part_without_states(twin, k, &timing) >= 1.0;
-        exchange->cached[k].keep = is_kept ? TL_KEEP_STATES : TL_KEEP_NONE;
-        twin->synchroniser.ledger.executes[k] = !is_kept;
+        double gain = 0.0;
+        status = choose_keep(twin, k, &gain, error);
+        gains += fmax(gain, 0.0);
     }
+    const tl_twin_timing nothing = {.rounds = 0};
+    bool is_worth = gains >= expect_times(twin, 0, &nothing).bookkeeping;
+    for (size_t k = 0; exchange->cached != NULL && k < exchange->component_count && !is_worth; k++) {
+        exchange->cached[k].keep = TL_KEEP_NONE;
+    }
+    drop_unused(twin);
     return status;
 }

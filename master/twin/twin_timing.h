@@ -39,8 +39,8 @@ void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void
                             tl_twin_timing *timing);
 
 /* Returns the time of a component in a search without results kept, as a part of that with all
- * states kept. Expects all evaluations of the budget, but for secant only as many as it needs for
- * one Newton step, and one more. `timing`: with rounds. */
+ * states kept. Expects all evaluations of the budget, but for secant only two. `timing`: with
+ * rounds. */
 double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing);
 
 #endif

@@ -3,15 +3,25 @@
  *
  * usage: bench_replay CONFIG RECORDING
  *
- * It executes and evaluates the same ticks with the same functions. Prints the number of steps.
+ * It executes and evaluates the same ticks with the same functions. Prints the number of steps, and the processor time of a
+ * tick after the first ones, ns.
  */
 #include <inttypes.h>
 #include <stdio.h>
+#include <time.h>
 
 #include "firmware/base/os.h"
 #include "firmware/report/summary.h"
 #include "firmware/twin/twin_step.h"
 #include "tests/support/read_assembly.h"
+
+enum { FIRST_TICKS = 5 }; /* with the start of the FMUs */
+
+static int64_t processor_time(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+    return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
+}
 
 static int run(tl_assembly *assembly, const char *path) {
     static tl_account account;
@@ -24,6 +34,8 @@ static int run(tl_assembly *assembly, const char *path) {
     tl_summary summary = {.wall_s = 0.0};
     tl_error error;
     bool end = false;
+    int64_t begun = 0;
+    int64_t ticks = 0;
     tl_account_take(assembly->twin, &account);
     tl_lock_monitor_init(&lock_monitor, config, &account);
     tl_recovery_init(&recovery, config, &account);
@@ -33,6 +45,7 @@ static int run(tl_assembly *assembly, const char *path) {
         if (status != TL_OK || end) {
             break;
         }
+        begun = ++ticks == FIRST_TICKS ? processor_time() : begun;
         status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &recovery, &result, &error);
         tl_summary_sample(&summary, config, &tick.sample);
         tl_lock_monitor_sample(&lock_monitor, &tick.sample);
@@ -45,7 +58,8 @@ static int run(tl_assembly *assembly, const char *path) {
         (void)fprintf(stderr, "bench_replay: %s\n", error.text);
         return tl_exit_code(status);
     }
-    (void)printf("%" PRIu64 "\n", summary.figures.steps);
+    int64_t counted = ticks > FIRST_TICKS ? ticks - FIRST_TICKS : 1;
+    (void)printf("%" PRIu64 " %" PRId64 "\n", summary.figures.steps, (processor_time() - begun) / counted);
     tl_recording_close(recording);
     return 0;
 }

@@ -79,7 +79,7 @@ def print_costs(motor, commands_of, options):
         until_the_end(config, inner_steps)
         program, bench = commands_of(config)
         apart, together = (used_by(command, recordings, options.rounds) for command in (program, bench))
-        steps = int(subprocess.run([*bench, recordings[1]], check=True, capture_output=True, text=True).stdout)
+        steps = int(subprocess.run([*bench, recordings[1]], check=True, capture_output=True, text=True).stdout.split()[0])
         print(f"{inner_steps:12}{together / steps / FMUS * 1e6:11.2f} us{apart / together:16.3f}", flush=True)
 
 

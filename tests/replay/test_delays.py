@@ -229,7 +229,7 @@ def test_bad_delays_are_refused():
     section["output"]["plant"] = ["nobody"]
     code, _, err = run(["check", config(section)])
     expect(code == 65, err)
-    expect_line(err, 'error|line 51|delays.output.plant[0]|"nobody"|participant|base')
+    expect_line(err, 'error|line 52|delays.output.plant[0]|"nobody"|participant|base')
 
 
 if __name__ == "__main__":

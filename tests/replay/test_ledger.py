@@ -84,6 +84,28 @@ def test_nothing_kept():
     expect(filecmp.cmp(steps(chosen), steps(kept, "--plain"), False), "results depend on what is kept")
 
 
+def test_a_choice_is_repeated():
+    """A run with "keep": "auto" records its choice, and a replay of the database repeats it without a measurement."""
+    chosen, database = config({"motor": {"keep": "auto"}, "drive": {"keep": "auto"}}, horizon=horizon(3), free_twin=False), scratch() / "choice.db"
+    run_well(["replay", chosen, "--db", database])
+    executions = {}
+    with closing(sqlite3.connect(database)) as connection:
+        found = connection.execute("SELECT source, text FROM v_events WHERE text LIKE 'saving:%'").fetchall()
+        expect(len(found) == 1 and found[0][0] == "twin", f"{found}")
+        for keeps in [(motor, drive) for motor in ("states", "none") for drive in ("states", "none")]:
+            connection.execute("UPDATE events SET text = ? WHERE text LIKE 'saving:%'", (f"saving: drive {keeps[1]}, motor {keeps[0]}",))
+            connection.commit()
+            again = scratch() / f"{'-'.join(keeps)}.db"
+            told = replay_json(chosen, "--recording", database, "--db", again)
+            executions[keeps] = [told["executions"][name] for name in ("motor", "drive")]
+            pinned = config({"motor": {"keep": keeps[0]}, "drive": {"keep": keeps[1]}}, horizon=horizon(3), free_twin=False)
+            expect(told["executions"] == replay_json(pinned)["executions"], f"{keeps}: {told['executions']}")
+            with closing(sqlite3.connect(again)) as second:
+                texts = [text for text, in second.execute("SELECT text FROM v_events WHERE text LIKE 'saving:%'")]
+            expect(len(texts) == 1 and all(f"{name} {keep}" in texts[0] for name, keep in zip(("motor", "drive"), keeps)), f"{keeps}: {texts}")
+    expect(len(set(map(tuple, executions.values()))) == 4, f"the choice has no effect: {executions}")
+
+
 def test_no_room():
     """With too few nodes, more is executed than predicted. The log and the database have a warning; results are the same."""
     chosen, database = config(horizon=horizon(3), saving={"nodes": 2}), scratch() / "run.db"

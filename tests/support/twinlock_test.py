@@ -229,11 +229,19 @@ def read_config(path):
         return json.load(file)
 
 
+def keep_states(document):
+    """A copy that keeps all states, where it does not say what is kept."""
+    named = document.get("components") if isinstance(document, dict) else None
+    known = {name: {**one, "keep": one.get("keep", "states")} for name, one in named.items() if isinstance(one, dict)} if isinstance(named, dict) else {}
+    return {**document, "components": {**named, **known}} if known else document
+
+
 def write_config(document, folder=None):
-    """The path of a new configuration; `document` is an object, or a text or bytes as they are."""
+    """The path of a new configuration; `document` is an object, or a text or bytes as they are. An object keeps all states if
+    it does not say otherwise, so that the number of executions is always the same."""
     path = (folder or scratch()) / "config.json"
     if not isinstance(document, (str, bytes)):
-        document = json.dumps(document, indent=1, ensure_ascii=False)
+        document = json.dumps(keep_states(document), indent=1, ensure_ascii=False)
     path.write_bytes(document.encode() if isinstance(document, str) else document)
     return path
 

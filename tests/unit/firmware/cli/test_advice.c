@@ -178,7 +178,7 @@ static void test_saving_that_is_off(void) {
 }
 
 static void test_outputs_that_are_kept_in_place_of_states(void) {
-    load(LOCK, "\"fmu\": \"motor.fmu\"", "\"fmu\": \"motor.fmu\", \"keep\": \"outputs\"");
+    load(LOCK, "0.0515 }, \"keep\": \"states\"", "0.0515 }, \"keep\": \"outputs\"");
     expect_one("components.motor|keep|\"outputs\"");
 }
 

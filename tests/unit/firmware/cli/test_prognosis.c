@@ -107,7 +107,7 @@ static void test_a_twin_that_runs_free(void) {
 
 static void test_an_fmu_that_cannot_step(void) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    make("\"J\": 0.0515 } }\n  },\n  \"plant\": {\n    \"torque\": {",
+    make("\"J\": 0.0515 }, \"keep\": \"states\" }\n  },\n  \"plant\": {\n    \"torque\": {",
          "\"J\": 1e-320 } }\n  },\n  \"plant\": {\n    \"torque\": { \"initial\": 5,");
     free(tl_stderr_capture_end());
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, prognosis.error.status);

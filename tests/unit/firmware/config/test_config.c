@@ -692,6 +692,8 @@ static void test_modes_and_shapes(void) {
     TEST_ASSERT_EQUAL_INT(TL_LAG, verdict.config.measurements);
     takes(FULL, "\"shape\": \"dynamic\"", "\"shape\": \"static\"");
     TEST_ASSERT_EQUAL_INT(TL_STATIC, verdict.config.shape);
+    takes(FULL, "\"sequences\": false", "\"sequences\": true");
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_AUTO, verdict.config.components[0].keep);
     takes(FULL, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
     TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, verdict.config.components[1].keep);
     takes(FULL, "\"nominal\": true", "\"nominal\": false");

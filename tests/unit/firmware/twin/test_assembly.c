@@ -103,7 +103,7 @@ static void test_modes_reach_the_plan(void) {
     TEST_ASSERT_EQUAL_INT(TL_HOLD, assembly.plan.measurements);
     tl_assembly_free(&assembly);
     free(said);
-    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": {", "\"drive\": { \"keep\": \"outputs\","));
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("10 }, \"keep\": \"states\"", "10 }, \"keep\": \"outputs\""));
     TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, assembly.plan.components[0].keep);
     TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, assembly.plan.components[1].keep);
 }
@@ -157,9 +157,11 @@ static void test_an_fmu_by_its_hash(void) {
 }
 
 static void test_all_missing_fmus_are_reported(void) {
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
-                          load("\"drive.fmu\", \"set\": { \"ref\": 10 } },\n    \"motor\": { \"fmu\": \"motor.fmu\"",
-                               "\"absent1.fmu\" },\n    \"motor\": { \"fmu\": \"absent2.fmu\""));
+    TEST_ASSERT_EQUAL_INT(
+        TL_BAD_DATA,
+        load(
+            "\"drive.fmu\", \"set\": { \"ref\": 10 }, \"keep\": \"states\" },\n    \"motor\": { \"fmu\": \"motor.fmu\"",
+            "\"absent1.fmu\" },\n    \"motor\": { \"fmu\": \"absent2.fmu\""));
     TEST_ASSERT_EQUAL_size_t(2, assembly.problems.report.count);
     expect_said("components.drive|\"absent1.fmu\"");
     expect_said("components.motor|\"absent2.fmu\"");

@@ -467,6 +467,43 @@ static void test_a_tolerance_within_the_noise(void) {
     config.synchronise = false;
 }
 
+/* The choice of "keep": "auto" is reported once; with long names in several events. All are read
+ * again. */
+static void test_what_is_kept(void) {
+    enum { COMPONENTS = TL_TWIN_UNSAVED + 2, LONGEST = 64 };
+    static char names[COMPONENTS][LONGEST];
+    static tl_config_component components[COMPONENTS];
+    const uint64_t unsaved = UINT64_C(0x8000000000000aaa);
+    uint64_t found = 0;
+    config.components = components;
+    config.component_count = COMPONENTS;
+    for (int i = 0; i < COMPONENTS; i++) {
+        (void)snprintf(names[i], LONGEST, "%c%062d", 'a' + i % 2, i);
+        components[i] = (tl_config_component){.name = names[i]};
+    }
+    tl_watch_keep(&watch, 1, unsaved);
+    expect_nothing();
+    components[2].keep = TL_KEEP_AUTO;
+    components[3].keep = TL_KEEP_AUTO;
+    tl_watch_init(&watch, &config, &journal);
+    tl_watch_keep(&watch, 1, unsaved);
+    tl_watch_keep(&watch, 2, unsaved);
+    expect_told_change("notice|twin|saving", "states", "none");
+    for (int i = 0; i < COMPONENTS; i++) {
+        components[i].keep = TL_KEEP_AUTO;
+    }
+    char text[TL_CONFIG_KEEP_TEXT];
+    int events = 0;
+    for (size_t next = 0; next < COMPONENTS; events++) {
+        next = tl_config_write_keep(&config, unsaved, next, text);
+        TEST_ASSERT_TRUE(tl_config_read_keep(&config, text, &found));
+    }
+    TEST_ASSERT_EQUAL_INT(COMPONENTS / 3, events);
+    TEST_ASSERT_EQUAL_HEX64(unsaved, found);
+    TEST_ASSERT_FALSE(tl_config_read_keep(&config, "u is searched again", &found));
+    config.component_count = 0;
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
@@ -489,5 +526,6 @@ int main(void) {
     RUN_TEST(test_strokes_are_reported_if_they_change_something);
     RUN_TEST(test_a_stroke_that_a_reset_ends);
     RUN_TEST(test_a_tolerance_within_the_noise);
+    RUN_TEST(test_what_is_kept);
     return UNITY_END();
 }

@@ -6,7 +6,7 @@
 #include "master/twin/twin_timing.h"
 #include "tests/support/test_plan.h"
 
-enum { COST = 1000, TICKS = 10 };
+enum { COST = 1000, LONG = 100 * COST, TICKS = 10 };
 
 static tl_test_log call_log;
 static tl_test_fmu fmu;
@@ -112,17 +112,17 @@ static void one_that_fails_is_not_told_of(void) {
     }
 }
 
-/* Builds the twin again, with a choice at its start. If step number `failing` (0: none) is made, it
+/* Builds the twin again, with a choice at its start. `costs`: of a step and of a save. If step number `failing` (0: none) is made, it
  * fails. */
-static void start_with(tl_keep keep, tl_time save_cost, bool has_clock, uint64_t failing) {
+static void start_with(tl_keep keep, const tl_time costs[2], bool has_clock, uint64_t failing) {
     tearDown();
     make_plan();
     plan.components[0].keep = keep;
     plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
     plan.plan.now = has_clock ? read_clock : NULL;
     fmu.control.clock = &now;
-    fmu.control.cost = COST;
-    fmu.control.save_cost = save_cost;
+    fmu.control.cost = costs[0];
+    fmu.control.save_cost = costs[1];
     if (failing != 0) {
         tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, failing, failing);
     }
@@ -131,15 +131,21 @@ static void start_with(tl_keep keep, tl_time save_cost, bool has_clock, uint64_t
 
 static void states_are_kept_if_that_is_faster(void) {
     static const struct {
-        tl_time save_cost;
+        tl_time costs[2];
         bool has_clock;
         tl_keep chosen;
-    } cases[] = {{0, true, TL_KEEP_STATES}, {10 * COST, true, TL_KEEP_NONE}, {10 * COST, false, TL_KEEP_STATES}};
+    } cases[] = {{{LONG, 0}, true, TL_KEEP_STATES},
+                 {{LONG, LONG}, true, TL_KEEP_NONE},
+                 {{LONG, LONG}, false, TL_KEEP_STATES},
+                 {{10, 0}, true, TL_KEEP_NONE}}; /* the bookkeeping takes longer */
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        start_with(TL_KEEP_AUTO, cases[i].save_cost, cases[i].has_clock, 0);
+        start_with(TL_KEEP_AUTO, cases[i].costs, cases[i].has_clock, 0);
         tl_twin_ledger entry = tl_twin_get_ledger(run.twin, 0);
         TEST_ASSERT_EQUAL_INT(cases[i].chosen, entry.keep);
-        start_with(cases[i].chosen, cases[i].save_cost, false, 0);
+        bool is_kept = cases[i].chosen == TL_KEEP_STATES;
+        TEST_ASSERT_EQUAL_UINT64(is_kept ? 0 : 1, tl_twin_unsaved(run.twin));
+        TEST_ASSERT_EQUAL(is_kept, tl_twin_get_facts(run.twin).sequences);
+        start_with(cases[i].chosen, cases[i].costs, false, 0);
         tl_twin_ledger same = tl_twin_get_ledger(run.twin, 0);
         TEST_ASSERT_EQUAL_UINT64(same.executions, entry.executions);
         TEST_ASSERT_EQUAL_UINT64(same.predicted, entry.predicted);
@@ -149,8 +155,9 @@ static void states_are_kept_if_that_is_faster(void) {
 
 /* The third of the repeated steps, which follow those of the proof. */
 static void states_are_kept_if_a_repeated_step_fails(void) {
-    start_with(TL_KEEP_STATES, 10 * COST, true, 0);
-    start_with(TL_KEEP_AUTO, 10 * COST, true, tl_twin_get_facts(run.twin).proved_executions + 3);
+    static const tl_time costs[2] = {LONG, LONG};
+    start_with(TL_KEEP_STATES, costs, true, 0);
+    start_with(TL_KEEP_AUTO, costs, true, tl_twin_get_facts(run.twin).proved_executions + 3);
     TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, tl_twin_get_ledger(run.twin, 0).keep);
 }
 
