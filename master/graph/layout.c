@@ -318,6 +318,7 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t s
     double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     size_t late = count_late(exchange);
     exchange->begun = first;
+    exchange->was_finite = false;
     tl_status status = initialize_all(exchange, start, shown, error);
     if (status == TL_FMU_FAILED && count_late(exchange) != late) { /* some FMUs are unusable after a rejected call */
         status = TL_OK;
