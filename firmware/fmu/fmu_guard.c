@@ -348,6 +348,7 @@ static void end_recording(tl_fmu_guarded *self) {
         free(self->replay);
         self->replay = NULL;
     }
+    self->is_noted = self->memory != NULL;
 }
 
 /* ---- functions of the methods ---- */
@@ -878,6 +879,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     }
     *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .memory = guard->memory, .guard = guard};
     self->begun = (struct begun){name, guid, resources, type, visible, logging};
+    self->is_noted = guard->memory != NULL || guard->may_replay;
     self->set_real = guard->own.set_real;
     self->do_step = guard->own.do_step;
     self->get_real = guard->own.get_real;
@@ -1060,14 +1062,10 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
 /* Between two instances of one macro step only a quick check is possible: the full check would take
  * as long as a step of a small FMU. It checks the effect of the control bits (host_state.h), and
  * the character table, which changes with the locale unless the new locale was made from ours. */
-static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
-    leave_heap(self);
-    bool holds = last ? is_unchanged(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
-    if (!holds) {
+static inline void check_thread(guarded *self) {
+    if (!tl_fp_control_holds(&self->control) || *self->characters != self->table) {
         restore_thread(self, "a step");
     }
-    end_call(status);
-    return status;
 }
 
 /* Notes the calls set, step and get; the last one made may have failed. */
@@ -1084,28 +1082,66 @@ static void note_reals(guarded *self, const tl_ports *inputs, const tl_ports *ou
     }
 }
 
-static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs,
-                             const tl_fmi2_step *step, unsigned *done) {
-    guarded *self = component;
-    fmi2Component instance = self->instance;
-    *done = 0;
-    enter(self, TL_FMU_SET_REAL);
-    fmi2Status status = self->set_real(instance, inputs->real_references, inputs->real_count, inputs->reals);
-    if (status <= fmi2Warning) {
+/* The three calls of one instance. *done is set only if a call fails. */
+static inline fmi2Status call_reals(tl_fmu_calls *calls, const guarded *self, tl_component *component,
+                                    const tl_fmi2_step *step, unsigned *done) {
+    const tl_ports *inputs = &component->inputs;
+    const tl_ports *outputs = &component->outputs;
+    tl_fmu_call_begin_in(calls, self->name, TL_FMU_SET_REAL);
+    fmi2Status status = self->set_real(self->instance, inputs->real_references, inputs->real_count, inputs->reals);
+    if (status > fmi2Warning) {
+        *done = 0;
+        return status;
+    }
+    component->executions++;
+    tl_fmu_call_continue(calls, self->name, TL_FMU_DO_STEP);
+    status = self->do_step(self->instance, component->start_s + step->now - self->shift, step->size,
+                           tl_component_is_final(component, step->final));
+    if (status > fmi2Warning) {
         *done = 1;
-        tl_fmu_call_continue(self->name, TL_FMU_DO_STEP);
-        status = step_status(self, self->do_step(instance, step->now - self->shift, step->size, step->final));
+        return step_status(self, status);
     }
-    if (status <= fmi2Warning) {
-        *done = 2;
-        tl_fmu_call_continue(self->name, TL_FMU_GET_REAL);
-        status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
+    tl_fmu_call_continue(calls, self->name, TL_FMU_GET_REAL);
+    return self->get_real(self->instance, outputs->real_references, outputs->real_count, outputs->reals);
+}
+
+/* After the calls of an instance with memory of its own, or whose calls are noted. Computes nothing
+ * before the thread is checked. */
+static void __attribute__((noinline))
+note_calls(guarded *self, const tl_component *component, const tl_fmi2_step *step, unsigned done, fmi2Status status) {
+    leave_heap(self);
+    if (!is_unchanged(self)) {
+        restore_thread(self, "a step");
     }
-    status = leave_step(self, step->last, status);
-    if (self->replay != NULL || self->last_inputs != NULL) {
-        note_reals(self, inputs, outputs, step, *done, status);
+    const tl_fmi2_step own = tl_component_own_step(component, step);
+    note_reals(self, &component->inputs, &component->outputs, &own, done, status);
+}
+
+static tl_fmi2_end step_reals(tl_component *components, size_t count, const tl_fmi2_step *step) {
+    tl_fmu_calls *calls = tl_fmu_calls_block;
+    tl_component *component = components;
+    guarded *self = component->instance;
+    fmi2Status status = fmi2OK;
+    unsigned done = 2;
+    for (;;) {
+        if (self->is_noted && self->memory != NULL) {
+            tl_fmu_memory_enter(self->memory);
+        }
+        status = call_reals(calls, self, component, step, &done);
+        if (self->is_noted) {
+            note_calls(self, component, step, done, status);
+        }
+        if (status > fmi2Warning || ++component == components + count || component->mode != TL_MODE_STEPPING) {
+            break;
+        }
+        check_thread(self);
+        self = component->instance;
     }
-    return status;
+    if (!is_unchanged(self)) { /* the last one keeps its exception flags, which the quick check would clear */
+        restore_thread(self, "a step");
+    }
+    end_call(status);
+    return (tl_fmi2_end){.stepped = (size_t)(component - components), .status = status, .done = done};
 }
 
 /* ---- states ---- */

@@ -63,15 +63,15 @@ uint32_t tl_fmu_calls_name(const char *name) {
     (void)snprintf(kept, sizeof kept, "%s", name);
     for (uint32_t i = 0; i < used && i < TL_FMU_CALL_FMUS; i++) {
         if (strcmp(tl_fmu_calls_block->names[i], kept) == 0) {
-            return i;
+            return i << TL_FMU_CALL_FUNCTION_BITS;
         }
     }
     if (used >= TL_FMU_CALL_FMUS) {
-        return TL_FMU_CALL_FMUS - 1;
+        return (TL_FMU_CALL_FMUS - 1U) << TL_FMU_CALL_FUNCTION_BITS;
     }
     memcpy(tl_fmu_calls_block->names[used], kept, sizeof kept);
     __atomic_store_n(&tl_fmu_calls_block->fmus, used + 1, __ATOMIC_RELEASE);
-    return used;
+    return used << TL_FMU_CALL_FUNCTION_BITS;
 }
 
 bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call) {

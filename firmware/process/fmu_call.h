@@ -55,7 +55,7 @@ typedef enum tl_fmu_function {
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
     uint32_t begun;  /* number of calls so far; all calls of a step count as one; wraps around */
-    uint32_t now;    /* FMU · 256 + function; 0: none */
+    uint32_t now;    /* number of the FMU + function; 0: none */
     uint32_t fmus;   /* names in use */
     uint32_t asked;  /* 1: the process has noted the signal to end */
     uint32_t failed; /* `begun` of the last call that failed; 0: none */
@@ -78,8 +78,9 @@ void tl_fmu_calls_use(tl_fmu_calls *block);
 /* Returns the block in use. */
 const tl_fmu_calls *tl_fmu_calls_in_use(void);
 
-/* Registers an FMU by name, for example by its component's name, and returns its number. The same
- * name gives the same number. The name is truncated to TL_FMU_CALL_NAME - 1 bytes. */
+/* Registers an FMU by name, for example by its component's name, and returns its number, which is
+ * a multiple of 256. The same name gives the same number. The name is truncated to
+ * TL_FMU_CALL_NAME - 1 bytes. */
 uint32_t tl_fmu_calls_name(const char *name);
 
 /* Notes that the process has received the signal to end. */
@@ -88,9 +89,10 @@ void tl_fmu_calls_note_end_request(void);
 /* Mark the beginning and the end of an FMU call. `fmu`: its number. A call that begins before the
  * previous one has ended replaces that one. Inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
+static inline void tl_fmu_call_begin_in(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function);
 /* Continues the present call with another function, without counting a new call, because counting
- * costs more than storing the function. */
-static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function);
+ * costs more than storing the function. `block`: tl_fmu_calls_block, which no call changes. */
+static inline void tl_fmu_call_continue(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 /* Notes that the present call has failed. */
 static inline void tl_fmu_call_fail(void);
@@ -114,14 +116,17 @@ extern tl_fmu_calls *tl_fmu_calls_block; /* private: use tl_fmu_calls_in_use() *
 
 enum { TL_FMU_CALL_FUNCTION_BITS = 8 };
 
-static inline void tl_fmu_call_continue(uint32_t fmu, tl_fmu_function function) {
-    __atomic_store_n(&tl_fmu_calls_block->now, fmu << TL_FMU_CALL_FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
+static inline void tl_fmu_call_continue(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function) {
+    __atomic_store_n(&block->now, fmu | (uint32_t)function, __ATOMIC_RELAXED);
+}
+
+static inline void tl_fmu_call_begin_in(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function) {
+    __atomic_store_n(&block->begun, __atomic_load_n(&block->begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
+    tl_fmu_call_continue(block, fmu, function);
 }
 
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
-    uint32_t *begun = &tl_fmu_calls_block->begun;
-    __atomic_store_n(begun, __atomic_load_n(begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
-    tl_fmu_call_continue(fmu, function);
+    tl_fmu_call_begin_in(tl_fmu_calls_block, fmu, function);
 }
 
 static inline void tl_fmu_call_end(void) {

@@ -38,7 +38,7 @@ typedef struct scheduling {
 /* Static, because this is the state of the process. */
 static struct {
     bool kept;
-    uint32_t rounding;
+    uint64_t rounding;
     locale_t locale;                       /* of the thread */
     char locales[CATEGORIES][LOCALE_NAME]; /* of the process */
     sigset_t mask;

@@ -24,74 +24,77 @@
 
 #if defined(__x86_64__)
 
-/* SSE bits in the lower half, x87 bits in the upper half. Status bits are masked out, because every
- * computation changes them. */
-static inline uint32_t tl_fp_control_get(void) {
+/* SSE bits in the lower half, the x87 control word in the upper half. The status bits of SSE are
+ * masked out, because every computation changes them. */
+static inline uint64_t tl_fp_control_get(void) {
     uint32_t sse = 0;
     uint16_t x87 = 0;
     __asm__ volatile("stmxcsr %0" : "=m"(sse));
     __asm__ volatile("fnstcw %0" : "=m"(x87));
-    return (sse & 0xFFC0U) | (uint32_t)(x87 & 0x0F3FU) << 16;
+    return (sse & 0xFFC0U) | (uint64_t)x87 << 32;
 }
 
-static inline void tl_fp_control_set(uint32_t control) {
-    uint32_t sse = control & 0xFFC0U; /* clears all status bits, so that a pending exception does not trap now */
-    uint16_t x87 = (uint16_t)(control >> 16 | 0x0040U);
+static inline void tl_fp_control_set(uint64_t control) {
+    uint32_t sse = (uint32_t)control; /* clears all status bits, so that a pending exception does not trap now */
+    uint16_t x87 = (uint16_t)(control >> 32);
     __asm__ volatile("ldmxcsr %0" : : "m"(sse));
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Returns true if the control bits equal `control`. It does not read the SSE bits, because on some
- * processors that takes longer than a step of a small FMU. Instead, three additions detect changed
- * rounding and flushed denormals. If there is no difference, the SSE bits are written: this takes a
- * tenth of the time and disables traps. If there is one, returns false and restores nothing. */
-static inline bool tl_fp_control_holds(uint32_t control) {
-    static const volatile double one = 1.0;
-    static const volatile double tiny = 1e-30;
-    static const volatile double denormal = DBL_MIN / 4.0;
-    double least = denormal;
+/* Returns true if the control bits equal *control. It does not read the SSE bits, because on some
+ * processors that takes longer than a step of a small FMU. Instead, one addition of four values
+ * detects changed rounding and flushed denormals: each sum rounds to its first value. If there is
+ * no difference, the SSE bits are written: this takes a tenth of the time and disables traps. If
+ * there is one, returns false and restores nothing. */
+static inline bool tl_fp_control_holds(const uint64_t *control) {
+    static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
+    static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};
     uint16_t x87 = 0;
-    uint32_t sse = control & 0xFFC0U;
+    uint32_t equal = 0; /* bit i: sum i */
+    __asm__ volatile("movaps %1, %%xmm0\n\taddps %2, %%xmm0\n\tpcmpeqd %1, %%xmm0\n\tmovmskps %%xmm0, %0"
+                     : "=r"(equal)
+                     : "m"(values), "m"(added)
+                     : "xmm0");
     __asm__ volatile("fnstcw %0" : "=m"(x87));
-    bool usual = one + tiny == one && one - tiny == one && least + least > 0.0 && (x87 & 0x0F3FU) == control >> 16;
+    bool usual = equal == 0xFU && x87 == (uint16_t)(*control >> 32);
     if (usual) {
-        __asm__ volatile("ldmxcsr %0" : : "m"(sse));
+        __asm__ volatile("ldmxcsr %0" : : "m"(*control));
     }
     return usual;
 }
 
 #elif defined(__aarch64__)
 
-static inline uint32_t tl_fp_control_get(void) {
+static inline uint64_t tl_fp_control_get(void) {
     uint64_t control = 0;
     __asm__ volatile("mrs %0, fpcr" : "=r"(control));
-    return (uint32_t)control;
+    return control;
 }
 
-static inline void tl_fp_control_set(uint32_t control) {
-    __asm__ volatile("msr fpcr, %0" : : "r"((uint64_t)control));
+static inline void tl_fp_control_set(uint64_t control) {
+    __asm__ volatile("msr fpcr, %0" : : "r"(control));
 }
 
 #elif defined(__arm__) && defined(__ARM_FP)
 
 /* FPSCR also contains status and condition bits, which are masked out. */
-static inline uint32_t tl_fp_control_get(void) {
+static inline uint64_t tl_fp_control_get(void) {
     uint32_t control = 0;
     __asm__ volatile("vmrs %0, fpscr" : "=r"(control));
     return control & 0x07F79F00U;
 }
 
-static inline void tl_fp_control_set(uint32_t control) {
-    __asm__ volatile("vmsr fpscr, %0" : : "r"(control));
+static inline void tl_fp_control_set(uint64_t control) {
+    __asm__ volatile("vmsr fpscr, %0" : : "r"((uint32_t)control));
 }
 
 #else
 
-static inline uint32_t tl_fp_control_get(void) {
-    return (uint32_t)fegetround();
+static inline uint64_t tl_fp_control_get(void) {
+    return (uint64_t)fegetround();
 }
 
-static inline void tl_fp_control_set(uint32_t control) {
+static inline void tl_fp_control_set(uint64_t control) {
     (void)fesetround((int)control);
 }
 
@@ -99,8 +102,8 @@ static inline void tl_fp_control_set(uint32_t control) {
 
 #if !defined(__x86_64__)
 
-static inline bool tl_fp_control_holds(uint32_t control) {
-    return tl_fp_control_get() == control;
+static inline bool tl_fp_control_holds(const uint64_t *control) {
+    return tl_fp_control_get() == *control;
 }
 
 #endif

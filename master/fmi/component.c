@@ -28,9 +28,9 @@ void tl_ports_write(const tl_ports *ports, const unsigned char *bytes) {
 
 /* x − x is 0 for every finite x and NaN for all others: one test for many values. */
 bool tl_reals_are_finite(const fmi2Real *values, size_t count) {
-    double sum = 0.0;
-    for (size_t i = 0; i < count; i++) {
-        sum += values[i] - values[i];
+    double sum = (count & 1) != 0 ? values[count - 1] - values[count - 1] : 0.0;
+    for (size_t i = 0; i + 1 < count; i += 2) {
+        sum += (values[i] - values[i]) + (values[i + 1] - values[i + 1]);
     }
     return sum >= 0.0;
 }
@@ -375,16 +375,18 @@ static tl_status step_all_types(tl_component *component, const tl_fmi2_step *ste
     return tl_component_get_outputs(component, error);
 }
 
-/* The same three calls in one, if all ports are Real. */
-static inline tl_status step_reals(tl_component *component, const tl_fmi2_step *step, tl_error *error) {
+/* The same three calls of many components in one. Returns the number of components stepped. */
+static size_t step_reals(tl_component *components, size_t count, const tl_fmi2_step *step, tl_status *status,
+                         tl_error *error) {
     static const char *const calls[] = {"fmi2SetReal", "fmi2DoStep", "fmi2GetReal"};
-    unsigned done = 0;
-    fmi2Status result =
-        component->fmi->step_reals(component->instance, &component->inputs, &component->outputs, step, &done);
-    component->executions += done > 0 ? 1 : 0;
-    return result <= fmi2Warning ? TL_OK
-           : done == 1           ? check_step(component, result, step, error)
-                                 : check_status(component, result, calls[done], error);
+    const tl_fmi2_end end = components->fmi->step_reals(components, count, step);
+    tl_component *failed = &components[end.stepped];
+    if (end.status > fmi2Warning) {
+        const tl_fmi2_step own = tl_component_own_step(failed, step);
+        *status = end.done == 1 ? check_step(failed, end.status, &own, error)
+                                : check_status(failed, end.status, calls[end.done], error);
+    }
+    return end.stepped;
 }
 
 static tl_status refuse_to_step(const tl_component *component, tl_error *error) {
@@ -394,25 +396,25 @@ static tl_status refuse_to_step(const tl_component *component, tl_error *error) 
 
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error) {
-    tl_fmi2_step what = {.size = step};
-    for (tl_component *component = components; component < components + count; component++) {
-        tl_status status = TL_OK;
-        what.now = component->start_s + now;
-        what.last = component + 1 == components + count;
-        what.final = final || component->fmi->always_final || component->says_final ? fmi2True : fmi2False;
+    const tl_fmi2_step what = {.now = now, .size = step, .final = final ? fmi2True : fmi2False};
+    tl_status status = TL_OK;
+    size_t i = 0;
+    while (i < count && status == TL_OK) {
+        tl_component *component = &components[i];
+        size_t left = count - i;
         if (component->mode != TL_MODE_STEPPING) {
             status = refuse_to_step(component, error);
-        } else if (component->reals_only && component->fmi->step_reals != NULL) {
-            status = step_reals(component, &what, error);
+        } else if (component->reals_run != 0) {
+            i +=
+                step_reals(component, component->reals_run < left ? component->reals_run : left, &what, &status, error);
         } else {
-            status = step_all_types(component, &what, error);
-        }
-        if (status != TL_OK) {
-            *failed = (size_t)(component - components);
-            return status;
+            const tl_fmi2_step own = tl_component_own_step(component, &what);
+            status = step_all_types(component, &own, error);
+            i += status == TL_OK ? 1 : 0;
         }
     }
-    return TL_OK;
+    *failed = status != TL_OK ? i : *failed;
+    return status;
 }
 
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error) {

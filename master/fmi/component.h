@@ -78,7 +78,7 @@ typedef struct tl_component {
     bool hides_variables; /* the FMU has rejected to give an internal variable */
     bool says_final;   /* each step is reported as final, also if the caller passes false: for tests of the rollback */
     bool prefers_copy; /* tl_component_prefer_copy() is in effect */
-    bool reals_only;   /* all ports are Real; set by the exchange when it has placed the ports */
+    size_t reals_run;  /* components from this one on that share step_reals(); 0: its ports are not all Real */
     uint64_t executions; /* fmi2DoStep calls */
     double start_s;      /* the FMU's time at t = 0, s; the times of the calls below count from it */
     double stop_s;       /* the FMU's stop time, s; not above start_s: none */
@@ -129,6 +129,18 @@ tl_status tl_component_step(tl_component *component, double now, double step, bo
  * it were not stepped. Real outputs stay as the FMU gives them: see tl_component_mark_outputs(). */
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error);
+
+/* Whether a step counts as final for this FMU, if the caller says `final`. */
+static inline fmi2Boolean tl_component_is_final(const tl_component *component, fmi2Boolean final) {
+    return final != fmi2False || component->fmi->always_final || component->says_final ? fmi2True : fmi2False;
+}
+
+/* The step of one component in a step of many. */
+static inline tl_fmi2_step tl_component_own_step(const tl_component *component, const tl_fmi2_step *step) {
+    return (tl_fmi2_step){.now = component->start_s + step->now,
+                          .size = step->size,
+                          .final = tl_component_is_final(component, step->final)};
+}
 
 /* Hash of the FMU's outputs and internal variables (not String; the first TL_HASHED_VARIABLES), to
  * test a rollback. A difference may be in an internal variable long before an output shows it.

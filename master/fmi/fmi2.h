@@ -14,6 +14,7 @@
 
 #include "fmi2FunctionTypes.h"
 
+struct tl_component;
 struct tl_ports;
 
 /* One step of an instance. */
@@ -21,15 +22,21 @@ typedef struct tl_fmi2_step {
     fmi2Real now;      /* s: communication point */
     fmi2Real size;     /* s */
     fmi2Boolean final; /* no state from before `now` will be restored */
-    bool last;         /* the master does not step another instance directly after this one */
 } tl_fmi2_step;
 
-/* Not part of FMI: fmi2SetReal, fmi2DoStep and fmi2GetReal in one call, for an instance that has
- * only Real ports. A wrapper of an FMU then does its own work once and not three times. This saves
- * much time if the FMU is small. Returns the status of the last of the three calls that was made.
- * *done: number of calls before that one, 0 … 2. */
-typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
-                                      const struct tl_ports *outputs, const tl_fmi2_step *step, unsigned *done);
+/* Where a step of many instances has ended. */
+typedef struct tl_fmi2_end {
+    size_t stepped;    /* instances that have made their step */
+    fmi2Status status; /* of the next one; fmi2OK: it was not called */
+    unsigned done;     /* number of the call with this status, 0 … 2 */
+} tl_fmi2_end;
+
+/* Not part of FMI: fmi2SetReal, fmi2DoStep and fmi2GetReal of `count` components, which have only
+ * Real ports. A wrapper of FMUs then does its own work once and not three times. This saves much
+ * time if the FMUs are small. `step`: without the components' start times. Ends at a component
+ * whose call fails, or whose mode is not TL_MODE_STEPPING; the first one has that mode. Counts the
+ * executions. */
+typedef tl_fmi2_end tl_fmi2_step_reals(struct tl_component *components, size_t count, const tl_fmi2_step *step);
 
 /* Duration of one round (save, step and restore) by each of two rollback methods, ns. */
 typedef struct tl_fmi2_times {

@@ -35,10 +35,20 @@ void tl_exchange_set_nominal(tl_exchange *exchange, size_t variable, double nomi
     exchange->adjusted[variable].nominal = nominal;
 }
 
-void tl_exchange_deliver(tl_exchange *exchange) {
+/* If all outputs are finite: the values of the plant always are. */
+static void copy_reals(const tl_exchange *exchange) {
+    for (size_t i = 0; i < exchange->copy_count; i++) {
+        *exchange->copies[i].to = *exchange->copies[i].from;
+    }
+}
+
+static void copy_finite_reals(const tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
         *exchange->copies[i].to = keep_finite(&exchange->copies[i], *exchange->copies[i].from);
     }
+}
+
+static void deliver_others(const tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->conversion_count; i++) {
         const tl_real_copy *copy = &exchange->conversions[i];
         *copy->to = convert(copy);
@@ -46,6 +56,11 @@ void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->integer_copy_count; i++) {
         *exchange->integer_copies[i].to = *exchange->integer_copies[i].from;
     }
+}
+
+void tl_exchange_deliver(tl_exchange *exchange) {
+    copy_finite_reals(exchange);
+    deliver_others(exchange);
 }
 
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
@@ -127,7 +142,7 @@ bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint3
 }
 
 bool tl_exchange_is_finite(const tl_exchange *exchange) {
-    return tl_reals_are_finite(exchange->outputs, exchange->output_count);
+    return exchange->was_finite || tl_reals_are_finite(exchange->outputs, exchange->output_count);
 }
 
 static void mark_outputs(const tl_exchange *exchange) {
@@ -142,7 +157,7 @@ static bool is_final(const tl_exchange *exchange, uint32_t depth) {
 }
 
 /* Executes all components in one call and tests all outputs at once. */
-static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
+static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, bool *is_finite, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     exchange->failed = exchange->component_count - 1;
     tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
@@ -151,7 +166,8 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth
     if (status == TL_OK) {
         tl_costs_ran_all(&exchange->costs);
     }
-    if (status == TL_OK && !tl_exchange_is_finite(exchange)) {
+    *is_finite = tl_reals_are_finite(exchange->outputs, exchange->output_count);
+    if (status == TL_OK && !*is_finite) {
         mark_outputs(exchange);
     }
     return status;
@@ -196,15 +212,22 @@ static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t d
     const tl_costs *costs = &exchange->costs;
     bool unsaved = depth == TL_ALL_DEPTHS && exchange->cached == NULL && costs->now == NULL;
     bool in_one_go = (exchange->whole && !costs->closely) || unsaved;
-    tl_status status =
-        in_one_go ? execute_all(exchange, step, depth, error) : walk_components(exchange, step, depth, error);
+    bool is_finite = false;
+    tl_status status = in_one_go ? execute_all(exchange, step, depth, &is_finite, error)
+                                 : walk_components(exchange, step, depth, error);
+    exchange->was_finite = is_finite && depth == TL_ALL_DEPTHS;
     if (status != TL_OK) {
         return status;
     }
     if (tl_exchange_takes_part(exchange, exchange->component_count, depth)) {
         tl_plant_step(&exchange->plant, step);
     }
-    tl_exchange_deliver(exchange);
+    if (is_finite) {
+        copy_reals(exchange);
+    } else {
+        copy_finite_reals(exchange);
+    }
+    deliver_others(exchange);
     return TL_OK;
 }
 
@@ -266,10 +289,7 @@ static tl_status gather(tl_exchange *exchange, size_t component, int64_t step, t
     return status;
 }
 
-static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
-    if (exchange->cached == NULL) {
-        return step_components(exchange, step, TL_ALL_DEPTHS, error);
-    }
+static tl_status __attribute__((noinline)) commit_cached(tl_exchange *exchange, int64_t step, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         status = gather(exchange, i, step, error);
@@ -280,6 +300,11 @@ static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
         tl_cached_component_commit(&exchange->cached[i]);
     }
     return status;
+}
+
+static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+    return exchange->cached != NULL ? commit_cached(exchange, step, error)
+                                    : step_components(exchange, step, TL_ALL_DEPTHS, error);
 }
 
 const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange, int64_t step, uint32_t ahead) {
@@ -293,16 +318,17 @@ const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange,
     return NULL;
 }
 
-tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+static tl_status __attribute__((noinline)) commit_and_note(tl_exchange *exchange, int64_t step, tl_error *error) {
     const tl_exchange_note *note = exchange->note;
-    if (note == NULL) {
-        return commit(exchange, step, error);
-    }
     const tl_component *component = &exchange->components[note->component];
     tl_ports_read(&component->inputs, note->inputs);
     tl_status status = commit(exchange, step, error);
     tl_ports_read(&component->outputs, note->outputs);
     return status;
+}
+
+tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+    return exchange->note != NULL ? commit_and_note(exchange, step, error) : commit(exchange, step, error);
 }
 
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error) {

@@ -86,6 +86,7 @@ typedef struct tl_exchange {
     bool is_kept_always;         /* is_kept_from stays true for the whole run */
     const fmi2Real *outputs;     /* the Real outputs of all components, contiguous */
     size_t output_count;
+    bool was_finite; /* all of `outputs` were finite in the committed step, and have not changed since */
     size_t values_size;
     size_t real_count;    /* number of reals at the start of `values` */
     tl_real_copy *copies; /* connections without unit conversion */

@@ -53,6 +53,19 @@ static bool has_reals_only(const tl_ports *ports) {
     return ports->real_count != 0 && ports->integer_count == 0 && ports->boolean_count == 0;
 }
 
+/* From the last component to the first, because each run continues the next component's. */
+static void find_runs(tl_component *components, size_t count) {
+    tl_fmi2_step_reals *next = NULL;
+    for (size_t i = count; i-- > 0;) {
+        tl_component *component = &components[i];
+        tl_fmi2_step_reals *own = has_reals_only(&component->inputs) && has_reals_only(&component->outputs)
+                                      ? component->fmi->step_reals
+                                      : NULL;
+        component->reals_run = own == NULL ? 0 : own == next ? component[1].reals_run + 1 : 1;
+        next = own;
+    }
+}
+
 static void place_signal(tl_exchange *exchange, const tl_port *port, tl_layout *layout) {
     tl_plant_output *output = &exchange->plant.outputs[port->signal];
     output->type = port->type;
@@ -175,10 +188,7 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     if (!placed) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the values of the co-simulation");
     }
-    for (size_t i = 0; i < graph->component_count; i++) {
-        tl_component *component = &graph->components[i];
-        component->reals_only = has_reals_only(&component->inputs) && has_reals_only(&component->outputs);
-    }
+    find_runs(graph->components, graph->component_count);
     for (size_t i = 0; i < graph->port_count; i++) {
         if (graph->ports[i].variable == NULL) {
             place_signal(exchange, &graph->ports[i], &layout);
@@ -308,6 +318,7 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t s
     double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     size_t late = count_late(exchange);
     exchange->begun = first;
+    exchange->was_finite = false;
     tl_status status = initialize_all(exchange, start, shown, error);
     if (status == TL_FMU_FAILED && count_late(exchange) != late) { /* some FMUs are unusable after a rejected call */
         status = TL_OK;

@@ -504,9 +504,6 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_fr
     tl_free_run_check_errors errors = {.weight = sum_of_weights(twin->objective)};
     bool failed[2] = {false, false};
     *verdict = (tl_free_run_check_verdict){0};
-    if (!twin->is_enabled) {
-        return TL_OK;
-    }
     bool rested = twin->free_run_check.rests;
     bool measured = measure(twin, record, record->y, errors.locked);
     tl_status status = execute_both(twin, record, &errors, failed, error);

@@ -163,8 +163,8 @@ bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchang
  * call it after a reset of the FMUs, or if their states have become invalid. */
 tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error);
 
-/* Call after each committed step, with its complete record. Executes the same step of the
- * free-running twin and of the prediction, and returns the verdict. Afterwards the FMUs are in
+/* Call after each committed step if is_enabled, with its complete record. Executes the same step of
+ * the free-running twin and of the prediction, and returns the verdict. Afterwards the FMUs are in
  * their state from before the call. With verdict->adopt, they have the state and the port values of
  * the free-running twin, and the caller must reset the caches.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */

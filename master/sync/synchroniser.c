@@ -626,11 +626,9 @@ static void forget_unheld(const tl_synchroniser *synchroniser, tl_record *record
     }
 }
 
-tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget, tl_record *record,
-                               tl_error *error) {
-    if (synchroniser->horizon.variables == 0) {
-        return step_free(synchroniser, step, TL_FREE, record, error);
-    }
+/* Not inlined: a step of a free twin needs no search on its stack. */
+static tl_status __attribute__((noinline)) step_searched(tl_synchroniser *synchroniser, int64_t step,
+                                                         const tl_budget *budget, tl_record *record, tl_error *error) {
     tl_step_search search;
     tl_status status = begin_step(&search, synchroniser, step, budget, record, error);
     if (status != TL_OK) {
@@ -661,6 +659,12 @@ tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, cons
         &search, record->outcome == TL_NOMINAL ? synchroniser->memory.nominal : synchroniser->memory.best, record);
     forget_unheld(synchroniser, record);
     return status;
+}
+
+tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget, tl_record *record,
+                               tl_error *error) {
+    return synchroniser->horizon.variables == 0 ? step_free(synchroniser, step, TL_FREE, record, error)
+                                                : step_searched(synchroniser, step, budget, record, error);
 }
 
 /* Nominal with the last Δu; of a Boolean, the last u. */

@@ -254,15 +254,12 @@ static tl_status reset_all(tl_twin *twin, int64_t step, tl_status (*method)(tl_t
     return status == TL_OK ? tl_exchange_initialize(exchange, step, shown, error) : status;
 }
 
-/* As in a record. */
-static uint64_t find_bad_outputs(const tl_twin *twin) {
+/* As in a record. Not inlined because it is rarely needed. */
+static uint64_t __attribute__((noinline, cold)) list_bad_outputs(const tl_twin *twin) {
     const tl_exchange *exchange = &twin->exchange;
     const size_t last = 63;
     uint64_t bad = 0;
     size_t bit = 0;
-    if (tl_exchange_is_finite(exchange)) {
-        return 0;
-    }
     for (; bit < twin->synchroniser.objective.term_count; bit++) {
         bad |= isfinite(tl_exchange_value(exchange, twin->terms[bit].port)) ? 0 : (uint64_t)1 << bit;
     }
@@ -271,6 +268,10 @@ static uint64_t find_bad_outputs(const tl_twin *twin) {
         bad |= isfinite(value) ? 0 : (uint64_t)1 << (bit < last ? bit : last);
     }
     return bad;
+}
+
+static uint64_t find_bad_outputs(const tl_twin *twin) {
+    return tl_exchange_is_finite(&twin->exchange) ? 0 : list_bad_outputs(twin);
 }
 
 static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
@@ -517,16 +518,12 @@ static void choose_delay(tl_twin *twin) {
     }
 }
 
-static void measure_delay(tl_twin *twin, tl_record *record) {
-    if (twin->measure.lags != 0) {
-        bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
-        for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
-            tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
-        }
-        choose_delay(twin);
+static void __attribute__((noinline)) measure_delay(tl_twin *twin, const tl_record *record) {
+    bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
+        tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
     }
-    record->delay_state = twin->delay.state;
-    record->delay = twin->delay.delay;
+    choose_delay(twin);
 }
 
 /* ---- records ---- */
@@ -545,16 +542,25 @@ static void record_readings(tl_twin *twin, size_t match, tl_record *record) {
     *due = (tl_metrics){0};
 }
 
+/* Not inlined: a free twin matches nothing. */
+static void __attribute__((noinline)) record_match(tl_twin *twin, size_t match, tl_record *record) {
+    tl_quality quality;
+    record->measured[match] = tl_objective_measured(&twin->synchroniser.objective, match, record->step + 1, &quality);
+    record->measured_quality[match] = (uint8_t)quality;
+    tl_metrics_add(&twin->metrics[match], record->y[match], record->measured[match], quality);
+    record_readings(twin, match, record);
+}
+
 /* Completes a record with the measurement of its instant. */
 static void complete_record(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
-        tl_quality quality;
-        record->measured[i] = tl_objective_measured(&twin->synchroniser.objective, i, record->step + 1, &quality);
-        record->measured_quality[i] = (uint8_t)quality;
-        tl_metrics_add(&twin->metrics[i], record->y[i], record->measured[i], quality);
-        record_readings(twin, i, record);
+        record_match(twin, i, record);
     }
-    measure_delay(twin, record);
+    if (twin->measure.lags != 0) {
+        measure_delay(twin, record);
+    }
+    record->delay_state = twin->delay.state;
+    record->delay = twin->delay.delay;
 }
 
 static uint64_t count_executions(const tl_twin *twin) {
@@ -636,6 +642,9 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
 /* The free-running twin continues in parallel; from the next step on u may rest, or the twin
  * continue from there. */
 static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_error *error) {
+    if (!twin->free_twin.is_enabled) {
+        return TL_OK;
+    }
     tl_free_run_check_verdict verdict;
     tl_status status = tl_free_twin_follow(&twin->free_twin, record, &verdict, error);
     twin->synchroniser.rests = tl_free_twin_rests(&twin->free_twin);
@@ -660,20 +669,24 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
     }
 }
 
-/* Passes the sample to all meters. */
+/* Passes the sample to the meters of one match. */
+static void __attribute__((noinline)) see_sample(tl_twin *twin, const tl_sample *sample, size_t match) {
+    const tl_objective_term *term = &twin->terms[match];
+    if (twin->readers[match] != NULL) {
+        see_reading(twin, sample, match);
+    }
+    if (twin->meters[match] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
+        tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
+        tl_delay_meter_see(twin->meters[match], sample->stamps[term->signal] - start, sample->values[term->signal],
+                           sample->quality[term->signal] == TL_GOOD);
+    }
+}
+
+/* Passes the sample to the plant and to all meters. */
 static void push_sample(tl_twin *twin, const tl_sample *sample) {
-    tl_plant *plant = &twin->exchange.plant;
-    tl_plant_push(plant, sample);
+    tl_plant_push(&twin->exchange.plant, sample);
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
-        const tl_objective_term *term = &twin->terms[i];
-        if (twin->readers[i] != NULL) {
-            see_reading(twin, sample, i);
-        }
-        if (twin->meters[i] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
-            tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
-            tl_delay_meter_see(twin->meters[i], sample->stamps[term->signal] - start, sample->values[term->signal],
-                               sample->quality[term->signal] == TL_GOOD);
-        }
+        see_sample(twin, sample, i);
     }
 }
 

@@ -76,7 +76,7 @@ def count_all(program):
 
 def describe(case, floor, twin):
     """The counts of one case, as they stand beside its times."""
-    kind, model, variant = case.split("/")
+    kind, _, variant = case.split("/")
     if twin is None:
         return ""
     if kind == "chain":
@@ -85,7 +85,7 @@ def describe(case, floor, twin):
     divisor = steps * int(variant) if kind == "free" else steps
     f, t = floor.instructions / divisor, twin.instructions / divisor
     if kind == "free":
-        return f"{f:9.1f} {t:9.1f} instructions, {t - f:.1f} beyond the floor" + (" (<= 39)" if model == "lag" else "")
+        return f"{f:9.1f} {t:9.1f} instructions, {t - f:.1f} beyond the floor"
     return f"{f:9.0f} {t:9.0f} instructions, ratio {t / f:.2f}, {twin.allocations / steps:g} allocations"
 
 
@@ -131,4 +131,5 @@ def main():
         print_fmpy(program, lines)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -20,7 +20,7 @@ from twinlock_test import SOURCE, Skip, at_most, expect, main, scratch
 
 DEPS = SOURCE / ".deps"
 ONLY_TESTS = {"git", "shellcheck", "locales", "python3-venv", "libpython3.11"}
-ONLY_ALL = {"clang", "clang-format", "clang-tidy", "chromium", "cppcheck", "mmdebstrap", "man-db"}  # script/test --all
+ONLY_ALL = {"clang", "clang-format", "clang-tidy", "chromium", "cppcheck", "mmdebstrap", "man-db", "valgrind"}  # script/test --all
 PROGRAMS = {
     # Reports that all packages are installed, except those that TL_MISSING names.
     "dpkg-query": """#!/bin/sh

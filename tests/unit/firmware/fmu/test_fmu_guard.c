@@ -66,7 +66,7 @@ static void enable_traps(void) {
 }
 
 static void enable_an_sse_trap(void) {
-    tl_fp_control_set(tl_fp_control_get() & ~0x0200U);
+    tl_fp_control_set(tl_fp_control_get() & ~(uint64_t)0x0200);
 }
 
 static void use_single_precision(void) {
@@ -150,19 +150,23 @@ void setUp(void) {
     error = (tl_error){TL_OK, ""};
 }
 
+static void begin(tl_component *one) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(one, &guard.callbacks, "file:///tmp", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(one, 0.0, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(one, &error));
+}
+
 static void start(void) {
     static fmi2ValueReference zero;
     static fmi2Real u;
     static fmi2Real y;
     tl_fmu_guard_open(&guard, "box", "tests");
     tl_fmu_guard_front(&guard, &vendor);
-    component = (tl_component){.name = "box1", .model = &fmu.model, .fmi = &guard.functions, .reals_only = true};
+    component = (tl_component){.name = "box1", .model = &fmu.model, .fmi = &guard.functions, .reals_run = 1};
     component.inputs = (tl_ports){.real_count = 1, .real_references = &zero, .reals = &u};
     component.outputs = (tl_ports){.real_count = 1, .real_references = &zero, .reals = &y};
     u = 1.0;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &guard.callbacks, "file:///tmp", &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, 0.0, &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
+    begin(&component);
 }
 
 void tearDown(void) {
@@ -262,6 +266,26 @@ static void a_failing_call_of_a_step_is_named(void) {
     start();
 }
 
+/* Two components in one call: the first one makes its step. */
+static void a_failure_among_several_components_is_of_its_own(void) {
+    start();
+    tl_component both[2] = {component, component};
+    size_t failed = 0;
+    both[0].reals_run = 2;
+    begin(&both[1]);
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, fmu.calls[TL_TEST_DO_STEP] + 2,
+                     fmu.calls[TL_TEST_DO_STEP] + 2);
+    for (uint64_t i = 0; i < 2; i++) { /* in the second step it refuses to be called */
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED,
+                              tl_component_step_all(both, 2, 0.1 * (double)i, 0.1, false, &failed, &error));
+        TL_EXPECT_PARTS(i == 0 ? "fmi2DoStep" : "earlier failure", error.text);
+        TEST_ASSERT_EQUAL_size_t(1, failed);
+        TEST_ASSERT_EQUAL_UINT64(i + 1, both[0].executions);
+        TEST_ASSERT_EQUAL_UINT64(1, both[1].executions);
+    }
+    tl_component_free(&both[1]);
+}
+
 static void the_rounding_mode_is_restored_and_reported_once(void) {
     vendor.do_step = step_and_round_upwards;
     start();
@@ -286,10 +310,11 @@ static void settings_are_restored_before_the_next_instance_steps(void) {
     };
     vendor.get_real = meddle_and_get_real;
     start();
-    const uint32_t control = tl_fp_control_get();
+    const uint64_t control = tl_fp_control_get();
     const locale_t locale = uselocale((locale_t)0);
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
         tl_component both[2] = {component, component};
+        both[0].reals_run = 2;
         size_t failed = 0;
         meddle = kinds[i];
         both[1].instance = NULL; /* fails before its FMU is called */
@@ -299,7 +324,7 @@ static void settings_are_restored_before_the_next_instance_steps(void) {
         free(tl_stderr_capture_end());
         TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, status);
         TEST_ASSERT_EQUAL_size_t(1, failed);
-        TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
+        TEST_ASSERT_EQUAL_HEX64(control, tl_fp_control_get());
         TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
     }
 }
@@ -393,6 +418,7 @@ int main(void) {
     RUN_TEST(a_start_time_that_is_refused_is_shifted);
     RUN_TEST(a_call_is_noted_with_the_instance_while_it_lasts);
     RUN_TEST(a_failing_call_of_a_step_is_named);
+    RUN_TEST(a_failure_among_several_components_is_of_its_own);
     RUN_TEST(the_rounding_mode_is_restored_and_reported_once);
     RUN_TEST(settings_are_restored_before_the_next_instance_steps);
     RUN_TEST(the_locale_is_restored_after_each_call);

@@ -60,7 +60,7 @@ static void too_many_names_share_the_last(void) {
     for (int i = 0; i < TL_FMU_CALL_FMUS + 20; i++) {
         char name[16];
         (void)snprintf(name, sizeof name, "c%d", i);
-        TEST_ASSERT_LESS_THAN_UINT32(TL_FMU_CALL_FMUS, tl_fmu_calls_name(name));
+        TEST_ASSERT_LESS_THAN_UINT32(TL_FMU_CALL_FMUS << TL_FMU_CALL_FUNCTION_BITS, tl_fmu_calls_name(name));
     }
     tl_fmu_call_begin(tl_fmu_calls_name("one too many"), TL_FMU_GET_REAL);
     TEST_ASSERT_TRUE(tl_fmu_calls_poll(&block, &call));
