@@ -247,12 +247,12 @@ void tl_can_link_release(tl_can_link *link) {
 
 /* ---- receive ---- */
 
-bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
+bool tl_can_link_await(tl_can_link *link, int timeout_ms) {
     struct pollfd both[2] = {{.fd = link->wake.descriptor, .events = POLLIN}, {.fd = link->socket, .events = POLLIN}};
     return poll(both, 2, timeout_ms) <= 0 || both[0].revents == 0 || !tl_wake_clear(&link->wake);
 }
 
-void tl_can_link_interrupt(const tl_can_link *link) {
+void tl_can_link_interrupt(tl_can_link *link) {
     tl_wake_call(&link->wake);
 }
 

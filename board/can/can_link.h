@@ -115,7 +115,7 @@ bool tl_can_link_state(const tl_can_link *link, tl_can_state *state);
 
 /* Waits at most `timeout_ms` for a frame; without a socket only for an interruption. Returns false
  * if interrupted, and clears the interruption. */
-bool tl_can_link_await(const tl_can_link *link, int timeout_ms);
+bool tl_can_link_await(tl_can_link *link, int timeout_ms);
 
 /* Reads the next frame without waiting. */
 tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame);
@@ -124,7 +124,7 @@ tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame);
 void tl_can_link_close(tl_can_link *link);
 
 /* From any thread: ends the present or the next wait. */
-void tl_can_link_interrupt(const tl_can_link *link);
+void tl_can_link_interrupt(tl_can_link *link);
 
 /* Closes the socket and frees what tl_can_link_make() has created. */
 void tl_can_link_release(tl_can_link *link);

@@ -289,7 +289,7 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
 }
 
 /* Waits for bytes or an interruption. Returns false if there is nothing to read. */
-static bool await(const tl_plant_io *io) {
+static bool await(tl_plant_io *io) {
     struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake.descriptor, .events = POLLIN}};
     return poll(both, 2, WAIT_MS) > 0 && !tl_wake_clear(&io->wake) && (both[0].revents & POLLIN) != 0;
 }

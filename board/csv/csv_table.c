@@ -7,6 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "board/csv/csv_number.h"
+
 /* ---- Splits a stream into lines and lines into cells.
  *
  * Cells are split in place: each cell's end becomes a zero byte, and quotes are removed by moving
@@ -46,10 +48,8 @@ static bool is_blank(const char *text) {
  * rest. */
 static char *terminated(tl_csv_lines *lines, size_t length) {
     char *line = lines->bytes + lines->begin;
-    for (size_t i = 0; i < length; i++) {
-        if (line[i] == '\0') {
-            line[i] = '?';
-        }
+    for (char *zero = line; (zero = memchr(zero, '\0', length - (size_t)(zero - line))) != NULL;) {
+        *zero++ = '?';
     }
     if (length > 0 && line[length - 1] == '\r') {
         length--;
@@ -99,7 +99,10 @@ bool tl_csv_is_device(const char *path) {
 /* ---- cells ---- */
 
 static char *skip_spaces(char *text) {
-    return text + strspn(text, " \t");
+    while (*text == ' ' || *text == '\t') {
+        text++;
+    }
+    return text;
 }
 
 /* Removes the quotes of a cell. Returns the rest of the line, or NULL if the closing quote is
@@ -140,22 +143,6 @@ static const char *cut_cell(char **rest) {
     }
     *end = '\0';
     return cell;
-}
-
-/* Parses a finite decimal number. The thread has a locale with a decimal point
- * (firmware/base/os.h). */
-static bool number_of(const char *text, double *number) {
-    char *end = NULL;
-    *number = 0;
-    if (text[0] == '\0' || text[strspn(text, "+-.0123456789eE")] != '\0') {
-        return false;
-    }
-    double value = strtod(text, &end);
-    if (*end != '\0' || !isfinite(value)) {
-        return false;
-    }
-    *number = value;
-    return true;
 }
 
 static char *copy_of(const char *text) {
@@ -313,7 +300,7 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
                        table->path, (long long)number, count, table->cell_count);
     }
     const char *time = table->cells[table->time_cell];
-    if (!number_of(time, &seconds) || fabs(seconds) > LAST_SECOND) {
+    if (!tl_csv_number_read(time, &seconds) || fabs(seconds) > LAST_SECOND) {
         return tl_fail(
             error, TL_BAD_DATA,
             "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9): write seconds, as 0.1, "
@@ -323,7 +310,7 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
     row->time = tl_time_of_seconds(seconds);
     for (size_t i = 0; i < table->column_count; i++) {
         const char *cell = table->cells[table->cell_of[i]];
-        bool good = number_of(cell, &row->values[i]);
+        bool good = tl_csv_number_read(cell, &row->values[i]);
         row->present[i] = cell[0] != '\0';
         row->quality[i] = good ? TL_GOOD : TL_NOT_A_NUMBER;
     }

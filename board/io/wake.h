@@ -14,7 +14,9 @@
 #include <stdbool.h>
 
 typedef struct tl_wake {
-    int descriptor; /* to poll for POLLIN; −1: not made */
+    int descriptor;    /* to poll for POLLIN; −1: not made */
+    unsigned calls;    /* private: so far */
+    unsigned answered; /* private: of them */
 } tl_wake;
 
 /* Creates the descriptor. Returns false with errno if a resource is missing; then nothing needs to
@@ -22,13 +24,13 @@ typedef struct tl_wake {
 bool tl_wake_make(tl_wake *wake);
 
 /* Ends the present or the next wait. Any thread. */
-void tl_wake_call(const tl_wake *wake);
+void tl_wake_call(tl_wake *wake);
 
-/* Returns whether a call is waiting for an answer; does not answer it. */
+/* Returns whether a call is waiting for an answer; does not answer it. Makes no system call. */
 bool tl_wake_is_called(const tl_wake *wake);
 
-/* Returns whether a call was waiting, and answers it. */
-bool tl_wake_clear(const tl_wake *wake);
+/* Returns whether a call was waiting, and answers it. Makes a system call only then. */
+bool tl_wake_clear(tl_wake *wake);
 
 /* Closes the descriptor. Allowed twice, and after tl_wake_make() has failed. */
 void tl_wake_release(tl_wake *wake);

@@ -47,6 +47,7 @@ struct tl_plant_io {
 /* Result of one poll. */
 typedef struct progress {
     const tl_plant_io_sink *sink;
+    bool checked;              /* the connection was checked, and nothing was sent since */
     bool answered;             /* there was an answer */
     size_t silent;             /* requests without an answer */
     tl_time waited;            /* for these */
@@ -142,7 +143,10 @@ static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
  * failure the next poll reports the reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
-    check_connection(io, now->sink);
+    if (!now->checked) {
+        check_connection(io, now->sink);
+    }
+    now->checked = false;
     now->over = io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause);
     return !now->over;
 }
@@ -239,6 +243,7 @@ static void set_link_down(tl_plant_io *io, const tl_plant_io_sink *sink, const c
 /* True if there is a connection. */
 static bool is_connected(tl_plant_io *io, progress *now) {
     check_connection(io, now->sink);
+    now->checked = true;
     if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
         return false;
     }

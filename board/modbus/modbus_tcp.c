@@ -3,7 +3,7 @@
  * libmodbus is not used here. Its reading functions accept the answer of any unit and of most
  * protocols, and do not check the length. Its raw requests always have transaction 0, so that a
  * late answer looks like the next one. A request has 12 bytes, and only reading ones exist
- * (modbus_link.h); an answer is received as far as it is right.
+ * (modbus_link.h). An answer is received up to the expected length, as far as it is right.
  */
 #include "board/modbus/modbus_link.h"
 
@@ -26,6 +26,7 @@ typedef struct tcp_link {
     char service[8];
     bool any_unit_id;
     uint16_t transaction; /* of the last request */
+    bool has_surplus;     /* bytes followed a short answer */
 } tcp_link;
 
 /* Result of a started connect: errno, or 0 if it is connected. */
@@ -118,7 +119,7 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
 static tl_modbus_health tcp_look(const tl_modbus_link *link) {
     uint8_t byte = 0;
     ssize_t count = recv(link->descriptor, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
-    if (count > 0) {
+    if (count > 0 || ((const tcp_link *)link)->has_surplus) {
         return TL_MODBUS_TALKATIVE;
     }
     return count < 0 && (errno == EAGAIN || errno == EINTR) ? TL_MODBUS_SOUND : TL_MODBUS_CLOSED;
@@ -158,11 +159,12 @@ static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *rea
         return failed_with(errno);
     }
     tl_time deadline = tl_monotonic_now() + link->timeout;
+    const size_t most = TL_MODBUS_TCP_FIRST + tl_modbus_value_bytes(read);
     size_t size = 0;
     size_t missing = 0;
     tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
     while (missing > 0) {
-        int failure = receive(link, answer + size, missing, deadline, &size);
+        int failure = receive(link, answer + size, most - size, deadline, &size);
         if (failure != 0) {
             return failed_with(failure);
         }
@@ -171,6 +173,7 @@ static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *rea
     if (outcome.kind == TL_MODBUS_VALUES) {
         tl_modbus_take_values(read, answer + TL_MODBUS_TCP_FIRST, values);
     }
+    tcp->has_surplus = outcome.kind == TL_MODBUS_EXCEPTION && size > TL_MODBUS_TCP_FIRST;
     return outcome;
 }
 
@@ -179,6 +182,7 @@ static void tcp_close(tl_modbus_link *link) {
         (void)close(link->descriptor);
         link->descriptor = -1;
     }
+    ((tcp_link *)link)->has_surplus = false;
 }
 
 static void tcp_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {

@@ -417,8 +417,9 @@ const char *tl_config_output_name(const tl_config *config, size_t output) {
 }
 
 bool tl_config_is_bad_output(const tl_config *config, uint64_t bad_outputs, size_t output) {
-    const char *name = output < TL_CONFIG_OUTPUTS ? tl_config_output_name(config, output) : NULL;
-    if (name == NULL || (bad_outputs >> output & 1U) == 0) {
+    const bool is_bad = output < TL_CONFIG_OUTPUTS && (bad_outputs >> output & 1U) != 0;
+    const char *name = is_bad ? tl_config_output_name(config, output) : NULL;
+    if (name == NULL) {
         return false;
     }
     size_t i = 0;

@@ -116,14 +116,17 @@ static void *relay_lines(void *context) {
         for (int i = 0; i < TL_LOG_RELAY_PIPES; i++) {
             watched[1 + i] = (struct pollfd){.fd = self->sources[i].relay.descriptor, .events = POLLIN};
         }
-        (void)poll(watched, 1 + TL_LOG_RELAY_PIPES, TERMINAL_MS);
+        const bool draws = self->terminal || self->status;
+        bool is_ready = poll(watched, 1 + TL_LOG_RELAY_PIPES, draws ? TERMINAL_MS : -1) > 0;
         uint64_t count = 0;
-        (void)!read(self->wake, &count, sizeof count);
-        stop = __atomic_load_n(&self->stop, __ATOMIC_ACQUIRE);
-        for (int i = 0; i < TL_LOG_RELAY_PIPES; i++) {
-            (void)tl_relay_drain(&self->sources[i].relay);
+        for (int i = 0; is_ready && i < TL_LOG_RELAY_PIPES; i++) {
+            (void)(watched[1 + i].revents != 0 && tl_relay_drain(&self->sources[i].relay));
         }
-        clear_dead(self);
+        if (is_ready && watched[0].revents != 0) {
+            (void)!read(self->wake, &count, sizeof count);
+            stop = __atomic_load_n(&self->stop, __ATOMIC_ACQUIRE);
+            clear_dead(self);
+        }
         draw_status(self);
     }
     return NULL;

@@ -427,16 +427,18 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
 
 /* ---- CSV ---- */
 
-static tl_status open_reader(const char *path, const tl_config *config, tl_csv_reader **reader, tl_error *error) {
+/* Opens the file for the first `count` signals. */
+static tl_status open_reader(const char *path, const tl_config *config, size_t count, tl_csv_reader **reader,
+                             tl_error *error) {
     const char *columns[TL_MAX_SIGNALS];
-    for (size_t i = 0; i < config->signal_count; i++) {
+    for (size_t i = 0; i < count; i++) {
         columns[i] = config->signals[i].column;
     }
     const tl_csv_settings settings = {
         .path = path,
         .time_column = config->recording_time_column,
         .columns = columns,
-        .column_count = config->signal_count,
+        .column_count = count,
     };
     return tl_csv_open(&settings, reader, error);
 }
@@ -463,11 +465,11 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
 }
 
 /* Reads the whole file to validate every row before the first one is used, and to count the ticks.
- */
+ * It converts only the times, because a value that is no number makes no row invalid. */
 static tl_status check_rows(tl_recording *recording, const char *path, tl_error *error) {
     const tl_config *config = recording->config;
     tl_csv_reader *reader = NULL;
-    tl_status status = open_reader(path, config, &reader, error);
+    tl_status status = open_reader(path, config, 0, &reader, error);
     tl_time last = 0;
     size_t rows = 0;
     bool end = false;
@@ -564,8 +566,8 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     if (status == TL_OK && from_database) {
         status = open_database(opened, path, error);
     } else if (status == TL_OK) {
-        status = check_rows(opened, path, error);
-        status = status == TL_OK ? open_reader(path, config, &opened->reader, error) : status;
+        status = open_reader(path, config, config->signal_count, &opened->reader, error);
+        status = status == TL_OK ? check_rows(opened, path, error) : status;
     }
     if (status != TL_OK) {
         tl_recording_close(opened);

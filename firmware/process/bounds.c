@@ -12,7 +12,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-enum { MANY_FILES = 500, CHECK_INTERVAL = 5, STATUS_TEXT = 4096, BLOCK = 512, FREE_PART = 20, MOST_REMOVED = 256 };
+enum { MANY_FILES = 500, LARGE_INTERVAL = 5, STATUS_TEXT = 4096, BLOCK = 512, FREE_PART = 20, MOST_REMOVED = 256 };
 
 /* ---- the folder ---- */
 
@@ -79,7 +79,30 @@ static void read_entry(folder_walk *at) {
     }
 }
 
-static bool check_folder(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
+static uint64_t difference(uint64_t from, uint64_t what) {
+    return from > what ? from - what : 0;
+}
+
+/* `disk` is older than what was counted, so that nothing written meanwhile is missed. */
+static void schedule_count(tl_bounds *bounds, const struct statvfs *disk, const folder_walk *at) {
+    const uint64_t bytes = bounds->bytes != 0 ? difference(bounds->bytes, at->bytes) : UINT64_MAX;
+    const uint64_t files = bounds->files != 0 ? difference(bounds->files, at->files) : UINT64_MAX;
+    bounds->least_bytes = difference((uint64_t)disk->f_bfree * disk->f_frsize, bytes);
+    bounds->least_files = difference(disk->f_ffree, files);
+    bounds->is_large = at->files > MANY_FILES;
+    bounds->checks_left = TL_BOUNDS_CHECKS;
+}
+
+/* Called once per check. */
+static bool is_count_due(tl_bounds *bounds, const struct statvfs *disk) {
+    bounds->checks_left -= bounds->checks_left > 0 ? 1 : 0;
+    const bool is_shrunk =
+        (uint64_t)disk->f_bfree * disk->f_frsize < bounds->least_bytes || disk->f_ffree < bounds->least_files;
+    const bool rests = bounds->is_large && bounds->checks_left > TL_BOUNDS_CHECKS - LARGE_INTERVAL;
+    return bounds->checks_left == 0 || (is_shrunk && !rests);
+}
+
+static bool check_folder(tl_bounds *bounds, const struct statvfs *disk, char text[TL_BOUNDS_TEXT]) {
     folder_walk at = {.bounds = bounds};
     at.open[0] = open_folder(AT_FDCWD, bounds->folder);
     at.depth = at.open[0] != NULL ? 1 : 0;
@@ -89,7 +112,7 @@ static bool check_folder(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
     while (at.depth > 0) {
         (void)closedir(at.open[--at.depth]);
     }
-    bounds->looks_left = at.files > MANY_FILES ? CHECK_INTERVAL - 1 : 0;
+    schedule_count(bounds, disk, &at);
     if (at.fault != NULL) {
         (void)snprintf(text, TL_BOUNDS_TEXT, "%s in the folder of the FMUs", at.fault);
     } else if (is_above(at.files, bounds->files)) {
@@ -156,17 +179,16 @@ static uint64_t count_removed_bytes(const char *folder, pid_t process) {
 
 /* Includes what a process has written to removed files. They are counted again only if a quarter of
  * the bound was used since the last count. */
-static bool check_disk(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
-    struct statvfs disk;
-    if (bounds->bytes == 0 || statvfs(bounds->folder, &disk) != 0) {
+static bool check_disk(tl_bounds *bounds, const struct statvfs *disk, pid_t process, char text[TL_BOUNDS_TEXT]) {
+    if (bounds->bytes == 0) {
         return true;
     }
-    uint64_t left = (uint64_t)disk.f_bavail * disk.f_frsize;
-    uint64_t total = (uint64_t)disk.f_blocks * disk.f_frsize;
+    uint64_t left = (uint64_t)disk->f_bavail * disk->f_frsize;
+    uint64_t total = (uint64_t)disk->f_blocks * disk->f_frsize;
     if (bounds->free_before == 0) {
         bounds->free_before = left;
     }
-    const uint64_t used = bounds->free_before > left ? bounds->free_before - left : 0;
+    const uint64_t used = difference(bounds->free_before, left);
     bounds->gone_before = used < bounds->gone_before ? used : bounds->gone_before;
     if (used > bounds->bytes && used - bounds->bytes / 4 >= bounds->gone_before) {
         const uint64_t removed = count_removed_bytes(bounds->folder, process);
@@ -222,16 +244,14 @@ static bool check_process(const tl_bounds *bounds, pid_t process, char text[TL_B
 }
 
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
+    struct statvfs disk;
     text[0] = '\0';
     if (!check_process(bounds, process, text)) {
         return false;
     }
-    if (bounds->folder != NULL && !check_disk(bounds, process, text)) {
-        return false;
-    }
-    if (bounds->folder == NULL || bounds->looks_left > 0) {
-        bounds->looks_left -= bounds->looks_left > 0 ? 1 : 0;
+    if (bounds->folder == NULL || statvfs(bounds->folder, &disk) != 0) {
         return true;
     }
-    return check_folder(bounds, text);
+    return check_disk(bounds, &disk, process, text) &&
+           (!is_count_due(bounds, &disk) || check_folder(bounds, &disk, text));
 }

@@ -2,8 +2,10 @@
  *
  * Purpose: checks what kernel limits do not cover: the size of a folder, its number of files, and
  *          the number of threads. Memory is checked in addition to its kernel limit.
- * Cost:    about 20 µs per check, plus 2 µs for each file in the folder. If the folder has more
- *          than 500 files, it is counted in every fifth check only.
+ * Cost:    about 20 µs per check, plus 2 µs for each file in the folder when it is counted. That is
+ *          in every TL_BOUNDS_CHECKS-th check, and as soon as the free bytes or files of the disk
+ *          have shrunk so much that the folder may exceed a bound. A folder of more than 500 files
+ *          is counted in every fifth check at most.
  * Removed: files that were removed but are still open or mapped are in no folder. They are counted
  *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
  *          the cause. Only root can count those of a confined process. So the bounds are also
@@ -20,7 +22,7 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32 };
+enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32, TL_BOUNDS_CHECKS = 100 };
 
 /* Bounds of one process; 0: no bound. The caller sets the public fields and zeroes the rest. The
  * folder's text must live as long as this struct. */
@@ -32,7 +34,10 @@ typedef struct tl_bounds {
     uint64_t memory;      /* resident and swapped bytes, including shared ones and page tables */
     uint64_t free_before; /* private: free bytes of the disk at the first check; 0: none yet */
     uint64_t gone_before; /* private: bytes lost when removed files were last counted */
-    unsigned looks_left;  /* private: checks until the folder is counted again; 0 at first */
+    uint64_t least_bytes; /* private: the folder is counted again if the disk has fewer free bytes */
+    uint64_t least_files; /* private: or fewer free files */
+    bool is_large;        /* private: the folder has more than 500 files */
+    unsigned checks_left; /* private: checks until the folder is counted again; 0 at first */
 } tl_bounds;
 
 /* Returns true if the process is within all bounds, or if process or folder do not exist any more.

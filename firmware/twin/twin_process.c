@@ -286,7 +286,9 @@ static void *run_watch(void *context) {
             (void)tl_packet_take(self->ends[START], &byte, sizeof byte, &self->ends[LISTENER]);
             close_end(self, START);
         }
-        answer_refusals(self);
+        if (watched[LISTENS].revents != 0) {
+            answer_refusals(self);
+        }
         if ((watched[LISTENS].revents & (POLLHUP | POLLERR)) != 0) {
             close_end(self, LISTENER);
         }

@@ -98,7 +98,7 @@ bool tl_can_link_state(const tl_can_link *link, tl_can_state *now) {
 }
 
 /* Advances the clock, and may change the wall clock and the state of the interface. */
-bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
+bool tl_can_link_await(tl_can_link *link, int timeout_ms) {
     unsigned what = tl_fuzz_take();
     (void)link;
     clock_now += (tl_time)timeout_ms * (TL_SECOND / 1000) * (what % 32);
@@ -163,7 +163,7 @@ void tl_can_link_close(tl_can_link *link) {
     link->socket = -1;
 }
 
-void tl_can_link_interrupt(const tl_can_link *link) {
+void tl_can_link_interrupt(tl_can_link *link) {
     (void)link;
     woken = true;
 }

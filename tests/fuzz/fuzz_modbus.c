@@ -251,14 +251,14 @@ bool tl_wake_is_called(const tl_wake *wake) {
     return woken;
 }
 
-bool tl_wake_clear(const tl_wake *wake) {
+bool tl_wake_clear(tl_wake *wake) {
     bool was = woken;
     (void)wake;
     woken = false;
     return was;
 }
 
-void tl_wake_call(const tl_wake *wake) {
+void tl_wake_call(tl_wake *wake) {
     (void)wake;
     be_called(true);
 }

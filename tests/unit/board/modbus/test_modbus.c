@@ -170,6 +170,13 @@ static int units_1_and_3_are_silent(const uint8_t *request, uint8_t *reply) {
     return request[6] == 1 || request[6] == 3 ? NO_ANSWER : sane(request, reply);
 }
 
+/* As many bytes as a value would have had. */
+static int exception_and_more(const uint8_t *request, uint8_t *reply) {
+    int size = exception(request, reply, 4);
+    memset(reply + size, 0xEE, 2);
+    return size + 2;
+}
+
 /* Registers 4 to 9 do not exist. */
 static int has_a_hole(const uint8_t *request, uint8_t *reply) {
     unsigned end = address_of(request) + count_of(request);
@@ -660,6 +667,24 @@ static void test_an_undefined_exception(void) {
     tl_probe_expect_part(&probe, "unit 2|holding|exception 80");
 }
 
+/* The bytes are received with the exception, because a value was expected. */
+static void test_more_than_an_exception(void) {
+    add(1);
+    start_peer(exception_and_more);
+    open_driver("127.0.0.1", other.port, 10);
+    for (int i = 0; i < 3; i++) {
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+        tl_test_pause_ms(5);
+    }
+    TEST_ASSERT_EQUAL_size_t(3, probe.links); /* connected, the exception, and one report of surplus bytes */
+    tl_probe_expect_part(&probe, "gateway");
+    TEST_ASSERT_EQUAL_size_t(3, tl_modbus_peer_connections(&other));
+    set_answer(sane);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+}
+
 static void test_a_hole_is_not_read(void) {
     add(0);
     add(3);
@@ -1058,6 +1083,7 @@ int main(void) {
     RUN_TEST(test_a_poll_that_is_half_answered);
     RUN_TEST(test_an_exception_affects_its_own_channels_only);
     RUN_TEST(test_an_undefined_exception);
+    RUN_TEST(test_more_than_an_exception);
     RUN_TEST(test_a_hole_is_not_read);
     RUN_TEST(test_a_hole_behind_the_beginning);
     RUN_TEST(test_one_wrong_address_does_not_spoil_its_neighbours);
