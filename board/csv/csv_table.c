@@ -1,6 +1,7 @@
 /* CSV text as a table of numbers: see csv_table.h. */
 #include "board/csv/csv_table.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -271,6 +272,7 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", table->path);
     }
     size_t count = cut_line(line, cells, room);
+    assert(count <= room); /* a comma in quotes separates none */
     tl_status status = TL_OK;
     if (count == 0) {
         status = tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote in the header is not closed, or text follows it",
