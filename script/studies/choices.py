@@ -69,7 +69,6 @@ class Bench:
         """(JSON object of the replay, rows of the steps)."""
         document = json.loads(LOCK.read_text(encoding="utf-8"))
         document["recording"]["file"] = str(recording)
-        document["synchronise"].pop("free_twin")
         document["synchronise"] = merge(document["synchronise"], edits)
         config, steps = self.folder / "config.json", self.folder / "steps.csv"
         config.write_text(json.dumps(document), encoding="utf-8")

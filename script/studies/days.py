@@ -50,6 +50,7 @@ def locked(document, combination, noise, proposal):
     mode, solver = combination
     document = merge(document, proposal if mode == "lag" else {})
     lock = document["synchronise"]
+    lock["free_twin"] = True
     lock["horizon"]["measurements"], lock["algorithm"] = combination
     lock["match"]["motor.omega"]["tolerance"] = noise * (WIDER if combination == STRICT else TOLERANCE)
     if mode != "lag":

@@ -317,7 +317,7 @@ def need_memory():
 
 def test_without_states_it_is_rolled_back_by_memory():
     process = {"fmu": str(export("plant"))}
-    refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 16|components.process|canGetAndSetFMUstate")
+    refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "line 17|components.process|canGetAndSetFMUstate")
     need_memory()
     code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
     expect(code == 0, f"exit code {code}\n{out}{err}")
@@ -529,7 +529,7 @@ def test_two_modules_of_one_name():
     """Python would import the module of the first FMU for both."""
     first, second = (slave_that(f"self.y = {value}") for value in (1.0, 2.0))
     document = alone(first, {"components": {"other": {"fmu": str(second)}}, "compare": {"other.y": {"to": "plant.y"}}})
-    refused(document, 65, f'line 16|components.other|{first}|{second}|Python module|"slave"|rename')
+    refused(document, 65, f'line 17|components.other|{first}|{second}|Python module|"slave"|rename')
 
 
 def test_messages_of_python_are_logged():
