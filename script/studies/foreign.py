@@ -126,10 +126,10 @@ def compare(results):
 
 
 def component_of(fmu, description, without_signal):
-    """The component, with constants and libraries."""
+    """The component, with constants and libraries. It keeps states, so that its executions are always the same."""
     constants = {given.name: constant_of(given) for given in without_signal}
     libraries = [sysconfig.get_config_var("INSTSONAME")] if description.python else []
-    return {"fmu": str(fmu), **({"set": constants} if constants else {}), **({"libraries": libraries} if libraries else {})}
+    return {"fmu": str(fmu), "keep": "states", **({"set": constants} if constants else {}), **({"libraries": libraries} if libraries else {})}
 
 
 def configure(fmu, description, mode):

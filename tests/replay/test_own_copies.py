@@ -115,7 +115,7 @@ def test_a_symbol_version_with_the_librarys_name():
     values(fmus[:1])
     code, _, log = outcome(fmus)
     expect(code == 65, f"ended with {code}\n{log}")
-    expect_line(log, "error|line 9|components.a1|two.fmu|libintegral.so|lag.so|rename")
+    expect_line(log, "error|line 10|components.a1|two.fmu|libintegral.so|lag.so|rename")
 
 
 # ---- memory of threads ----
@@ -126,7 +126,7 @@ def test_static_memory_of_threads_that_runs_out():
     code, _, log = outcome([fmu] * 12)
     expect(code == 65, f"ended with {code}\n{log}")
     setting = "GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536"
-    expect_line(log, f"error|line 39|components.a11|thread.fmu|static TLS block|{setting}")
+    expect_line(log, f"error|line 50|components.a11|thread.fmu|static TLS block|{setting}")
     name, _, value = setting.partition("=")
     os.environ[name] = value
     try:
