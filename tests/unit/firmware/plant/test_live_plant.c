@@ -313,7 +313,7 @@ static void test_which_polls_are_phased(void) {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         verdict.config.sources[1].period_s = cases[i].period_s;
         open_plant();
-        uint64_t polls = *input.buffers[0].count + 3;
+        uint64_t polls = __atomic_load_n(input.buffers[0].count, __ATOMIC_ACQUIRE) + 3;
         for (tl_time until = tl_clock_now(NULL) + PATIENCE;
              __atomic_load_n(input.buffers[0].count, __ATOMIC_ACQUIRE) < polls;) {
             TEST_ASSERT_TRUE(tl_clock_now(NULL) < until);
