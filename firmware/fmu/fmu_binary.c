@@ -20,6 +20,7 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/own_copies.h"
 #include "firmware/process/process_end.h"
+#include "firmware/rollback/fmu_regions.h"
 
 /* ---- library ---- */
 

@@ -120,7 +120,9 @@ static void *relay_lines(void *context) {
         bool is_ready = poll(watched, 1 + TL_LOG_RELAY_PIPES, draws ? TERMINAL_MS : -1) > 0;
         uint64_t count = 0;
         for (int i = 0; is_ready && i < TL_LOG_RELAY_PIPES; i++) {
-            (void)(watched[1 + i].revents != 0 && tl_relay_drain(&self->sources[i].relay));
+            if (watched[1 + i].revents != 0) {
+                (void)tl_relay_drain(&self->sources[i].relay);
+            }
         }
         if (is_ready && watched[0].revents != 0) {
             (void)!read(self->wake, &count, sizeof count);

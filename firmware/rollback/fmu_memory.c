@@ -16,6 +16,7 @@
 #include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_libc.h"
 #include "firmware/rollback/fmu_pages.h"
+#include "firmware/rollback/fmu_regions.h"
 
 /* Extra room in a state, so that it can be reused if the FMU allocates a little memory in each
  * step. */

@@ -2,9 +2,9 @@
  * itself, or not exactly.
  *
  * Purpose: the state of an FMU is in memory: its heap (fmu_heap.h), its global and thread-local
- *          variables (fmu_pages.h), the random numbers of the C library and the exception flags of
- *          the floating-point unit. A *state* is a copy of all these. It contains all instances of
- *          the FMU.
+ *          variables (fmu_regions.h), the random numbers of the C library, and the exception flags
+ *          of the floating-point unit. A *state* is a copy of all these. It contains all
+ *          instances of the FMU.
  * Large:   from TL_FMU_MEMORY_LARGE bytes on, only changed pages are copied and stored
  *          (fmu_pages.h). Below that a copy of everything is faster.
  * Exact:   a restored state is equal in every bit if the FMU keeps nothing elsewhere. Data that the
@@ -27,6 +27,7 @@
 #include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_libc.h"
 #include "firmware/rollback/fmu_pages.h"
+#include "firmware/rollback/fmu_regions.h"
 
 /* ---- Side effects: what an FMU leaves outside of its memory.
  *

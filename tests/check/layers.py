@@ -34,7 +34,7 @@ OWNERS = {
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/process",),
     "landlock.h": ("firmware/process",),
-    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_libc.c", "firmware/rollback/fmu_pages.c"),
+    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_libc.c", "firmware/rollback/fmu_regions.c"),
     "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),
     "gnutls.h": ("firmware/serve/certificate.c",),
