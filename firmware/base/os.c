@@ -288,14 +288,14 @@ void tl_words_store(void *shared, const void *from, size_t bytes) {
     for (size_t at = 0; at < bytes; at += sizeof *words) {
         uint64_t word = 0;
         memcpy(&word, (const char *)from + at, bytes - at < sizeof word ? bytes - at : sizeof word);
-        __atomic_store_n(&words[at / sizeof word], word, __ATOMIC_SEQ_CST);
+        __atomic_store_n(&words[at / sizeof word], word, __ATOMIC_RELEASE);
     }
 }
 
 void tl_words_load(void *to, const void *shared, size_t bytes) {
     const uint64_t *words = shared;
     for (size_t at = 0; at < bytes; at += sizeof *words) {
-        uint64_t word = __atomic_load_n(&words[at / sizeof word], __ATOMIC_SEQ_CST);
+        uint64_t word = __atomic_load_n(&words[at / sizeof word], __ATOMIC_ACQUIRE);
         memcpy((char *)to + at, &word, bytes - at < sizeof word ? bytes - at : sizeof word);
     }
 }

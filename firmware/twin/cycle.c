@@ -354,7 +354,8 @@ static void publish_status(tl_cycle *cycle) {
     shown->timed_out = cycle->summary.figures.time_limited;
     shown->lock = cycle->recovery.lock_monitor.tally;
     shown->lock_before = cycle->second.tally;
-    tl_latest_publish(&cycle->published, shown, sizeof *shown);
+    size_t matches = cycle->settings.assembly->config.match_count;
+    tl_latest_publish(&cycle->published, shown, offsetof(tl_cycle_status, match) + matches * sizeof *shown->match);
 }
 
 static tl_time tick_timeout(const tl_config *config) {

@@ -106,13 +106,13 @@ typedef struct tl_cycle_status {
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;
-    uint64_t timed_out;             /* steps whose search was cut short by the time budget */
-    tl_time used;                   /* ns in all steps */
-    tl_metrics match[TL_MAX_MATCH]; /* one per matched output */
-    bool ended;                     /* the configured duration is over, or the twin failed */
-    tl_record record;               /* the newest record */
-    tl_lock_tally lock;             /* state "free" until the lock monitor has decided */
+    uint64_t timed_out;        /* steps whose search was cut short by the time budget */
+    tl_time used;              /* ns in all steps */
+    bool ended;                /* the configured duration is over, or the twin failed */
+    tl_record record;          /* the newest record */
+    tl_lock_tally lock;        /* state "free" until the lock monitor has decided */
     tl_lock_tally lock_before; /* the same with the lock tolerances of the version that a probation may roll back to */
+    tl_metrics match[TL_MAX_MATCH]; /* one per matched output; the last member, because only these are published */
 } tl_cycle_status;
 
 /* Starts the cycle. A new live run begins in the record queue, and its tick 0 is due one period

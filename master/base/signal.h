@@ -28,7 +28,7 @@ typedef enum tl_quality {
 
 enum {
     TL_MAX_SIGNALS = 64, /* plant signals of one twin */
-    TL_MAX_MATCH = 16,   /* outputs compared with the plant */
+    TL_MAX_MATCH = 64,   /* outputs compared with the plant */
     TL_MAX_ADJUST = 8    /* variables adjusted */
 };
 

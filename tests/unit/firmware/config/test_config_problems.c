@@ -314,8 +314,8 @@ static void test_connections_that_are_no_array(void) {
 
 static void test_compare(void) {
     static const tl_test_change changes[] = {
-        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "{}", "compare", "object|0|1|16", NULL},
-        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "[]", "compare", "array|0|object|1|16", NULL},
+        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "{}", "compare", "object|0|1|64", NULL},
+        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "[]", "compare", "array|0|object|1|64", NULL},
         {"{ \"to\": \"plant.omega\" }", "{}", "compare.motor.omega.to", "\"plant.omega\"", NULL},
         {"{ \"to\": \"plant.omega\" }", "\"plant.omega\"", "compare.motor.omega", "\"plant.omega\"|object", NULL},
         {"{ \"to\": \"plant.omega\" }", "{ \"to\": \"plant.omga\" }", "compare.motor.omega.to",
@@ -552,10 +552,10 @@ static void test_synchronise_without_its_parts(void) {
          "\"synchronise\": { \"match\": { \"motor.omega\": { \"to\": \"plant.omega\", \"tolerance\": 1 } } }",
          "synchronise.adjust", "object|1|8", NULL},
         {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }",
-         "\"synchronise\": { \"adjust\": { \"motor.d\": { \"step\": 1 } } }", "synchronise.match", "object|1|16", NULL},
+         "\"synchronise\": { \"adjust\": { \"motor.d\": { \"step\": 1 } } }", "synchronise.match", "object|1|64", NULL},
         {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }",
          "\"synchronise\": { \"adjust\": { \"motor.d\": { \"step\": 1 } }, \"match\": {} }", "synchronise.match",
-         "object|0|1|16", NULL},
+         "object|0|1|64", NULL},
     };
     EXPECT_EACH(free_running, changes);
 }
@@ -837,9 +837,9 @@ static void test_the_most_entries(void) {
         {"\"sources\": {", "s", "{\"csv\": {\"file\": \"x\"}}", "sources", 6, 64},
         {"\"plant\": {", "p", "{}", "plant", 8, 64},
         {"\"adjust\": {", "motor.a", "{\"step\": 1}", "synchronise.adjust", 3, 8},
-        {"\"match\": {", "motor.m", "{\"to\": \"plant.omega\", \"weight\": 0}", "synchronise.match", 2, 16},
+        {"\"match\": {", "motor.m", "{\"to\": \"plant.omega\", \"weight\": 0}", "synchronise.match", 2, 64},
         {"\"columns\": {", "c", "{\"from\": \"motor.x\"}", "emulate.columns", 2, 64},
-        {"\"compare\": {", "motor.m", "{\"to\": \"plant.omega\"}", "compare", 1, 16},
+        {"\"compare\": {", "motor.m", "{\"to\": \"plant.omega\"}", "compare", 1, 64},
     };
     for (size_t i = 0; i < sizeof maps / sizeof maps[0]; i++) {
         char expected[32];

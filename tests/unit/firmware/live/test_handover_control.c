@@ -185,7 +185,7 @@ static void test_invalid_candidates_are_rejected(void) {
     refuse_candidate("candidate|0|1|262144");
     write_candidate();
     config_manager.order.needs.match = TL_MAX_MATCH + 1;
-    refuse_candidate("candidate|17|1|3|2");
+    refuse_candidate("candidate|65|1|3|2");
     write_candidate();
     config_manager.order.needs.components = TL_RECORDER_COMPONENTS;
     refuse_candidate("candidate|2|1|64");

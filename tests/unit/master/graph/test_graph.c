@@ -602,7 +602,7 @@ static void too_many_of_anything_is_refused(void) {
     TEST_ASSERT_NULL(twin);
     assert_problem("plant", "65|64");
     assert_problem("synchronise.adjust", "9|8");
-    assert_problem("synchronise.match", "17|16");
+    assert_problem("synchronise.match", "65|64");
     TEST_ASSERT_EQUAL_UINT64(3, plan.report.count);
 }
 
