@@ -177,8 +177,9 @@ typedef struct tl_config {
     bool has_epsilon;      /* `epsilon` is given: every tolerance is its square root, and no match has its own */
     double noise_floor;    /* as in tl_plan (plan.h) */
     uint32_t verify_every; /* as in tl_plan */
-    bool free_twin;        /* the free-run check is on */
-    double margin;         /* as in tl_plan */
+    uint32_t released_steps; /* as in tl_plan */
+    bool free_twin;          /* the free-run check is on */
+    double margin;           /* as in tl_plan */
     tl_plan_saving saving;
     uint32_t saving_memory; /* MiB for the saved states of all FMUs */
     uint32_t budget_evaluations;

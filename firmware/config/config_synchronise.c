@@ -335,6 +335,19 @@ static void read_free_twin(tl_config_object *object, tl_config *config) {
     }
 }
 
+/* Default: long enough for a plant that is sampled some hundred times in its longest reaction. */
+static void read_release(tl_config_object *object, tl_config *config) {
+    static const double fewest = 600.0;
+    static const double horizons = 20.0;
+    static const tl_config_number rule = {.maximum = TL_CONFIG_LONGEST_S, .example = "600"};
+    double step_s = tl_seconds(config->step);
+    double seconds = step_s * fmax(fewest, horizons * (double)config->prediction);
+    if (tl_config_get_number(object, "release_s", &rule, &seconds) && seconds > 0.0 && seconds < 2.0 * step_s) {
+        tl_config_wrong(object, "release_s", NULL, "0, or at least twice step_s", "600");
+    }
+    config->released_steps = step_s > 0.0 ? (uint32_t)fmin(rint(seconds / step_s), UINT32_MAX - 1.0) : 0;
+}
+
 /* Without caches there is nothing to choose. */
 static void resolve_keep(const tl_config *config) {
     bool has_caches = config->synchronise && config->saving.sequences && config->event.start.signal == NULL;
@@ -378,6 +391,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
     (void)tl_config_get_count(&object, "verify_every", &verify_every, &config->verify_every);
     read_free_twin(&object, config);
+    read_release(&object, config);
     read_saving(&object, &defaults, config);
     resolve_keep(config);
     read_budget(&object, config);

@@ -35,6 +35,7 @@ void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *acco
     for (size_t i = 0; i < account->matches; i++) {
         figures->match[i] = account->match[i].metrics;
         figures->readings[i] = account->match[i].readings;
+        figures->released[i] = account->match[i].released;
     }
     figures->ledger_count = account->components;
     for (size_t i = 0; i < account->components; i++) {
@@ -60,14 +61,20 @@ bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *be
     return separator != before;
 }
 
-double tl_run_figures_mse(const tl_run_figures *figures, size_t match) {
-    const tl_metrics *metrics = &figures->match[match];
+static double find_mse(const tl_metrics *metrics) {
     return metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN;
 }
 
+double tl_run_figures_mse(const tl_run_figures *figures, size_t match) {
+    return find_mse(&figures->match[match]);
+}
+
 double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match) {
-    const tl_metrics *metrics = &figures->readings[match];
-    return metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN;
+    return find_mse(&figures->readings[match]);
+}
+
+double tl_run_figures_mse_released(const tl_run_figures *figures, size_t match) {
+    return find_mse(&figures->released[match]);
 }
 
 double tl_run_figures_maximum(const tl_run_figures *figures, size_t match) {
@@ -121,11 +128,13 @@ void tl_figures_json_add_match(tl_json_writer *json, const tl_run_figures *figur
     tl_json_add_number(json, "mse", tl_run_figures_mse(figures, match));
     tl_json_add_number(json, "max", tl_run_figures_maximum(figures, match));
     tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(figures, match));
+    tl_json_add_number(json, "mse_released", tl_run_figures_mse_released(figures, match));
     tl_json_add_text(json, "unit", unit);
     tl_json_add_count(json, "pairs", figures->match[match].pairs);
     tl_json_add_count(json, "left_out", figures->match[match].left_out);
     tl_json_add_count(json, "readings", figures->readings[match].pairs);
     tl_json_add_count(json, "rejected", figures->readings[match].left_out);
+    tl_json_add_count(json, "released", figures->released[match].pairs);
 }
 
 static void add_component(tl_json_writer *json, const char *name, const tl_recorder_component *counts) {

@@ -45,6 +45,7 @@ typedef struct tl_run_figures {
     tl_time longest;       /* ns of the longest step */
     tl_metrics match[TL_MAX_MATCH];
     tl_metrics readings[TL_MAX_MATCH]; /* Δy at the times of the plant's readings; `left_out`: rejected ones */
+    tl_metrics released[TL_MAX_MATCH]; /* error of the older released twin; `left_out` is not counted */
     tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_run_component ledger[TL_RECORDER_COMPONENTS];
     size_t ledger_count; /* 0: there is no ledger */
@@ -70,10 +71,12 @@ uint64_t tl_run_figures_committed(const tl_run_figures *figures);
  * Prints nothing and returns false if there was no outcome. */
 bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file);
 
-/* Return the MSE of Δy in the square of its unit, the MSE at the readings, and the largest |Δy|.
- * NaN if there are too few pairs: less than 2 for an MSE, none for the maximum. */
+/* Return the MSE of Δy in the square of its unit, the MSE at the readings, that of released twins,
+ * and the largest |Δy|. NaN if there are too few pairs: less than 2 for an MSE, none for the
+ * maximum. */
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
 double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match);
+double tl_run_figures_mse_released(const tl_run_figures *figures, size_t match);
 double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
 
 /* Return the means of u and of Δu; NaN if there is no step. */

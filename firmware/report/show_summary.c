@@ -155,6 +155,8 @@ static void take_output(void *context, const tl_history_output *output) {
     const tl_metrics readings = {
         .pairs = (uint64_t)output->readings, .left_out = (uint64_t)output->rejected, .sum_of_squares = output->squares};
     tl_metrics_join(&summary->figures.readings[output->signal], &readings);
+    tl_metrics_add(&summary->figures.released[output->signal], output->released, output->measured,
+                   good ? TL_GOOD : TL_NOT_A_NUMBER);
 }
 
 static void add_part(tl_show_part *part, double delta) {

@@ -162,6 +162,18 @@ static void add_free_twin(tl_json_writer *json, const tl_run_figures *figures, c
     }
 }
 
+/* Written only if released twins are configured; else `state` says why there are none. */
+static void add_released(tl_json_writer *json, const tl_account *account) {
+    if (account->released_state != TL_RELEASED_OFF) {
+        tl_json_open_object(json, "released");
+        tl_json_add_text(json, "state", tl_released_state_text((tl_released_state)account->released_state));
+        tl_json_add_count(json, "steps", account->released_steps);
+        tl_json_add_count(json, "executions", account->released.executions);
+        tl_json_add_count(json, "releases", account->released.releases);
+        tl_json_close(json);
+    }
+}
+
 static void add_matches(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
@@ -256,6 +268,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     add_executions(&json, account);
     add_verified(&json, account);
     add_free_twin(&json, &page.figures, account);
+    add_released(&json, account);
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
@@ -350,6 +363,11 @@ static void print_match(const printing *page, size_t match) {
     } else {
         print_line(page, name, "error %s%s%s rms, at most %s%s%s%s", rms, space_before(unit), unit, most,
                    space_before(unit), unit, is_compared_only ? "; compared only" : "");
+    }
+    if (page->figures.released[match].pairs > 1) {
+        write_measure(sqrt(tl_run_figures_mse_released(&page->figures, match)), 3, rms, sizeof rms);
+        print_line(page, "", "%s%s%s rms without corrections, up to %" PRIu32 " steps", rms, space_before(unit), unit,
+                   page->account->released_steps);
     }
     if (metrics->left_out != 0) {
         print_line(page, "", "%" PRIu64 " of %" PRIu64 " measurements or outputs were not good and are left out",
@@ -451,6 +469,17 @@ static void print_free_twin(const printing *page) {
     }
 }
 
+static void print_released(const printing *page) {
+    const tl_account *account = page->account;
+    if (account->released_state == TL_RELEASED_ON) {
+        print_line(page, "released", "%" PRIu64 " releases, %" PRIu64 " further executions",
+                   account->released.releases, account->released.executions);
+    } else if (account->released_state != TL_RELEASED_OFF) {
+        print_line(page, "released", "none: %s",
+                   tl_released_state_text((tl_released_state)account->released_state));
+    }
+}
+
 static void print_mse(const printing *page, size_t match) {
     const tl_metrics *readings = &page->figures.readings[match];
     char mse[32];
@@ -482,6 +511,7 @@ static void print_details(const printing *page) {
     (void)fputc('\n', page->file);
     print_effort(page);
     print_free_twin(page);
+    print_released(page);
     for (size_t i = 0; i < page->config->match_count; i++) {
         print_mse(page, i);
     }

@@ -87,6 +87,7 @@ static const char *const schema[] = {
     "  predicted INTEGER," /* the recorder always writes these three */
     "  flags INTEGER,"
     "  held INTEGER,"
+    "  release_age INTEGER," /* NULL: the run is of an earlier program */
     "  PRIMARY KEY (run, step)) WITHOUT ROWID",
 
     "CREATE TABLE outputs ("
@@ -100,6 +101,7 @@ static const char *const schema[] = {
     "  readings INTEGER," /* always written, except that squares is NULL if not finite */
     "  squares,"
     "  rejected INTEGER,"
+    "  released,"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
 
     "CREATE TABLE adjustments ("
@@ -192,7 +194,8 @@ static const char *const schema[] = {
     "  CASE r.verb WHEN 'run' THEN"
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', (s.step + 1) * r.step_ns / 1e9))"
     "  END AS at,"
-    "  n.name, s.simulated, n.compared_with, s.measured, s.error, n.unit, coalesce(q.name, s.quality) AS quality"
+    "  n.name, s.simulated, n.compared_with, s.measured, s.error, s.released, n.unit,"
+    "  coalesce(q.name, s.quality) AS quality"
     "  FROM outputs s JOIN runs r USING (run)"
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'match' AND n.signal = s.signal"
     "  LEFT JOIN qualities q ON q.code = s.quality",
@@ -496,7 +499,7 @@ static tl_status check_version(const char *path, int64_t version, tl_error *erro
 
 static const char read_format_5[] =
     "CREATE TEMP VIEW outputs AS SELECT run, step, signal, y AS simulated, y_hat AS measured, quality, readings,"
-    "  squares, rejected FROM main.outputs;"
+    "  squares, rejected, NULL AS released FROM main.outputs;"
     "CREATE TEMP VIEW adjustments AS SELECT run, step, signal, u AS applied, u_hat AS nominal FROM main.adjustments;"
     "CREATE TEMP VIEW components AS SELECT run, component, name, plain, predicted, executions, caught_up AS repeated,"
     "  unstored AS uncached FROM main.components;";
@@ -538,16 +541,29 @@ static tl_status migrate_format(sqlite3 *database, tl_error *error) {
 }
 
 /* Columns that later programs have added to the same formats, in the same two ways. */
-static tl_status add_columns(sqlite3 *database, bool write, tl_error *error) {
-    static const char search[] = "SELECT 1 FROM sqlite_schema WHERE name = 'runs' AND type = 'table' AND"
-                                 " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('runs') WHERE name = 'stop_s')";
-    static const char add[] = "BEGIN IMMEDIATE; ALTER TABLE runs ADD COLUMN start_s;"
-                              "ALTER TABLE runs ADD COLUMN stop_s; COMMIT";
-    static const char view[] = "CREATE TEMP VIEW runs AS SELECT *, NULL AS start_s, NULL AS stop_s FROM main.runs";
+static const struct {
+    const char *table, *column;
+    const char *add, *view;
+} added[] = {
+    {"runs", "stop_s", "ALTER TABLE runs ADD COLUMN start_s; ALTER TABLE runs ADD COLUMN stop_s",
+     "CREATE TEMP VIEW runs AS SELECT *, NULL AS start_s, NULL AS stop_s FROM main.runs"},
+    {"steps", "release_age", "ALTER TABLE steps ADD COLUMN release_age INTEGER",
+     "CREATE TEMP VIEW steps AS SELECT *, NULL AS release_age FROM main.steps"},
+    {"outputs", "released", "ALTER TABLE outputs ADD COLUMN released",
+     "CREATE TEMP VIEW IF NOT EXISTS outputs AS SELECT *, NULL AS released FROM main.outputs"},
+};
+
+static tl_status add_column(sqlite3 *database, size_t which, bool write, tl_error *error) {
+    char text[256];
     char found[8];
-    tl_status status = query_text(database, search, found, sizeof found, error);
+    (void)snprintf(text, sizeof text,
+                   "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
+                   " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
+                   added[which].table, added[which].table, added[which].column);
+    tl_status status = query_text(database, text, found, sizeof found, error);
     if (status == TL_OK && found[0] != '\0') {
-        status = tl_database_execute(database, write ? add : view, error);
+        (void)snprintf(text, sizeof text, "BEGIN IMMEDIATE; %s; COMMIT", added[which].add);
+        status = tl_database_execute(database, write ? text : added[which].view, error);
         if (status != TL_OK) {
             (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
         }
@@ -561,7 +577,10 @@ static tl_status convert_format(sqlite3 *database, int64_t version, bool write, 
     if (version != TL_DATABASE_VERSION) {
         status = write ? migrate_format(database, error) : tl_database_execute(database, read_format_5, error);
     }
-    return status == TL_OK ? add_columns(database, write, error) : status;
+    for (size_t i = 0; i < sizeof added / sizeof added[0] && status == TL_OK; i++) {
+        status = add_column(database, i, write, error);
+    }
+    return status;
 }
 
 static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {

@@ -605,6 +605,7 @@ static bool pass_output(table_row *row, const row_key *key) {
     output.readings = (int64_t)take_count(row);
     output.squares = take_number(row);
     output.rejected = (int64_t)take_count(row);
+    output.released = take_number(row);
     if (row->right) {
         key->visitor->output(key->visitor->context, &output);
     }
@@ -646,7 +647,8 @@ static const struct {
                           " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
                           pass_step},
     [TL_HISTORY_OUTPUTS] = {"the output of step", RANGE_SQL("outputs", "step"),
-                            ROWS_SQL("outputs", "step", "simulated, measured, quality, readings, squares, rejected"),
+                            ROWS_SQL("outputs", "step",
+                                     "simulated, measured, quality, readings, squares, rejected, released"),
                             pass_output},
     [TL_HISTORY_ADJUSTMENTS] = {"the adjustment of step", RANGE_SQL("adjustments", "step"),
                                 ROWS_SQL("adjustments", "step", "applied, nominal"), pass_adjustment},

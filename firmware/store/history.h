@@ -196,6 +196,7 @@ typedef struct tl_history_output {
     int64_t readings; /* number of readings within the step */
     double squares;   /* Σ(y − ŷ)² at the readings; NaN if it was not finite */
     int64_t rejected; /* number of rejected readings */
+    double released;  /* y of a released twin; NaN: there was none, or it was not finite */
 } tl_history_output;
 
 /* One adjusted variable in one step. */

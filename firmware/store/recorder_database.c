@@ -139,10 +139,11 @@ static const char *const sql_of[STATEMENTS] = {
     [SAMPLE] = "INSERT OR REPLACE INTO samples (run, tick, signal, value, quality, stamp_ns)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [STEP] = "INSERT OR REPLACE INTO steps (run, step, t_ns, outcome, stop, J, J_nominal, evaluations, executions,"
-             " used_ns, predicted, flags, held) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
+             " used_ns, predicted, flags, held, release_age)"
+             " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)",
     [OUTPUT] =
-        "INSERT OR REPLACE INTO outputs (run, step, signal, simulated, measured, quality, readings, squares, rejected)"
-        " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        "INSERT OR REPLACE INTO outputs (run, step, signal, simulated, measured, quality, readings, squares, rejected,"
+        " released) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
     [ADJUSTMENT] =
         "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
@@ -728,7 +729,8 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
                          cell_within(0, record->used),
                          cell_whole(record->predicted),
                          cell_whole(record->flags),
-                         cell_whole(record->held)};
+                         cell_whole(record->held),
+                         cell_whole(record->release_age)};
     int code = write_row(database, STEP, head);
     for (size_t i = 0; i < database->settings->match_count && code == SQLITE_OK; i++) {
         const tl_record_readings *readings = &record->readings[i];
@@ -739,7 +741,8 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
                             cell_whole(record->measured_quality[i]),
                             cell_whole(readings->count),
                             cell_number(readings->squares),
-                            cell_whole(readings->rejected)};
+                            cell_whole(readings->rejected),
+                            record->release_age != 0 ? cell_number(record->released[i]) : no_cell};
         code = write_row(database, OUTPUT, row);
     }
     for (size_t i = 0; i < database->settings->adjust_count && code == SQLITE_OK; i++) {

@@ -323,6 +323,7 @@ static void fill_plan(tl_assembly *assembly) {
         .noise_floor = config->noise_floor,
         .verify_every = config->verify_every,
         .free_twin = tl_config_free_twin_guard(config),
+        .released_steps = config->released_steps,
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,

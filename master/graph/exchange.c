@@ -91,6 +91,17 @@ void tl_exchange_drop_caches(tl_exchange *exchange, uint32_t prediction) {
     }
 }
 
+/* The optional states are dropped if all extra states would need more than a quarter of the bound. */
+static void settle_optional_states(tl_exchange *exchange, uint64_t bytes) {
+    uint64_t sizes = 0;
+    for (size_t i = 0; i < exchange->component_count && exchange->cached != NULL; i++) {
+        sizes += exchange->rooms[i].size;
+    }
+    uint32_t states = exchange->extra_states + exchange->optional_states;
+    exchange->optional_states = bytes == 0 || states * sizes <= bytes / 4 ? exchange->optional_states : 0;
+    exchange->extra_states += exchange->optional_states;
+}
+
 /* Remaining bound for the caches; minimal, but not "no bound", if other modules use all of it. */
 static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
     uint64_t extra_states = 0;
@@ -108,6 +119,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
         exchange->rooms[i].most = cached->keep == TL_KEEP_NONE ? TL_NODES_OF_NONE : cached->tree.capacity;
         status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
     }
+    settle_optional_states(exchange, bytes);
     tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         size_t states = (size_t)exchange->rooms[i].kept + exchange->extra_states;

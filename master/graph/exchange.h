@@ -72,19 +72,20 @@ typedef struct tl_exchange {
     uint32_t *reach;             /* Γ_k of each component, then of the plant; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: nothing is saved by sequences */
     uint32_t extra_states;       /* states per component that other modules keep; they count towards the memory bound */
-    tl_state_room *rooms;        /* one per component, for its cache; filled by tl_exchange_start() */
-    bool whole;                  /* no executions of components are saved: all execute in one call */
-    tl_costs costs;              /* of executions */
-    uint64_t executions;         /* number of executions of all components, without the plant */
-    size_t failed;               /* index of the component at which the last macro step failed */
-    unsigned char *values;       /* reals, then integers, then booleans of all ports; then û of cut connections */
-    tl_snapshot home;            /* start of candidates: values and states; with caches, only the values */
-    bool *is_kept;               /* of each component: a full copy exists during a proof */
-    int64_t begun;               /* first macro step since initialisation or reset */
-    tl_exchange_note *note;      /* each committed step is copied to it; NULL: no copy */
-    bool is_kept_from;           /* a module keeps a state from before the committed instant: no step is final */
-    bool is_kept_always;         /* is_kept_from stays true for the whole run */
-    const fmi2Real *outputs;     /* the Real outputs of all components, contiguous */
+    uint32_t optional_states; /* as extra_states, for released twins; 0 after tl_exchange_start(): no room for them */
+    tl_state_room *rooms;     /* one per component, for its cache; filled by tl_exchange_start() */
+    bool whole;               /* no executions of components are saved: all execute in one call */
+    tl_costs costs;           /* of executions */
+    uint64_t executions;      /* number of executions of all components, without the plant */
+    size_t failed;            /* index of the component at which the last macro step failed */
+    unsigned char *values;    /* reals, then integers, then booleans of all ports; then û of cut connections */
+    tl_snapshot home;         /* start of candidates: values and states; with caches, only the values */
+    bool *is_kept;            /* of each component: a full copy exists during a proof */
+    int64_t begun;            /* first macro step since initialisation or reset */
+    tl_exchange_note *note;   /* each committed step is copied to it; NULL: no copy */
+    bool is_kept_from;        /* a module keeps a state from before the committed instant: no step is final */
+    bool is_kept_always;      /* is_kept_from stays true for the whole run */
+    const fmi2Real *outputs;  /* the Real outputs of all components, contiguous */
     size_t output_count;
     bool was_finite; /* all of `outputs` were finite in the committed step, and have not changed since */
     size_t values_size;

@@ -358,38 +358,25 @@ void tl_free_run_check_archive(tl_free_run_check *free_run_check, tl_archive *ar
 /* Of each component: the free-running twin's, the prediction's, and the twin's own. */
 enum { STATES = 3 };
 
-static bool init_snapshot(tl_snapshot *snapshot, tl_arena *arena, const tl_exchange *exchange) {
-    return tl_snapshot_init(snapshot, arena, exchange->components, exchange->component_count, exchange->values,
-                            exchange->values_size);
-}
-
 bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchange, const tl_objective *objective,
                        uint32_t guard) {
-    *twin = (tl_free_twin){.exchange = exchange, .objective = objective, .is_enabled = guard != 0};
+    *twin = (tl_free_twin){.objective = objective, .is_enabled = guard != 0};
     if (guard == 0) {
         return true;
     }
     twin->free_run_check.guard = guard;
     exchange->extra_states += STATES;
-    twin->executions = tl_arena_take(arena, exchange->component_count, sizeof *twin->executions);
-    return twin->executions != NULL && init_snapshot(&twin->free, arena, exchange) &&
-           init_snapshot(&twin->predicted, arena, exchange);
-}
-
-static bool has_replay(const tl_exchange *exchange) {
-    bool has = false;
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        has = has || exchange->components[i].fmi->replay.most != 0;
-    }
-    return has;
+    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables) &&
+           tl_side_twin_init_state(&twin->free, arena, exchange) &&
+           tl_side_twin_init_state(&twin->predicted, arena, exchange);
 }
 
 tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error) {
-    twin->is_enabled = twin->is_enabled && !has_replay(twin->exchange);
+    twin->is_enabled = twin->is_enabled && tl_side_twin_is_possible(twin->side.exchange);
     if (!twin->is_enabled) {
         return TL_OK;
     }
-    tl_exchange_keep_always(twin->exchange);
+    tl_exchange_keep_always(twin->side.exchange);
     tl_free_run_check_reset(&twin->free_run_check);
     twin->predicts = true;
     tl_status status = tl_snapshot_take(&twin->free, error);
@@ -429,23 +416,6 @@ static void measure_now(const tl_free_twin *twin, const tl_record *record, doubl
     (void)measure(twin, record, y, errors);
 }
 
-/* Executes all components with nominal u; their counts stay. */
-static tl_status execute(tl_free_twin *twin, int64_t step, tl_error *error) {
-    tl_exchange *exchange = twin->exchange;
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        twin->executions[i] = exchange->components[i].executions;
-    }
-    for (size_t v = 0; v < twin->objective->horizon->variables; v++) {
-        tl_exchange_set_adjusted(exchange, v, tl_exchange_nominal(exchange, v));
-    }
-    tl_status status = tl_exchange_step(exchange, step, error);
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        exchange->components[i].executions = twin->executions[i];
-    }
-    twin->counts.executions += exchange->component_count + 1;
-    return status;
-}
-
 static bool are_finite(const double *errors, size_t count) {
     double sum = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -457,8 +427,7 @@ static bool are_finite(const double *errors, size_t count) {
 /* Executes the record's step of one of the two. *failed: an FMU failed or a value is not finite. */
 static tl_status execute_saved(tl_free_twin *twin, tl_snapshot *one, const tl_record *record, double *errors,
                                bool *failed, tl_error *error) {
-    tl_status status = tl_snapshot_restore(one, error);
-    status = status == TL_OK ? execute(twin, record->step, error) : status;
+    tl_status status = tl_side_twin_step(&twin->side, one, record->step, error);
     measure_now(twin, record, errors);
     status = status == TL_OK ? tl_snapshot_take(one, error) : status;
     *failed = status != TL_OK || !are_finite(errors, twin->objective->term_count);
@@ -477,12 +446,14 @@ static tl_status start_due(tl_free_twin *twin, bool predicts, bool renews, tl_er
 /* Executes both from the twin's state and restores it. */
 static tl_status execute_both(tl_free_twin *twin, const tl_record *record, tl_free_run_check_errors *errors,
                               bool failed[2], tl_error *error) {
-    tl_status status = tl_exchange_take(twin->exchange, record->step + 1, error);
+    uint64_t before = twin->side.count;
+    tl_status status = tl_exchange_take(twin->side.exchange, record->step + 1, error);
     status = status == TL_OK ? execute_saved(twin, &twin->free, record, errors->free, &failed[0], error) : status;
     if (status == TL_OK && twin->predicts) {
         status = execute_saved(twin, &twin->predicted, record, errors->predicted, &failed[1], error);
     }
-    return status == TL_OK ? tl_exchange_return(twin->exchange, error) : status;
+    twin->counts.executions += twin->side.count - before;
+    return status == TL_OK ? tl_exchange_return(twin->side.exchange, error) : status;
 }
 
 static double sum_of_weights(const tl_objective *objective) {

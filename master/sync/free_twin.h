@@ -16,6 +16,7 @@
 #include "master/graph/snapshot.h"
 #include "master/sync/objective.h"
 #include "master/sync/record.h"
+#include "master/sync/side_twin.h"
 
 /* ---- Free-run check: is the locked twin nearer to the plant, or the free-running one?
  *
@@ -143,14 +144,13 @@ void tl_free_run_check_archive(tl_free_run_check *free_run_check, tl_archive *ar
 
 /* Fields are private, except `counts`. Zeroed: there is no free-running twin. */
 typedef struct tl_free_twin {
-    tl_exchange *exchange;
+    tl_side_twin side;
     const tl_objective *objective;
     bool is_enabled; /* there is a free-running twin */
     bool predicts;   /* `predicted` holds a prediction; else the next one must start */
     tl_snapshot free;
     tl_snapshot predicted;
     tl_free_run_check free_run_check;
-    uint64_t *executions; /* of each component: its count, saved during executions that do not count */
     tl_free_twin_counts counts;
 } tl_free_twin;
 

@@ -19,6 +19,20 @@ void tl_record_begin(tl_record *record, int64_t step) {
     record->held = 0;
     record->bad_outputs = 0;
     record->refused = (tl_record_refused){0};
+    record->release_age = 0;
+}
+
+const char *tl_released_state_text(tl_released_state state) {
+    static const char *const texts[] = {
+        [TL_RELEASED_OFF] = "not wanted",
+        [TL_RELEASED_ON] = "on",
+        [TL_RELEASED_EVENT] = "not possible with an event horizon",
+        [TL_RELEASED_OUTPUTS] = "not possible with \"keep\": \"outputs\"",
+        [TL_RELEASED_REPLAY] = "an FMU is rolled back by replay",
+        [TL_RELEASED_MEMORY] = "their states need more than a quarter of saving.memory_mb",
+        [TL_RELEASED_SLOW] = "they take more than a tenth of step_s",
+    };
+    return texts[state];
 }
 
 const char *tl_outcome_name(tl_outcome outcome) {

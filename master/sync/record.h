@@ -119,6 +119,8 @@ typedef struct tl_record {
     uint8_t measured_quality
         [TL_MAX_MATCH]; /* tl_quality; a bad `measured` is replaced by the last good one, and is never NaN */
     tl_record_readings readings[TL_MAX_MATCH];
+    double released[TL_MAX_MATCH]; /* y of the older released twin (sync/released_twin.h); NaN: not finite */
+    uint32_t release_age;          /* steps since its release; 0: there is none, and `released` is undefined */
     double u[TL_MAX_ADJUST];
     double nominal[TL_MAX_ADJUST]; /* û */
     tl_delay_state delay_state;
@@ -149,6 +151,28 @@ typedef enum tl_restore_cause {
 } tl_restore_cause;
 
 enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };
+
+/* Whether there are released twins (released_twin.h), or why not. */
+typedef enum tl_released_state {
+    TL_RELEASED_OFF, /* not wanted, or nothing is adjusted */
+    TL_RELEASED_ON,
+    TL_RELEASED_EVENT,   /* not with an event horizon */
+    TL_RELEASED_OUTPUTS, /* a component keeps only outputs: its state would have to be computed again in each step */
+    TL_RELEASED_REPLAY,  /* a component is rolled back by replay */
+    TL_RELEASED_MEMORY,  /* their states need more than a quarter of the memory bound */
+    TL_RELEASED_SLOW     /* they took more than a tenth of T_S */
+} tl_released_state;
+
+enum { TL_RELEASED_STATES = TL_RELEASED_SLOW + 1 };
+
+/* For messages: "on", or the reason. */
+const char *tl_released_state_text(tl_released_state state);
+
+/* Effort of released twins. */
+typedef struct tl_released_counts {
+    uint64_t executions; /* of FMUs and of the plant; no other count includes them */
+    uint64_t releases;
+} tl_released_counts;
 
 /* Effort and effect of a free-running twin (free_twin.h). */
 typedef struct tl_free_twin_counts {

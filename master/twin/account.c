@@ -45,6 +45,7 @@ static void take_ports(const tl_twin *twin, tl_account *account) {
         match->type = twin->match_ports[account->matches]->variable->type;
         match->metrics = *tl_twin_metrics(twin, account->matches);
         match->readings = *tl_twin_readings(twin, account->matches);
+        match->released = *tl_twin_released(twin, account->matches);
         account->matches++;
     }
     while (account->adjusts < TL_MAX_ADJUST && twin->adjust_ports[account->adjusts] != NULL) {
@@ -89,6 +90,9 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     account->differed = facts.differed;
     account->has_free_twin = facts.has_free_twin ? 1 : 0;
     account->free_twin = facts.free_twin;
+    account->released_state = (uint32_t)facts.released_state;
+    account->released_steps = facts.released_steps;
+    account->released = facts.released;
     take_finding(&twin->finding, &account->finding);
     account->complete = tl_twin_ledger_is_complete(twin) ? 1 : 0;
     account->delay = tl_twin_get_delay(twin);
@@ -130,7 +134,7 @@ bool tl_account_is_sound(const tl_account *account) {
                  isfinite(account->experiment.stop_s) && is_text(account->algorithm) && is_text(account->fallback) &&
                  is_text(account->finding.component) && is_text(account->finding.variable) &&
                  is_text(account->finding.unit) && account->finding.mended < TL_MENDED_COUNT &&
-                 account->finding.cause < TL_RESTORE_CAUSES &&
+                 account->finding.cause < TL_RESTORE_CAUSES && account->released_state < TL_RELEASED_STATES &&
                  (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
     for (size_t i = 0; sound && i < account->components; i++) {
         sound = is_text(account->component[i].name);

@@ -3,7 +3,7 @@
  * Purpose: recorder, report and summary need names, units and counts of a twin that may be in
  *          another process. That process may write anything into the account. So an account has no
  *          pointers, and its reader must call tl_account_is_sound() first.
- * Size:    fixed; about 19 KB.
+ * Size:    fixed; about 33 KB.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_TWIN_ACCOUNT_H
@@ -37,6 +37,7 @@ typedef struct tl_account_match {
     tl_type type;
     tl_metrics metrics;
     tl_metrics readings; /* see tl_twin_readings() */
+    tl_metrics released; /* see tl_twin_released() */
 } tl_account_match;
 
 typedef struct tl_account_adjust {
@@ -76,6 +77,9 @@ typedef struct tl_account {
     uint64_t verified_executions;
     uint64_t differed;
     tl_free_twin_counts free_twin;
+    uint32_t released_state; /* tl_released_state */
+    uint32_t released_steps; /* R */
+    tl_released_counts released;
     uint64_t replayed;          /* steps that rollback by replay executed again; no other count includes them */
     tl_account_finding finding; /* the newest finding */
     tl_twin_delay delay;

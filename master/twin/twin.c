@@ -77,6 +77,9 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .differed = twin->verifier.counts.found,
         .has_free_twin = twin->free_twin.is_enabled,
         .free_twin = twin->free_twin.counts,
+        .released_state = twin->released_twin.state,
+        .released_steps = twin->released_twin.steps,
+        .released = twin->released_twin.counts,
         .structure = searches && synchroniser->ledger.saving.structure,
         .sequences = searches && synchroniser->ledger.saving.sequences,
     };
@@ -181,6 +184,10 @@ const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match) {
     return &twin->readings[match];
 }
 
+const tl_metrics *tl_twin_released(const tl_twin *twin, size_t match) {
+    return &twin->released[match];
+}
+
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {
     return &twin->metrics[match];
 }
@@ -233,6 +240,7 @@ static tl_status replace_component(tl_twin *twin, size_t component, tl_error *er
     tl_event_horizon_forget(twin->event, component);
     tl_verifier_end_component(&twin->verifier, component);
     tl_free_twin_end_component(&twin->free_twin, component);
+    tl_released_twin_end_component(&twin->released_twin, component);
     return tl_component_renew(&twin->graph.components[component], error);
 }
 
@@ -274,6 +282,12 @@ static uint64_t find_bad_outputs(const tl_twin *twin) {
     return tl_exchange_is_finite(&twin->exchange) ? 0 : list_bad_outputs(twin);
 }
 
+/* From the committed instant. */
+static tl_status begin_side_twins(tl_twin *twin, tl_error *error) {
+    tl_status status = tl_free_twin_begin(&twin->free_twin, error);
+    return status == TL_OK ? tl_released_twin_begin(&twin->released_twin, error) : status;
+}
+
 static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
     twin->resets = false;
     tl_verifier_abandon(&twin->verifier);
@@ -291,7 +305,7 @@ static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
     tl_synchroniser_reset(&twin->synchroniser);
     status = tl_exchange_reset(&twin->exchange, step, error);
     twin->synchroniser.rests = false;
-    return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
+    return status == TL_OK ? begin_side_twins(twin, error) : status;
 }
 
 /* ---- Another tuning between two ticks.
@@ -408,6 +422,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
     bool emptied = false;
     tl_verifier_end_component(&twin->verifier, component);
     tl_free_twin_end_component(&twin->free_twin, component);
+    tl_released_twin_end_component(&twin->released_twin, component);
     tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &emptied, error);
     if (status != TL_OK) {
         return status;
@@ -416,7 +431,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
     if (emptied) {
         tl_ledger_reset(&twin->synchroniser.ledger);
     }
-    status = tl_free_twin_begin(&twin->free_twin, error);
+    status = begin_side_twins(twin, error);
     twin->synchroniser.rests = false;
     if (status != TL_OK) {
         return status;
@@ -470,7 +485,7 @@ static tl_status start_twin(tl_twin *twin, const tl_budget *budget, tl_error *er
     twin->bad_at_start = find_bad_outputs(twin);
     tl_proof_end(&twin->proof);
     status = status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
-    return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
+    return status == TL_OK ? begin_side_twins(twin, error) : status;
 }
 
 /* ---- a measured delay ---- */
@@ -639,6 +654,18 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
     return status;
 }
 
+/* Both released twins continue in parallel. */
+static tl_status follow_released_twin(tl_twin *twin, const tick_mode *mode, tl_record *record, tl_error *error) {
+    const tl_budget *budget = mode->budget;
+    tl_status status = tl_released_twin_follow(&twin->released_twin, record, budget != NULL ? budget->now : NULL,
+                                               budget != NULL ? budget->context : NULL, error);
+    for (size_t i = 0; record->release_age != 0 && i < twin->synchroniser.objective.term_count; i++) {
+        tl_metrics_add(&twin->released[i], record->released[i], record->measured[i],
+                       (tl_quality)record->measured_quality[i]);
+    }
+    return status;
+}
+
 /* The free-running twin continues in parallel; from the next step on u may rest, or the twin
  * continue from there. */
 static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_error *error) {
@@ -654,6 +681,12 @@ static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_err
     tl_verifier_abandon(&twin->verifier);
     tl_synchroniser_forget_course(&twin->synchroniser);
     return tl_exchange_reset(&twin->exchange, record->step + 1, error);
+}
+
+/* The released twins first: the free-running twin may change the state of the twin. */
+static tl_status follow_side_twins(tl_twin *twin, const tick_mode *mode, tl_record *record, tl_error *error) {
+    tl_status status = follow_released_twin(twin, mode, record, error);
+    return status == TL_OK ? follow_free_twin(twin, record, error) : status;
 }
 
 /* A reading in the sample, at the twin's own time. */
@@ -711,7 +744,7 @@ static tl_status advance_tick(tl_twin *twin, const tl_sample *sample, const tick
     if (twin->has_pending) {
         complete_pending(twin, record, ready);
         tl_synchroniser_refresh(&twin->synchroniser, record->step + 1);
-        tl_status status = follow_free_twin(twin, record, error);
+        tl_status status = follow_side_twins(twin, mode, record, error);
         if (status != TL_OK) {
             return status;
         }
@@ -729,7 +762,7 @@ static tl_status advance_tick(tl_twin *twin, const tl_sample *sample, const tick
     if (!ahead) {
         complete_record(twin, record);
         *ready = true;
-        status = follow_free_twin(twin, record, error);
+        status = follow_side_twins(twin, mode, record, error);
     }
     if (status == TL_OK && mode->budget != NULL && mode->budget->now != NULL) {
         computed->used = tl_synchroniser_end_step(&twin->synchroniser, mode->budget);
@@ -796,6 +829,7 @@ void tl_twin_destroy(tl_twin *twin) {
             tl_event_horizon_forget(twin->event, i);
             tl_verifier_end_component(&twin->verifier, i);
             tl_free_twin_end_component(&twin->free_twin, i);
+            tl_released_twin_end_component(&twin->released_twin, i);
         }
         if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);

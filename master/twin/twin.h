@@ -58,6 +58,9 @@ typedef struct tl_twin_facts {
     uint64_t differed;            /* verifications that found a difference */
     bool has_free_twin;           /* the free-run check is on; before the start: it is configured */
     tl_free_twin_counts free_twin;
+    tl_released_state released_state; /* may change during the first steps */
+    uint32_t released_steps;          /* R */
+    tl_released_counts released;
     bool structure; /* does not execute what cannot reach a matched output (approach 1) */
     bool sequences; /* does not execute an input sequence whose result is cached (approach 2) */
 } tl_twin_facts;
@@ -291,6 +294,9 @@ tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
+
+/* The same of the older released twin (sync/released_twin.h). */
+const tl_metrics *tl_twin_released(const tl_twin *twin, size_t match);
 
 /* The same at the instants of the plant's readings, with y interpolated between the twin's steps
  * (reading_meter.h). `left_out` counts rejected readings. Nothing is compared (`pairs` is 0) if the

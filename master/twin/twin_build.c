@@ -452,6 +452,15 @@ static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
                              can ? plan->free_twin : 0);
 }
 
+static bool create_released_twin(tl_twin *twin, const tl_plan *plan) {
+    tl_released_state state = plan->event.start.signal != NULL ? TL_RELEASED_EVENT : TL_RELEASED_ON;
+    for (size_t i = 0; i < plan->component_count; i++) {
+        state = plan->components[i].keep == TL_KEEP_OUTPUTS ? TL_RELEASED_OUTPUTS : state;
+    }
+    return tl_released_twin_init(&twin->released_twin, &twin->arena, &twin->exchange, &twin->synchroniser.objective,
+                                 plan->adjust_count != 0 ? plan->released_steps : 0, state);
+}
+
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
                          tl_report *report) {
     tl_error error;
@@ -471,7 +480,8 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_set
     place_adjusted(twin, plan, report);
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
         !create_readers(twin, plan) || !save_executions(twin, plan, synchroniser) || !create_verifier(twin, plan) ||
-        !tl_synchroniser_init(&twin->synchroniser, &twin->arena, plan, synchroniser) || !create_free_twin(twin, plan)) {
+        !tl_synchroniser_init(&twin->synchroniser, &twin->arena, plan, synchroniser) || !create_free_twin(twin, plan) ||
+        !create_released_twin(twin, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

@@ -24,7 +24,7 @@ typedef struct head {
 
 static head head_of(const tl_twin *twin, int64_t tick) {
     return (head){
-        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '4'},
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '5'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
         .matches = twin->synchroniser.objective.term_count,
@@ -92,7 +92,9 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
     }
     tl_archive_part(archive, &twin->delay, sizeof twin->delay);
     tl_archive_flag(archive, &twin->has_pending);
-    tl_archive_part(archive, &twin->pending, sizeof twin->pending);
+    if (twin->has_pending) {
+        tl_archive_part(archive, &twin->pending, sizeof twin->pending);
+    }
     if (tl_archive_is_loading(archive) && tl_archive_is_whole(archive)) {
         require_sound(twin, configured, archive);
     }
@@ -207,6 +209,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     }
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
     tl_proof_end(&twin->proof);
+    status = status == TL_OK ? tl_released_twin_begin(&twin->released_twin, error) : status;
     return status == TL_OK ? tl_verifier_start(&twin->verifier, NULL, error) : status;
 }
 
@@ -243,9 +246,11 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
         tl_event_horizon_abandon(twin->event);
     }
     memset(twin->metrics, 0, sizeof twin->metrics);
+    memset(twin->released, 0, sizeof twin->released);
     memset(twin->readings, 0, sizeof twin->readings);
     memset(twin->due, 0, sizeof twin->due);
     twin->free_twin.counts = (tl_free_twin_counts){0};
+    twin->released_twin.counts = (tl_released_counts){0};
     twin->resets = false;
     disown_pending(twin);
     return TL_OK;

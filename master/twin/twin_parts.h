@@ -13,6 +13,7 @@
 #include "master/measure/delay_meter.h"
 #include "master/sync/free_twin.h"
 #include "master/sync/proof.h"
+#include "master/sync/released_twin.h"
 #include "master/sync/synchroniser.h"
 #include "master/sync/verifier.h"
 #include "master/twin/reading_meter.h"
@@ -32,6 +33,7 @@ struct tl_twin {
     uint64_t *worst;    /* most nodes that each cache could need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
+    tl_metrics released[TL_MAX_MATCH];       /* see tl_twin_released() */
     tl_metrics readings[TL_MAX_MATCH];       /* see tl_twin_readings() */
     tl_metrics due[TL_MAX_MATCH];            /* the part of `readings` that is not in a record yet */
     tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: y is not Real, event horizon, or no readings */
@@ -59,6 +61,7 @@ struct tl_twin {
     const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
     tl_verifier verifier;
     tl_free_twin free_twin;
+    tl_released_twin released_twin;
     tl_twin_finding finding; /* the newest finding; component NULL: none */
     uint32_t marks;          /* flags for the next step's record */
     uint32_t lasting;        /* flags for all later records */

@@ -1,0 +1,127 @@
+/* Released twins: see released_twin.h. */
+#include "master/sync/released_twin.h"
+
+#include <string.h>
+
+/* Of each component: those of the two released twins, and the twin's own. */
+enum { STATES = 3 };
+
+/* Part of T_S that the released twins may take. */
+static const tl_time PARTS_OF_STEP = 10;
+
+bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange *exchange,
+                           const tl_objective *objective, uint32_t steps, tl_released_state state) {
+    *twin = (tl_released_twin){.objective = objective, .steps = steps + steps % 2, .state = state};
+    if (steps == 0 || state != TL_RELEASED_ON) {
+        twin->state = steps == 0 ? TL_RELEASED_OFF : state;
+        return true;
+    }
+    exchange->optional_states = STATES;
+    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables) &&
+           tl_side_twin_init_state(&twin->release[0].state, arena, exchange) &&
+           tl_side_twin_init_state(&twin->release[1].state, arena, exchange);
+}
+
+static tl_status release(tl_released_twin *twin, tl_release *one, tl_error *error) {
+    tl_status status = tl_snapshot_take(&one->state, error);
+    one->age = 0;
+    one->runs = status == TL_OK;
+    twin->counts.releases++;
+    return status;
+}
+
+static tl_released_state find_state(const tl_exchange *exchange) {
+    return !tl_side_twin_is_possible(exchange) ? TL_RELEASED_REPLAY
+           : exchange->optional_states == 0    ? TL_RELEASED_MEMORY
+                                               : TL_RELEASED_ON;
+}
+
+tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error) {
+    twin->state = twin->state == TL_RELEASED_ON ? find_state(twin->side.exchange) : twin->state;
+    if (twin->state != TL_RELEASED_ON) {
+        return TL_OK;
+    }
+    tl_exchange_keep_always(twin->side.exchange);
+    twin->phase = 0;
+    twin->release[1].runs = false;
+    return release(twin, &twin->release[0], error);
+}
+
+/* Executes the record's step of one of the two. */
+static tl_status execute(tl_released_twin *twin, tl_release *one, int64_t step, double *y, tl_error *error) {
+    if (!one->runs) {
+        return TL_OK;
+    }
+    tl_status status = tl_side_twin_step(&twin->side, &one->state, step, error);
+    for (size_t i = 0; i < twin->objective->term_count; i++) {
+        y[i] = tl_objective_y(twin->objective, i);
+    }
+    status = status == TL_OK ? tl_snapshot_take(&one->state, error) : status;
+    one->runs = status == TL_OK;
+    one->age++;
+    return status == TL_FMU_FATAL ? status : TL_OK;
+}
+
+/* Executes both from the twin's state and restores it. */
+static tl_status execute_both(tl_released_twin *twin, int64_t step, double y[2][TL_MAX_MATCH], tl_error *error) {
+    tl_exchange *exchange = twin->side.exchange;
+    uint64_t before = twin->side.count;
+    tl_status status = tl_exchange_take(exchange, step + 1, error);
+    for (int i = 0; i < 2 && status == TL_OK; i++) {
+        status = execute(twin, &twin->release[i], step, y[i], error);
+    }
+    twin->counts.executions += twin->side.count - before;
+    return status == TL_OK ? tl_exchange_return(exchange, error) : status;
+}
+
+/* The older one; if none runs, the record has none. */
+static void fill_record(const tl_released_twin *twin, double y[2][TL_MAX_MATCH], tl_record *record) {
+    const tl_release *both = twin->release;
+    int older = both[1].runs && (!both[0].runs || both[1].age > both[0].age) ? 1 : 0;
+    record->release_age = both[older].runs ? both[older].age : 0;
+    if (both[older].runs) {
+        memcpy(record->released, y[older], twin->objective->term_count * sizeof record->released[0]);
+    }
+}
+
+static tl_status release_next(tl_released_twin *twin, tl_error *error) {
+    twin->phase = (twin->phase + 1) % twin->steps;
+    bool is_turn = twin->phase == 0 || twin->phase == twin->steps / 2;
+    return is_turn ? release(twin, &twin->release[twin->phase == 0 ? 0 : 1], error) : TL_OK;
+}
+
+/* The fastest of some follows, so that a pause of the process does not decide. */
+static void add_time(tl_released_twin *twin, tl_time time) {
+    if (twin->timed < TL_RELEASED_TIMED && twin->release[0].runs && twin->release[1].runs) {
+        twin->fastest = twin->timed == 0 || time < twin->fastest ? time : twin->fastest;
+        twin->timed++;
+        bool is_slow = twin->fastest > twin->side.exchange->step / PARTS_OF_STEP;
+        twin->state = twin->timed == TL_RELEASED_TIMED && is_slow ? TL_RELEASED_SLOW : twin->state;
+    }
+}
+
+tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_time (*now)(void *context),
+                                  void *context, tl_error *error) {
+    double y[2][TL_MAX_MATCH];
+    if (twin->state != TL_RELEASED_ON) {
+        return TL_OK;
+    }
+    tl_time started_at = now != NULL ? now(context) : 0;
+    tl_status status = execute_both(twin, record->step, y, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    fill_record(twin, y, record);
+    status = release_next(twin, error);
+    if (now != NULL) {
+        add_time(twin, now(context) - started_at);
+    }
+    return status;
+}
+
+void tl_released_twin_end_component(tl_released_twin *twin, size_t component) {
+    for (int i = 0; i < 2; i++) {
+        tl_snapshot_forget(&twin->release[i].state, component);
+        twin->release[i].runs = false;
+    }
+}
