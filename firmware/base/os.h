@@ -165,14 +165,14 @@ typedef struct tl_latest {
     uint64_t words[TL_LATEST_WORDS];
 } tl_latest;
 
-/* `size` is at most 8·TL_LATEST_WORDS and the same in all calls of the writer. A reader may read more
- * bytes, which are 0. tl_latest_read() returns false if no consistent value could be read. */
+/* `size` is at most 8·TL_LATEST_WORDS and the same in all calls of the writer. A reader may read
+ * more bytes, which are 0. tl_latest_read() returns false if no consistent value could be read. */
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size);
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size);
 
 /* Copy in units of 64 bits, because another process may access `shared` at the same time. `shared`
- * must be aligned to 64 bits and have room for whole units. No access is moved before an earlier one,
- * so that readers can detect a write by an odd sequence number. */
+ * must be aligned to 64 bits and have room for whole units. No access is moved before an earlier
+ * one, so that readers can detect a write by an odd sequence number. */
 void tl_words_store(void *shared, const void *from, size_t bytes);
 void tl_words_load(void *to, const void *shared, size_t bytes);
 

@@ -517,6 +517,23 @@ static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
     print_block("second twin", blocks->shadow, "in `run`, at most, while `reload` tests a second twin", output);
 }
 
+static void print_released(const tl_config *config, tl_twin_facts facts, FILE *output) {
+    if (facts.released_state == TL_RELEASED_ON) {
+        (void)fprintf(output,
+                      "  released     two twins without corrections, for %g s each:\n"
+                      "               %" PRIu64 " executions beside each step, included in the time above",
+                      tl_seconds(config->step * (tl_time)facts.released_steps), 2 * (uint64_t)facts.components);
+        if (facts.released_time != 0) {
+            (void)fprintf(output, ",\n               %.4g \302\265s here: %.3g %% of the period",
+                          tl_seconds(facts.released_time) * 1e6,
+                          100.0 * tl_seconds(facts.released_time) / tl_seconds(config->step));
+        }
+        (void)fputs("\n", output);
+    } else if (facts.released_state != TL_RELEASED_OFF) {
+        (void)fprintf(output, "  released     none: %s\n", tl_released_state_text(facts.released_state));
+    }
+}
+
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_live_blocks *blocks,
                         FILE *output) {
     const tl_config *config = &assembly->config;
@@ -531,6 +548,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                       "               searched; included in the time above\n",
                       prognosis->step);
     }
+    print_released(config, tl_twin_get_facts(assembly->twin), output);
     if (config->event.start.signal != NULL) {
         print_stroke(config, prognosis, output);
     } else if (config->adjust_count != 0) {

@@ -475,7 +475,8 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
         "<th>simulated y</th><th>measured ŷ</th><th class=\"n\">mean square</th><th class=\"unit\">unit</th>"
         "<th class=\"n\">largest</th><th class=\"n\">tolerance</th><th class=\"unit\">unit</th><th class=\"n\">pairs</th>"
         "<th class=\"n\">left out</th><th class=\"n\">mean square at the sensor's instants</th>"
-        "<th class=\"n\">readings</th><th class=\"n\">rejected</th>");
+        "<th class=\"n\">readings</th><th class=\"n\">rejected</th>"
+        "<th class=\"n\">mean square without corrections</th>");
     for (size_t i = 0; i < settings->match_count; i++) {
         const tl_metrics *metrics = &figures->match[i];
         const tl_recorder_signal *signal = &settings->match[i];
@@ -493,6 +494,7 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
         put_value_cell(file, "match", i, "mse_readings", tl_run_figures_mse_readings(figures, i), false);
         put_count_cell(file, "match", i, "readings", figures->readings[i].pairs);
         put_count_cell(file, "match", i, "rejected", figures->readings[i].left_out);
+        put_value_cell(file, "match", i, "mse_released", tl_run_figures_mse_released(figures, i), false);
         (void)fputs("</tr>\n", file);
     }
     end_table(file);

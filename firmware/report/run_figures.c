@@ -134,7 +134,6 @@ void tl_figures_json_add_match(tl_json_writer *json, const tl_run_figures *figur
     tl_json_add_count(json, "left_out", figures->match[match].left_out);
     tl_json_add_count(json, "readings", figures->readings[match].pairs);
     tl_json_add_count(json, "rejected", figures->readings[match].left_out);
-    tl_json_add_count(json, "released", figures->released[match].pairs);
 }
 
 static void add_component(tl_json_writer *json, const char *name, const tl_recorder_component *counts) {

@@ -493,8 +493,9 @@ static tl_status check_version(const char *path, int64_t version, tl_error *erro
                               path, (long long)version, TL_DATABASE_OLDEST, TL_DATABASE_VERSION);
 }
 
-/* ---- Format 5 has the same rows under other column names. A reader gets views in memory, because
- * it must not change the file. A writer renames the columns, which changes the schema only.
+/* ---- Earlier formats. Format 5 has the same rows under other column names, and later programs
+ * have added columns to both formats. A reader gets views in memory, because it must not change the
+ * file. A writer changes the tables, which changes the schema only.
  */
 
 static const char read_format_5[] =
@@ -504,43 +505,15 @@ static const char read_format_5[] =
     "CREATE TEMP VIEW components AS SELECT run, component, name, plain, predicted, executions, caught_up AS repeated,"
     "  unstored AS uncached FROM main.components;";
 
-static tl_status migrate_format(sqlite3 *database, tl_error *error) {
-    static const char rename[] = "ALTER TABLE outputs RENAME COLUMN y TO simulated;"
-                                 "ALTER TABLE outputs RENAME COLUMN y_hat TO measured;"
-                                 "ALTER TABLE outputs RENAME COLUMN delta TO error;"
-                                 "ALTER TABLE adjustments RENAME COLUMN u TO applied;"
-                                 "ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal;"
-                                 "ALTER TABLE adjustments RENAME COLUMN delta TO correction;"
-                                 "ALTER TABLE components RENAME COLUMN caught_up TO repeated;"
-                                 "ALTER TABLE components RENAME COLUMN unstored TO uncached;";
-    static const char view[] = "CREATE VIEW ";
-    char text[128];
-    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
-    if (status != TL_OK) {
-        return status;
-    }
-    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
-        if (strncmp(schema[i], view, strlen(view)) == 0) {
-            const char *name = schema[i] + strlen(view);
-            (void)snprintf(text, sizeof text, "DROP VIEW IF EXISTS %.*s", (int)strcspn(name, " "), name);
-            status = tl_database_execute(database, text, error);
-        }
-    }
-    status = status == TL_OK ? tl_database_execute(database, rename, error) : status;
-    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
-        if (strncmp(schema[i], view, strlen(view)) == 0) {
-            status = tl_database_execute(database, schema[i], error);
-        }
-    }
-    (void)snprintf(text, sizeof text, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
-    status = status == TL_OK ? tl_database_execute(database, text, error) : status;
-    if (status != TL_OK) {
-        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
-    }
-    return status;
-}
+static const char rename_format_5[] = "ALTER TABLE outputs RENAME COLUMN y TO simulated;"
+                                      "ALTER TABLE outputs RENAME COLUMN y_hat TO measured;"
+                                      "ALTER TABLE outputs RENAME COLUMN delta TO error;"
+                                      "ALTER TABLE adjustments RENAME COLUMN u TO applied;"
+                                      "ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal;"
+                                      "ALTER TABLE adjustments RENAME COLUMN delta TO correction;"
+                                      "ALTER TABLE components RENAME COLUMN caught_up TO repeated;"
+                                      "ALTER TABLE components RENAME COLUMN unstored TO uncached;";
 
-/* Columns that later programs have added to the same formats, in the same two ways. */
 static const struct {
     const char *table, *column;
     const char *add, *view;
@@ -553,34 +526,79 @@ static const struct {
      "CREATE TEMP VIEW IF NOT EXISTS outputs AS SELECT *, NULL AS released FROM main.outputs"},
 };
 
-static tl_status add_column(sqlite3 *database, size_t which, bool write, tl_error *error) {
+enum { ADDED = sizeof added / sizeof added[0] };
+
+static tl_status find_missing(sqlite3 *database, bool is_missing[ADDED], bool *any, tl_error *error) {
     char text[256];
     char found[8];
-    (void)snprintf(text, sizeof text,
-                   "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
-                   " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
-                   added[which].table, added[which].table, added[which].column);
-    tl_status status = query_text(database, text, found, sizeof found, error);
-    if (status == TL_OK && found[0] != '\0') {
-        (void)snprintf(text, sizeof text, "BEGIN IMMEDIATE; %s; COMMIT", added[which].add);
-        status = tl_database_execute(database, write ? text : added[which].view, error);
-        if (status != TL_OK) {
-            (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
+    tl_status status = TL_OK;
+    *any = false;
+    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
+        (void)snprintf(text, sizeof text,
+                       "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
+                       " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
+                       added[i].table, added[i].table, added[i].column);
+        status = query_text(database, text, found, sizeof found, error);
+        is_missing[i] = status == TL_OK && found[0] != '\0';
+        *any = *any || is_missing[i];
+    }
+    return status;
+}
+
+/* Drops the views of this schema, or creates them. */
+static tl_status change_views(sqlite3 *database, bool creates, tl_error *error) {
+    static const char view[] = "CREATE VIEW ";
+    char text[128];
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
+        if (strncmp(schema[i], view, strlen(view)) == 0) {
+            const char *name = schema[i] + strlen(view);
+            (void)snprintf(text, sizeof text, "DROP VIEW IF EXISTS %.*s", (int)strcspn(name, " "), name);
+            status = tl_database_execute(database, creates ? schema[i] : text, error);
         }
+    }
+    return status;
+}
+
+static tl_status migrate_format(sqlite3 *database, bool is_format_5, const bool is_missing[ADDED], tl_error *error) {
+    char version[64];
+    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = change_views(database, false, error);
+    status = status == TL_OK && is_format_5 ? tl_database_execute(database, rename_format_5, error) : status;
+    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
+        status = is_missing[i] ? tl_database_execute(database, added[i].add, error) : TL_OK;
+    }
+    status = status == TL_OK ? change_views(database, true, error) : status;
+    (void)snprintf(version, sizeof version, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
+    status = status == TL_OK ? tl_database_execute(database, version, error) : status;
+    if (status != TL_OK) {
+        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
+    }
+    return status;
+}
+
+static tl_status add_reading_views(sqlite3 *database, bool is_format_5, const bool is_missing[ADDED], tl_error *error) {
+    tl_status status = is_format_5 ? tl_database_execute(database, read_format_5, error) : TL_OK;
+    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
+        status = is_missing[i] ? tl_database_execute(database, added[i].view, error) : TL_OK;
     }
     return status;
 }
 
 /* Makes the names of the current format valid on this connection. */
 static tl_status convert_format(sqlite3 *database, int64_t version, bool write, tl_error *error) {
-    tl_status status = TL_OK;
-    if (version != TL_DATABASE_VERSION) {
-        status = write ? migrate_format(database, error) : tl_database_execute(database, read_format_5, error);
+    bool is_missing[ADDED];
+    bool any = false;
+    bool is_format_5 = version != TL_DATABASE_VERSION;
+    tl_status status = find_missing(database, is_missing, &any, error);
+    if (status != TL_OK || (!is_format_5 && !any)) {
+        return status;
     }
-    for (size_t i = 0; i < sizeof added / sizeof added[0] && status == TL_OK; i++) {
-        status = add_column(database, i, write, error);
-    }
-    return status;
+    return write ? migrate_format(database, is_format_5, is_missing, error)
+                 : add_reading_views(database, is_format_5, is_missing, error);
 }
 
 static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {

@@ -91,7 +91,7 @@ void tl_exchange_drop_caches(tl_exchange *exchange, uint32_t prediction) {
     }
 }
 
-/* The optional states are dropped if all extra states would need more than a quarter of the bound. */
+/* Drops the optional states if all extra states would need more than a quarter of the bound. */
 static void settle_optional_states(tl_exchange *exchange, uint64_t bytes) {
     uint64_t sizes = 0;
     for (size_t i = 0; i < exchange->component_count && exchange->cached != NULL; i++) {

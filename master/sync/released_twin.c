@@ -92,8 +92,9 @@ static tl_status release_next(tl_released_twin *twin, tl_error *error) {
 
 /* The fastest of some follows, so that a pause of the process does not decide. */
 static void add_time(tl_released_twin *twin, tl_time time) {
-    if (twin->timed < TL_RELEASED_TIMED && twin->release[0].runs && twin->release[1].runs) {
-        twin->fastest = twin->timed == 0 || time < twin->fastest ? time : twin->fastest;
+    if (twin->timed < TL_RELEASED_TIMED) {
+        tl_time both = twin->release[0].runs && twin->release[1].runs ? time : 2 * time;
+        twin->fastest = twin->timed == 0 || both < twin->fastest ? both : twin->fastest;
         twin->timed++;
         bool is_slow = twin->fastest > twin->side.exchange->step / PARTS_OF_STEP;
         twin->state = twin->timed == TL_RELEASED_TIMED && is_slow ? TL_RELEASED_SLOW : twin->state;

@@ -1,18 +1,18 @@
 /* Released twins: what the model does if the twin is no longer corrected.
  *
- * Purpose: in lock, y agrees with ŷ whatever the model is like, because u is corrected until it does.
- *          A released twin starts from the state of the locked twin and then runs with nominal u. Its
- *          error shows how far the model without corrections is from the plant, and whether the
- *          states that nobody measures were right at the release.
- * Method:  a release lasts R steps. Two released twins take turns, and are released R/2 steps apart.
- *          So after the first R/2 steps one of them is at least R/2 old. Its outputs are recorded.
- *          R should be longer than the longest reaction of an output, so that the measurements from
- *          before the release no longer matter.
+ * Purpose: in lock, y agrees with ŷ even if the model is wrong, because u is corrected until it
+ *          does. A released twin starts from the state of the locked twin and then runs with
+ *          nominal u. Its error shows how far the model without corrections is from the plant. It
+ *          also shows whether the states without a sensor were right at the release.
+ * Method:  a release lasts R steps. Two released twins take turns, R/2 steps apart. So after the
+ *          first R/2 steps one of them is at least R/2 old. Its outputs are recorded. R should be
+ *          longer than the longest reaction of an output. Then the measurements from before the
+ *          release no longer matter.
  * Lag:     in mode lag the released state depends on measurements up to T_P steps after it.
- * Failure: if an FMU of a released twin fails, this released twin is missing until its next release.
- *          Only fmi2Fatal ends the twin.
- * Not:     the free-running twin of free_twin.h. That one runs uncorrected for as long as it predicts
- *          well, and decides whether u rests. A released twin never affects the twin.
+ * Failure: if an FMU of a released twin fails, this released twin is missing until its next
+ *          release. Only fmi2Fatal ends the twin.
+ * Not:     the free-running twin of free_twin.h. That one runs uncorrected for as long as it
+ *          predicts well, and decides whether u rests. A released twin never affects the twin.
  * Source:  not the dissertation.
  * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
  */
@@ -46,14 +46,15 @@ typedef struct tl_released_twin {
     tl_release release[2];
     tl_released_counts counts;
     uint32_t timed;  /* number of follows measured with a clock, at most TL_RELEASED_TIMED */
-    tl_time fastest; /* the fastest of them, ns */
+    tl_time fastest; /* the fastest of them, ns; of both twins */
 } tl_released_twin;
 
 /* Number of follows whose fastest decides whether there is time for released twins. */
 enum { TL_RELEASED_TIMED = 8 };
 
 /* For an exchange that is initialised. `steps`: R, ≥ 2, an odd one is rounded up; 0: no released
- * twins. `state`: TL_RELEASED_ON, or the reason why there are none. Returns false if memory is out. */
+ * twins. `state`: TL_RELEASED_ON, or the reason why there are none. Returns false if memory is out.
+ */
 bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange *exchange,
                            const tl_objective *objective, uint32_t steps, tl_released_state state);
 
@@ -63,8 +64,8 @@ tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
 
 /* Call after each committed step with its complete record: executes the same step of both, fills
  * `released` and `release_age` of the record, and releases a twin if it is its turn. Afterwards the
- * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL in a replay. With
- * a clock, released twins end for good if they take more than a tenth of T_S.
+ * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL in a replay.
+ * With a clock, released twins end for good if they take more than a tenth of T_S.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */
 tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_time (*now)(void *context),
                                   void *context, tl_error *error);

@@ -1,8 +1,8 @@
 /* Side twin: the same co-simulation beside the twin, with nominal u.
  *
- * Purpose: free_twin.h and released_twin.h compare the twin with twins that are not corrected. These
- *          have no FMUs of their own: the FMUs are set to a saved state, execute the step that the
- *          twin has just committed, and the new state is saved.
+ * Purpose: free_twin.h and released_twin.h compare the twin with twins that are not corrected.
+ *          These have no FMUs of their own: the FMUs are set to a saved state, execute the step
+ *          that the twin has just committed, and the new state is saved.
  * Use:     tl_exchange_take() first, then tl_side_twin_step() and tl_snapshot_take() for each saved
  *          state, then tl_exchange_return(). No count of the twin includes these executions.
  * Not for: FMUs that are rolled back by replay. Each rollback would repeat the whole run.

@@ -79,6 +79,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .free_twin = twin->free_twin.counts,
         .released_state = twin->released_twin.state,
         .released_steps = twin->released_twin.steps,
+        .released_time = twin->released_twin.fastest,
         .released = twin->released_twin.counts,
         .structure = searches && synchroniser->ledger.saving.structure,
         .sequences = searches && synchroniser->ledger.saving.sequences,

@@ -60,6 +60,7 @@ typedef struct tl_twin_facts {
     tl_free_twin_counts free_twin;
     tl_released_state released_state; /* may change during the first steps */
     uint32_t released_steps;          /* R */
+    tl_time released_time;            /* ns for both in a step, measured in their first steps; 0: not known */
     tl_released_counts released;
     bool structure; /* does not execute what cannot reach a matched output (approach 1) */
     bool sequences; /* does not execute an input sequence whose result is cached (approach 2) */

@@ -27,7 +27,7 @@ def rows(path):
     found = {}
     for table in TABLES:
         cursor = connection.execute(f"SELECT * FROM {table} WHERE run = 1")
-        kept = [i for i, column in enumerate(cursor.description) if column[0] not in ("start_s", "stop_s")]
+        kept = [i for i, column in enumerate(cursor.description) if column[0] not in ("start_s", "stop_s", "release_age", "released")]
         found[table] = [tuple(struct.pack("<d", row[i]) if isinstance(row[i], float) else row[i] for i in kept) for row in cursor]
     connection.close()
     return found

@@ -102,10 +102,12 @@ void tl_made_record(int64_t step, tl_record *record) {
     record->predicted = (uint32_t)(hash >> 20) % 600;
     record->flags = (uint32_t)(hash >> 28) % 8;
     record->held = (uint32_t)(hash >> 32) % (1U << TL_MADE_ADJUST);
+    record->release_age = (uint32_t)(hash >> 12) % 4;
     record->delay_state = (tl_delay_state)((hash >> 36) % (TL_DELAY_LOST + 1));
     for (uint64_t i = 0; i < TL_MADE_MATCH; i++) {
         record->y[i] = number(step, 20 + i);
         record->measured[i] = number(step, 30 + i);
+        record->released[i] = number(step, 70 + i);
         record->measured_quality[i] = (uint8_t)((hash >> i) % 8 == 0 ? TL_STALE : TL_GOOD);
         record->readings[i] = (tl_record_readings){.count = (uint32_t)(hash >> i) % 3,
                                                    .rejected = (uint32_t)(hash >> i) % 2,

@@ -473,6 +473,34 @@ static void expect_guard(const char *text, uint32_t steps) {
     tl_config_free(&verdict.config);
 }
 
+static void expect_release(const char *instead, uint32_t steps) {
+    char *text = tl_test_read_text(FULL);
+    char *changed = tl_test_replaced(text, "\"release_s\": 7200,", instead);
+    tl_test_judge_text(changed, strlen(changed), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_UINT32(steps, verdict.config.released_steps);
+    tl_config_free(&verdict.config);
+    free(changed);
+    free(text);
+}
+
+/* The default is 600 steps, or 20 horizons if these are longer. */
+static void test_released_twins(void) {
+    expect_release("\"release_s\": 7200,", 720000);
+    expect_release("\"release_s\": 0.02,", 2);
+    expect_release("\"release_s\": 0,", 0);
+    expect_release("", 600);
+    char *text = tl_test_read_text(FULL);
+    char *plain = tl_test_replaced(text, "\"release_s\": 7200,", "");
+    char *longer = tl_test_replaced(plain, "\"prediction\": 2,", "\"prediction\": 31,");
+    tl_test_judge_text(longer, strlen(longer), &verdict);
+    TEST_ASSERT_EQUAL_UINT32(620, verdict.config.released_steps);
+    tl_config_free(&verdict.config);
+    free(longer);
+    free(plain);
+    free(text);
+}
+
 /* The guard covers two messages of a matched signal, four messages in the median and three times
  * the 30 ms of the low-pass. Without every_s a message counts as five steps. A message counts as
  * 1000 steps at most. The every_s of an input does not count. */
@@ -1063,6 +1091,7 @@ int main(void) {
     RUN_TEST(test_delays_of_outputs_alone);
     RUN_TEST(test_second_lookups);
     RUN_TEST(test_a_free_twin);
+    RUN_TEST(test_released_twins);
     RUN_TEST(test_between_readings);
     RUN_TEST(test_the_delay_of_a_condition);
     RUN_TEST(test_a_plant_has_no_delays);

@@ -116,6 +116,7 @@ static void see_output(void *context, const tl_history_output *found) {
     TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].count, found->readings);
     expect_number(record.readings[found->signal].squares, found->squares);
     TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].rejected, found->rejected);
+    expect_number(record.release_age != 0 ? record.released[found->signal] : (double)NAN, found->released);
 }
 
 static void see_adjustment(void *context, const tl_history_adjustment *found) {

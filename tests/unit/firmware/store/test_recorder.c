@@ -112,6 +112,7 @@ static void expect_head(const tl_record *record, sqlite3_stmt *row) {
     TEST_ASSERT_EQUAL_INT64(record->predicted, sqlite3_column_int64(row, 9));
     TEST_ASSERT_EQUAL_INT64(record->flags, sqlite3_column_int64(row, 10));
     TEST_ASSERT_EQUAL_INT64(record->held, sqlite3_column_int64(row, 11));
+    TEST_ASSERT_EQUAL_INT64(record->release_age, sqlite3_column_int64(row, 12));
 }
 
 static void test_steps_come_back_bit_for_bit(void) {
@@ -120,10 +121,9 @@ static void test_steps_come_back_bit_for_bit(void) {
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &database));
     sqlite3_stmt *head =
         ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
-                      " flags, held FROM steps ORDER BY step");
-    sqlite3_stmt *output = ask(
-        database,
-        "SELECT simulated, measured, quality, error, readings, squares, rejected FROM outputs ORDER BY step, signal");
+                      " flags, held, release_age FROM steps ORDER BY step");
+    sqlite3_stmt *output = ask(database, "SELECT simulated, measured, quality, error, readings, squares, rejected,"
+                                         " released FROM outputs ORDER BY step, signal");
     sqlite3_stmt *adjusted =
         ask(database, "SELECT applied, nominal, correction FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
@@ -139,6 +139,7 @@ static void test_steps_come_back_bit_for_bit(void) {
             TEST_ASSERT_EQUAL_UINT32(record.readings[i].count, sqlite3_column_int64(output, 4));
             expect_bits(record.readings[i].squares, output, 5);
             TEST_ASSERT_EQUAL_UINT32(record.readings[i].rejected, sqlite3_column_int64(output, 6));
+            expect_bits(record.release_age != 0 ? record.released[i] : (double)NAN, output, 7);
         }
         for (int i = 0; i < TL_MADE_ADJUST; i++) {
             TEST_ASSERT_EQUAL_INT(SQLITE_ROW, sqlite3_step(adjusted));

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <unity.h>
 
-#include "tests/support/random_numbers.h"
+#include "master/sync/released_twin.h"
 #include "tests/support/test_plan.h"
 
 enum { STEPS = 20, TICKS = 400 };
@@ -226,18 +226,18 @@ static tl_time read_clock(void *context) {
     return clock_time;
 }
 
-/* Each reading of the clock takes `step_time`; a follow has two. */
+/* A reading of the clock takes `step_time`, so a follow takes as long. Only one twin is released yet. */
 static void without_time_they_end(void) {
-    run = (tl_test_run){.twin = NULL};
-    step_time = TL_SECOND / 10 / 10 + 1;
+    step_time = TL_SECOND / 10 / 10 / 2 + 1;
     begin(&with);
     run.budget.now = read_clock;
     run.budget.time = TL_SECOND * 1000;
-    lead(&with, STEPS / 2 + 7, 1.0);
+    lead(&with, TL_RELEASED_TIMED, 1.0);
     TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_ON, facts().released_state);
-    lead(&with, 10, 1.0);
+    lead(&with, 2, 1.0);
     TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_SLOW, facts().released_state);
     TEST_ASSERT_EQUAL_UINT32(0, run.record.release_age);
+    TEST_ASSERT_EQUAL_INT64(2 * step_time, facts().released_time);
 }
 
 static void a_pause_does_not_end_them(void) {
