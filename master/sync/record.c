@@ -28,7 +28,7 @@ const char *tl_released_state_text(tl_released_state state) {
         [TL_RELEASED_ON] = "on",
         [TL_RELEASED_EVENT] = "not possible with an event horizon",
         [TL_RELEASED_OUTPUTS] = "not possible with \"keep\": \"outputs\"",
-        [TL_RELEASED_REPLAY] = "an FMU is rolled back by replay",
+        [TL_RELEASED_REPLAY] = "an FMU can only repeat its steps",
         [TL_RELEASED_MEMORY] = "their states need more than a quarter of saving.memory_mb",
         [TL_RELEASED_SLOW] = "they take more than a tenth of step_s",
     };

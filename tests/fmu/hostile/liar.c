@@ -272,7 +272,7 @@ static void wait_until_taken(const uint32_t *sent) {
 /* Writes the message to each line of 64 bytes. Slots begin at such lines, so the next slot contains
  * it, whatever the size of a slot is. */
 static void send_failed(void) {
-    enum { SLOTS = 4096, LINE = 64, LINES = 256, FMU_FAILED = 4 };
+    enum { SLOTS = 4096, LINE = 64, LINES = 1024, FMU_FAILED = 4 };
     const uint32_t message[] = {NUMBER, sizeof(uint32_t), FMU_FAILED};
     uint8_t *bytes = mmap(NULL, SLOTS + LINES * LINE, PROT_READ | PROT_WRITE, MAP_SHARED, OWN_BLOCK, 0);
     uint32_t *sent = (uint32_t *)(void *)bytes;
