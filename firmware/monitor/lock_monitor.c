@@ -59,12 +59,12 @@ void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_a
     tl_lock_monitor_init(&recovery->lock_monitor, config, account);
 }
 
-/* A twin that was in lock for TL_LOCK_LEARNS parts has recovered, so the pause starts again from
+/* A twin that was in lock for TL_LOCK_RECOVERED parts has recovered, so the pause starts again from
  * its shortest. */
 static void reset_pause(tl_recovery *recovery, const tl_lock_tally *tally) {
-    bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_TRACKING;
+    bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_CORRECTED;
     recovery->well = is_well ? recovery->well + 1 : 0;
-    if (recovery->well >= TL_LOCK_LEARNS) {
+    if (recovery->well >= TL_LOCK_RECOVERED) {
         recovery->pause = 0;
     }
 }
@@ -127,10 +127,22 @@ static const limit OUTSIDE_IN_CYCLE = {0.1, 0.05};
 static const limit BAD = {0.5, 0.1};
 static const limit AT_BOUND = {0.5, 0.25};
 
-/* BEYOND_USUAL: multiples of the usual |Δu|. NEGLIGIBLE: this part of a first search step never
- * counts as a correction. */
-static const limit BEYOND_USUAL = {3.0, 2.0};
+/* Error of a released twin in tolerances, and mean Δu in search steps. */
+static const limit CORRECTED = {1.0, 0.7};
+
+/* The locked twin does harm if its error exceeds that of a released one by this factor and by this
+ * part of a tolerance. */
+static const double HARM = 1.2;
+static const double HARM_FLOOR = 0.1;
+
+/* This part of a first search step never counts as a correction. */
 static const double NEGLIGIBLE = 0.1;
+
+/* Steps of a block without released twins, and strokes of a block. Blocks in a release. */
+enum { BLOCK_STEPS = 150, BLOCK_STROKES = 10, BLOCKS = 4 };
+
+/* Shortest time for which a state `corrected` lasts. */
+static const tl_time CORRECTED_FOR = 60 * TL_SECOND;
 
 /* In tolerances. */
 static const double FAR_AWAY = 10.0;
@@ -178,6 +190,9 @@ void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, con
     *monitor = (tl_lock_monitor){.config = config};
     monitor->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
     memcpy(monitor->adjust, account->adjust, sizeof monitor->adjust);
+    monitor->release.block = has_strokes(config)                              ? (uint32_t)BLOCK_STROKES
+                             : config->released_steps >= (uint32_t)BLOCKS * 2 ? config->released_steps / BLOCKS
+                                                                              : (uint32_t)BLOCK_STEPS;
 }
 
 static struct tl_lock_measure measure_of(const tl_config *config, size_t i) {
@@ -198,7 +213,7 @@ void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning) {
     }
 }
 
-/* After a reset the window says nothing about the following steps. The usual |Δu| stays. */
+/* After a reset the window says nothing about the following steps. */
 static void clear_window(tl_lock_monitor *monitor) {
     monitor->tally.steps[monitor->tally.state] += monitor->pending + monitor->part[monitor->at].steps;
     monitor->pending = 0;
@@ -207,6 +222,7 @@ static void clear_window(tl_lock_monitor *monitor) {
     monitor->at = 0;
     monitor->u_count = 0;
     monitor->inexact_component = false;
+    monitor->release = (tl_release_check){.block = monitor->release.block};
 }
 
 /* ---- collecting ---- */
@@ -364,10 +380,125 @@ static void add_corrections(tl_lock_monitor *monitor, const tl_record *record, t
         double u = record->u[v];
         widen_range(&part->u[v], u, part->steps == 0);
         if (is_real(monitor, v)) {
-            part->correction[v] += fabs(u - record->nominal[v]);
             add_bounds(monitor, v, record, part);
             add_cycle(monitor, v, part->cycling[v]);
         }
+    }
+}
+
+/* ---- limits ---- */
+
+static double share_of(uint32_t count, uint32_t of) {
+    return of == 0 ? 0.0 : (double)count / (double)of;
+}
+
+static bool is_beyond(double value, const limit *of, bool inside) {
+    return value >= (inside ? of->leave : of->enter);
+}
+
+/* ---- release check ---- */
+
+static double square_of(double error) {
+    return error * error < RUNAWAY ? error * error : RUNAWAY; /* also for NaN */
+}
+
+static void add_release(tl_lock_monitor *monitor, const tl_record *record) {
+    tl_release_check *release = &monitor->release;
+    bool is_old = record->release_age >= release->block;
+    release->steps++;
+    release->released += is_old ? 1 : 0;
+    for (size_t i = 0; i < monitor->config->match_count && is_old; i++) {
+        const struct tl_lock_measure by = current_measure(monitor, i);
+        if (by.weight > 0.0 && is_good(record, i)) {
+            release->squares[0][i] += square_of((record->y[i] - record->measured[i]) / by.tolerance);
+            release->squares[1][i] += square_of((record->released[i] - record->measured[i]) / by.tolerance);
+            release->counted[i]++;
+        }
+    }
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        release->correction[v] += record->u[v] - record->nominal[v];
+    }
+}
+
+/* Errors of the block; the weights are those of a step's error. */
+static void find_release_errors(tl_lock_monitor *monitor) {
+    tl_release_check *release = &monitor->release;
+    double sum[2] = {0.0, 0.0};
+    double weights = 0.0;
+    release->worst_error = 0.0;
+    for (size_t i = 0; i < monitor->config->match_count; i++) {
+        const struct tl_lock_measure by = current_measure(monitor, i);
+        if (by.weight > 0.0 && release->counted[i] != 0) {
+            double mean = release->squares[1][i] / release->counted[i];
+            sum[0] += by.weight * release->squares[0][i] / release->counted[i];
+            sum[1] += by.weight * mean;
+            weights += by.weight;
+            release->worst = sqrt(mean) > release->worst_error ? i : release->worst;
+            release->worst_error = fmax(release->worst_error, sqrt(mean));
+        }
+    }
+    release->error[0] = sqrt(sum[0] / fmax(weights, 1.0));
+    release->error[1] = sqrt(sum[1] / fmax(weights, 1.0));
+}
+
+/* Largest mean Δu of the block, in steps of the search. */
+static double find_correction(tl_lock_monitor *monitor) {
+    tl_release_check *release = &monitor->release;
+    double most = 0.0;
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        release->mean[v] = release->correction[v] / release->steps;
+        bool counts = is_real(monitor, v) && monitor->adjust[v].step > 0.0;
+        most = counts ? fmax(most, fabs(release->mean[v]) / monitor->adjust[v].step) : most;
+    }
+    return most;
+}
+
+static void assess_harm(tl_release_check *release) {
+    bool is_worse = release->error[0] > HARM * release->error[1] + HARM_FLOOR;
+    release->in_a_row = is_worse != release->is_worse ? release->in_a_row + 1 : 0;
+    if (release->in_a_row == TL_RELEASE_SURE) {
+        release->is_worse = is_worse;
+        release->in_a_row = 0;
+        release->turn = is_worse ? TL_RELEASE_WORSE : TL_RELEASE_BETTER;
+    }
+}
+
+/* For this long the state `corrected` lasts at least. */
+static tl_time corrected_for(const tl_lock_monitor *monitor) {
+    tl_time release = tl_time_of_step(0, monitor->config->step, BLOCKS * (int64_t)monitor->release.block);
+    return release > CORRECTED_FOR ? release : CORRECTED_FOR;
+}
+
+/* At least half of the block had an old released twin: its errors count. */
+static void close_block(tl_lock_monitor *monitor, int64_t step) {
+    tl_release_check *release = &monitor->release;
+    double correction = find_correction(monitor);
+    bool is_released = 2 * release->released >= release->steps;
+    release->is_off = false;
+    if (is_released) {
+        find_release_errors(monitor);
+        release->is_off = is_beyond(release->error[1], &CORRECTED, release->is_corrected);
+        assess_harm(release);
+    }
+    tl_time lasted = tl_time_of_step(0, monitor->config->step, step - release->corrected_at);
+    if (release->is_off || is_beyond(correction, &CORRECTED, release->is_corrected)) {
+        release->is_corrected = true;
+        release->corrected_at = step;
+    } else if (lasted >= corrected_for(monitor)) {
+        release->is_corrected = false;
+    }
+    memset(release->squares, 0, sizeof release->squares);
+    memset(release->counted, 0, sizeof release->counted);
+    memset(release->correction, 0, sizeof release->correction);
+    release->steps = 0;
+    release->released = 0;
+}
+
+static void step_release(tl_lock_monitor *monitor, const tl_record *record) {
+    monitor->release.turn = TL_RELEASE_AS_BEFORE;
+    add_release(monitor, record);
+    if (monitor->release.steps >= monitor->release.block) {
+        close_block(monitor, record->step);
     }
 }
 
@@ -390,7 +521,6 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     }
     for (size_t v = 0; v < config->adjust_count; v++) {
         all->at_bound[v] += part->at_bound[v];
-        all->correction[v] += part->correction[v];
         widen_range(&all->u[v], part->u[v].least, first);
         widen_range(&all->u[v], part->u[v].most, false);
         for (int period = 0; period <= TL_LOCK_PERIODS; period++) {
@@ -409,14 +539,6 @@ static void add_window(const tl_lock_monitor *monitor, window *all) {
 }
 
 /* ---- determining the state ---- */
-
-static double share_of(uint32_t count, uint32_t of) {
-    return of == 0 ? 0.0 : (double)count / (double)of;
-}
-
-static bool is_beyond(double value, const limit *of, bool inside) {
-    return value >= (inside ? of->leave : of->enter);
-}
 
 static uint32_t count_compared(const tl_lock_part *all) {
     return all->steps - all->free - all->between;
@@ -528,46 +650,43 @@ static bool assess_degraded(const tl_lock_monitor *monitor, const window *all, c
     return false;
 }
 
-static double mean_correction(const window *all, size_t v) {
-    return all->steps == 0 ? 0.0 : all->correction[v] / (double)all->steps;
-}
-
-static limit unusual_limit(const tl_lock_monitor *monitor, size_t v) {
-    double floor = NEGLIGIBLE * monitor->adjust[v].step;
-    return (limit){BEYOND_USUAL.enter * monitor->usual[v] + floor, BEYOND_USUAL.leave * monitor->usual[v] + floor};
-}
-
-/* The ratio is left out if the usual correction is next to nothing. */
-static void write_usual(const tl_lock_monitor *monitor, size_t v, double correction, double most, char *cause) {
-    double times = monitor->usual[v] > 0.0 ? correction / monitor->usual[v] : HUGE_VAL;
-    write_cause(cause, "%.60s needs ", monitor->config->adjust[v].variable);
-    if (times < HUNDRED) {
-        write_cause(cause, "%.0f times its usual correction (", times);
-    } else {
-        write_cause(cause, "more than its usual correction (");
+/* Names the largest error of the released twin, or the first standing correction; and each Real
+ * variable that is corrected by more than a negligible value. */
+static void write_release(const tl_lock_monitor *monitor, char *cause) {
+    const tl_release_check *release = &monitor->release;
+    if (release->is_off) {
+        double tolerance = current_measure(monitor, release->worst).tolerance;
+        write_cause(cause, "without corrections %.60s would be off by %.3g rms (tolerance %.3g)",
+                    monitor->config->match[release->worst].variable, release->worst_error * tolerance, tolerance);
     }
-    write_cause(cause, "%.3g, usually %.3g, limit %.3g): the plant has changed, or a sensor is wrong", correction,
-                monitor->usual[v], most);
-}
-
-static bool assess_tracking(const tl_lock_monitor *monitor, const window *all, char *cause) {
-    bool inside = is_in(monitor, TL_LOCK_TRACKING);
+    const char *before = release->is_off ? "; " : "";
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
-        const char *variable = monitor->config->adjust[v].variable;
-        double at_bound = share_of(all->at_bound[v], all->steps);
-        double correction = mean_correction(all, v);
-        const limit of = unusual_limit(monitor, v);
-        if (is_real(monitor, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
-            write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)", variable,
-                        HUNDRED * at_bound, (unsigned)all->steps, unit_name(monitor), HUNDRED * AT_BOUND.enter);
-            return true;
+        if (is_real(monitor, v) && fabs(release->mean[v]) > NEGLIGIBLE * monitor->adjust[v].step) {
+            write_cause(cause, "%s%.60s corrected by %+.3g on average", before, monitor->config->adjust[v].variable,
+                        release->mean[v]);
+            before = ", ";
         }
-        if (is_real(monitor, v) && monitor->learned >= TL_LOCK_LEARNS && is_beyond(correction, &of, inside)) {
-            write_usual(monitor, v, correction, of.enter, cause);
+    }
+    if (cause != NULL && cause[0] == '\0') {
+        write_cause(cause, "corrections were needed within the last %.3g s", tl_seconds(corrected_for(monitor)));
+    }
+}
+
+static bool assess_corrected(const tl_lock_monitor *monitor, const window *all, char *cause) {
+    bool inside = is_in(monitor, TL_LOCK_CORRECTED);
+    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        double at_bound = share_of(all->at_bound[v], all->steps);
+        if (is_real(monitor, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
+            write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
+                        monitor->config->adjust[v].variable, HUNDRED * at_bound, (unsigned)all->steps,
+                        unit_name(monitor), HUNDRED * AT_BOUND.enter);
             return true;
         }
     }
-    return false;
+    if (monitor->release.is_corrected) {
+        write_release(monitor, cause);
+    }
+    return monitor->release.is_corrected;
 }
 
 static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, char *cause) {
@@ -582,8 +701,8 @@ static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, 
     if (assess_degraded(monitor, all, cause)) {
         return TL_LOCK_DEGRADED;
     }
-    if (assess_tracking(monitor, all, cause)) {
-        return TL_LOCK_TRACKING;
+    if (assess_corrected(monitor, all, cause)) {
+        return TL_LOCK_CORRECTED;
     }
     write_cause(cause, "%.0f %% of the last %u %s are within tolerance",
                 HUNDRED * (1.0 - share_of(all->outside, compared)), (unsigned)compared, unit_name(monitor));
@@ -591,22 +710,6 @@ static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, 
 }
 
 /* ---- over the run ---- */
-
-/* Only a locked or tracking twin shows the usual correction. While u rests at nominal there is no
- * correction. */
-static void learn_usual(tl_lock_monitor *monitor, const tl_lock_part *part) {
-    if (part->rests != 0) {
-        return;
-    }
-    if (monitor->tally.state != TL_LOCK_LOCKED && monitor->tally.state != TL_LOCK_TRACKING) {
-        return;
-    }
-    monitor->learned += monitor->learned < TL_SYNCHRONISER_MEMORY ? 1 : 0;
-    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
-        double mean = part->correction[v] / (double)part->steps;
-        monitor->usual[v] += (mean - monitor->usual[v]) / monitor->learned;
-    }
-}
 
 /* Determines the state of the window and counts the steps since the last time in it. Returns true
  * if the state has changed. */
@@ -642,9 +745,6 @@ static bool close_part(tl_lock_monitor *monitor) {
     monitor->tally.within += full->outside == 0 && full->free == 0 ? full->steps : 0;
     monitor->tally.windows += has_window(monitor) ? 1 : 0;
     bool changed = has_window(monitor) && assess_now(monitor);
-    if (monitor->judged) {
-        learn_usual(monitor, full);
-    }
     monitor->at = (monitor->at + 1) % TL_LOCK_PARTS;
     memset(&monitor->part[monitor->at], 0, sizeof monitor->part[monitor->at]);
     return changed;
@@ -681,10 +781,10 @@ const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_re
         part->ran_away++;
         monitor->tally.ran_away++;
     }
-    part->rests += (record->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
     part->differed += (record->flags & TL_FLAG_DIFFERED) != 0 ? 1 : 0;
     add_outputs(monitor, record, part);
     add_corrections(monitor, record, part);
+    step_release(monitor, record);
     part->steps++;
     return part->steps == monitor->part_steps && close_part(monitor) ? &monitor->change : NULL;
 }

@@ -47,6 +47,48 @@ typedef struct tl_bound_stay {
 /* Adds a step at `time`, ns; times must not decrease. `is_there`: the variable is at a bound. */
 void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
+/* ---- Release check: would the twin stay at the plant without corrections?
+ *
+ * Purpose: in lock, y agrees with ŷ even if a signal is miswired or the model is wrong, because u is
+ *          corrected until it does. A released twin (master/sync/released_twin.h) shows what the
+ *          corrections hide.
+ * Block:   R/4 steps whose released twin is at least R/4 old. Without released twins 150 steps, with
+ *          an event horizon ten strokes. At its end each error is a root mean square over the block.
+ * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable is at
+ *          least its `step`.
+ * Worse:   in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the
+ *          released one. Then the corrections do harm: the horizon is too short for the plant, or the
+ *          twin follows noise.
+ * Thread:  plain data; one thread at a time.
+ */
+
+enum { TL_RELEASE_SURE = 4 };
+
+/* WORSE: the lock does harm, to be reported. BETTER: it does not any more. */
+typedef enum tl_release_turn { TL_RELEASE_AS_BEFORE, TL_RELEASE_WORSE, TL_RELEASE_BETTER } tl_release_turn;
+
+/* Zeroed initially, except `block`. */
+typedef struct tl_release_check {
+    uint32_t block;                  /* steps of a block */
+    uint32_t steps;                  /* of the current block */
+    uint32_t released;               /* of these, steps with a released twin that is old enough */
+    double squares[2][TL_MAX_MATCH]; /* sums of squared errors, in tolerances: locked, released */
+    uint32_t counted[TL_MAX_MATCH];
+    double correction[TL_MAX_ADJUST]; /* sums of Δu */
+    /* of the last block: */
+    double error[2];            /* locked, released: as the error of a step, in tolerances */
+    size_t worst;               /* the output with the largest error of the released twin */
+    double worst_error;         /* this error, in tolerances */
+    double mean[TL_MAX_ADJUST]; /* of Δu */
+    bool is_known;              /* there was a block */
+    bool is_off;                /* the released twin is off */
+    bool is_corrected;          /* the state that lasts */
+    int64_t corrected_at;       /* the last step with is_off or a standing correction */
+    uint32_t in_a_row;          /* blocks in a row that contradict is_worse */
+    bool is_worse;
+    tl_release_turn turn; /* set by the last step */
+} tl_release_check;
+
 /* ---- Lock monitor: decides whether the twin follows the plant.
  *
  * Purpose:    the only code that assesses a run, live or replayed. Inputs: the error of each
@@ -69,19 +111,18 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *             its state.
  * Limits:     each state has one limit to enter it and another one to leave it, so that the monitor
  *             does not oscillate between two states.
- * Usual:      the average |Δu| of a locked or tracking twin. It is learned over TL_LOCK_LEARNS
- *             parts before it is used, and is updated slowly afterwards.
+ * Corrected:  the twin is in lock, but without corrections it would leave the plant: see the release
+ *             check above, or u is at a bound. The state stays for at least one release and a minute.
  * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
  *             of another configuration.
  * Thread:     plain data; one thread at a time.
  */
 
 enum {
-    TL_LOCK_PARTS = 10,            /* per window */
-    TL_LOCK_LEARNS = 100,          /* parts in lock before Δu is compared with its usual size */
-    TL_SYNCHRONISER_MEMORY = 6000, /* longest average of the usual Δu, parts */
-    TL_LOCK_PERIODS = 8,           /* longest limit cycle of u that is detected, steps */
-    TL_LOCK_CAUSE = 200            /* bytes of a cause text */
+    TL_LOCK_PARTS = 10,      /* per window */
+    TL_LOCK_RECOVERED = 100, /* parts in lock in a row, after which earlier resets do not count */
+    TL_LOCK_PERIODS = 8,     /* longest limit cycle of u that is detected, steps */
+    TL_LOCK_CAUSE = 256      /* bytes of a cause text */
 };
 
 /* Range of a value. */
@@ -98,14 +139,12 @@ typedef struct tl_lock_part {
     uint32_t far;      /* error of at least ten tolerances */
     uint32_t jumps;    /* an output moved ten tolerances in one step, and much further than its measurement */
     uint32_t ran_away; /* an output or J ran away (see above) */
-    uint32_t rests;    /* u kept at nominal, because the free-running twin is nearer to the plant */
     uint32_t differed; /* before these steps, the rollback of an FMU was found not to be exact */
     double worst;      /* largest error, tolerances */
     uint32_t samples;  /* samples of the plant */
     uint32_t bad[TL_MAX_SIGNALS];                         /* samples that are not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST];                     /* steps with u at a bound */
     uint32_t cycling[TL_MAX_ADJUST][TL_LOCK_PERIODS + 1]; /* [v][p]: steps in which u has returned after p steps */
-    double correction[TL_MAX_ADJUST];                     /* sum of |Δu| */
     tl_lock_range u[TL_MAX_ADJUST];                       /* range of u */
 } tl_lock_part;
 
@@ -115,7 +154,7 @@ typedef struct tl_lock_change {
     char cause[TL_LOCK_CAUSE]; /* sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private, except `tolerances`, `stay` and `inexact_component`. */
+/* Fields are private, except `tolerances`, `stay`, `release` and `inexact_component`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
@@ -129,12 +168,11 @@ typedef struct tl_lock_monitor {
     double y[TL_MAX_MATCH], measured[TL_MAX_MATCH]; /* of the last step */
     double stride[TL_MAX_MATCH];                    /* largest step of the measured ŷ, decaying by 1 % a step */
     uint32_t u_count;                               /* number of valid rows in u */
-    double usual[TL_MAX_ADJUST];                    /* average |Δu| */
     tl_bound_stay stay[TL_MAX_ADJUST];              /* of the Real variables */
-    uint32_t learned;                               /* parts learned */
-    bool judged;                                    /* a state was determined */
-    bool inexact_component;                         /* the twin is astray, as determined last */
-    uint64_t pending;                               /* steps that are not yet counted in a state */
+    tl_release_check release;
+    bool judged;            /* a state was determined */
+    bool inexact_component; /* the twin is astray, as determined last */
+    uint64_t pending;       /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;
 } tl_lock_monitor;
@@ -172,7 +210,7 @@ void tl_lock_monitor_get(const tl_lock_monitor *monitor, tl_lock_tally *tally);
  * Purpose: sometimes no correction leads a twin back to the plant. Its FMUs then restart with their
  *          start values (tl_twin_reset()). This requires that the monitor finds the twin astray.
  *          The pause until the next reset doubles after each reset. It starts again from the
- *          shortest one after the twin has been in lock for TL_LOCK_LEARNS parts in a row.
+ *          shortest one after the twin has been in lock for TL_LOCK_RECOVERED parts in a row.
  * NaN:     the FMUs are also reset after TL_NOT_FINITE_STEPS steps in a row in which a connected or
  *          matched output was not finite. This number doubles after each such reset. After
  *          TL_FINITE_STEPS steps in a row with finite outputs only, it starts again from

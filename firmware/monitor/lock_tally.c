@@ -31,7 +31,7 @@ bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances) {
 const char *tl_lock_state_name(tl_lock_state state) {
     static const char *const names[TL_LOCK_STATES] = {[TL_LOCK_FREE] = "free",
                                                       [TL_LOCK_LOCKED] = "locked",
-                                                      [TL_LOCK_TRACKING] = "tracking",
+                                                      [TL_LOCK_CORRECTED] = "corrected",
                                                       [TL_LOCK_DEGRADED] = "degraded",
                                                       [TL_LOCK_LOST] = "lost"};
     return names[state];
@@ -51,7 +51,7 @@ static double percent_of(const tl_lock_tally *tally, uint64_t steps) {
 }
 
 double tl_lock_tally_percent(const tl_lock_tally *tally) {
-    return percent_of(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING]);
+    return percent_of(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_CORRECTED]);
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
@@ -70,7 +70,7 @@ void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text
         (void)snprintf(text, TL_LOCK_SENTENCE, "never: no matched signal was good for long enough");
         return;
     }
-    bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING] != 0;
+    bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_CORRECTED] != 0;
     int length =
         ever ? snprintf(text, TL_LOCK_SENTENCE, "%.1f %% of %" PRIu64 " %s", tl_lock_tally_percent(tally), total, unit)
              : snprintf(text, TL_LOCK_SENTENCE, "never in %" PRIu64 " %s", total, unit);

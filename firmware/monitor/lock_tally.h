@@ -14,11 +14,11 @@
 #include "master/base/signal.h"
 
 typedef enum tl_lock_state {
-    TL_LOCK_FREE,     /* the error is not known: nothing is adjusted, or no matched signal is good */
-    TL_LOCK_LOCKED,   /* simulated and measured outputs agree within tolerance */
-    TL_LOCK_TRACKING, /* as locked, but with more correction than usual, or with u at a bound */
-    TL_LOCK_DEGRADED, /* as locked as far as known: a signal of the plant is bad, or a rollback was not exact */
-    TL_LOCK_LOST      /* simulated and measured outputs do not agree */
+    TL_LOCK_FREE,      /* the error is not known: nothing is adjusted, or no matched signal is good */
+    TL_LOCK_LOCKED,    /* simulated and measured outputs agree within tolerance */
+    TL_LOCK_CORRECTED, /* as locked, but only because of the corrections (lock_monitor.h) */
+    TL_LOCK_DEGRADED,  /* as locked as far as known: a signal of the plant is bad, or a rollback was not exact */
+    TL_LOCK_LOST       /* simulated and measured outputs do not agree */
 } tl_lock_state;
 
 enum { TL_LOCK_STATES = TL_LOCK_LOST + 1, TL_LOCK_SENTENCE = 256 };
@@ -54,14 +54,14 @@ const char *tl_lock_state_name(tl_lock_state state);
 /* Returns the number of steps in all states. */
 uint64_t tl_lock_tally_total(const tl_lock_tally *tally);
 
-/* Returns the percentage of steps that are locked or tracking, 0 … 100; 0 if there was no step. */
+/* Returns the percentage of steps that are locked or corrected, 0 … 100; 0 if there was no step. */
 double tl_lock_tally_percent(const tl_lock_tally *tally);
 
 /* Writes the text that follows "in lock" in the summary, without a full stop. `unit` of the counts:
  * "steps" or "strokes". */
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
-/* Returns true if at least `percent` of the steps were locked or tracking. With `percent` 0, it
+/* Returns true if at least `percent` of the steps were locked or corrected. With `percent` 0, it
  * returns true if there was no runaway and one condition holds: the twin was ever in lock; `within`
  * is at least ten steps; or the run was shorter than a window. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);

@@ -38,7 +38,8 @@ static bool find_state(const char *text, tl_lock_state *state) {
             return true;
         }
     }
-    return false;
+    *state = TL_LOCK_CORRECTED;
+    return strncmp(text, "tracking:", strlen("tracking:")) == 0; /* its name in earlier programs */
 }
 
 /* Counts the steps since the last change and before `until` that are within the range. */

@@ -287,7 +287,9 @@ static void exchange_locks(const members *file, const char *kind, uint64_t count
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         char key[LOCK_KEY];
         (void)snprintf(key, sizeof key, "%s_%s", kind, tl_lock_state_name((tl_lock_state)i));
-        exchange_count(file, key, &counts[i]);
+        if (file->writer != NULL || tl_json_has(file->reader, key)) { /* an older release had other states */
+            exchange_count(file, key, &counts[i]);
+        }
     }
 }
 

@@ -388,7 +388,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
-    tl_watch_bounds(&cycle->watch, tick, &cycle->recovery.lock_monitor);
+    tl_watch_monitor(&cycle->watch, tick, &cycle->recovery.lock_monitor);
     if (cycle->has_run) {
         tl_twin_recorder_put(cycle->settings.queue, record, cycle->settings.assembly->twin);
     }

@@ -74,7 +74,7 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
     if (change != NULL) {
         tl_watch_lock(replay->watch, tick, change);
     }
-    tl_watch_bounds(replay->watch, tick, replay->lock_monitor);
+    tl_watch_monitor(replay->watch, tick, replay->lock_monitor);
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
     }

@@ -445,14 +445,29 @@ void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved) {
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
     static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
                                                            [TL_LOCK_LOCKED] = TL_EVENT_INFO,
-                                                           [TL_LOCK_TRACKING] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_CORRECTED] = TL_EVENT_INFO,
                                                            [TL_LOCK_DEGRADED] = TL_EVENT_WARNING,
                                                            [TL_LOCK_LOST] = TL_EVENT_ERROR};
     tl_journal_event(watch->journal, tick, severities[change->to], "lock", "%s: %s", tl_lock_state_name(change->to),
                      change->cause);
 }
 
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
+static void report_harm(const tl_watch *watch, int64_t tick, const tl_release_check *release) {
+    if (release->turn == TL_RELEASE_WORSE) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "the corrections do harm: the twin is off by %.3g tolerances rms, and by %.3g without corrections; lengthen "
+            "horizon.prediction, or widen the tolerances (check --recording proposes both)",
+            release->error[0], release->error[1]);
+    } else if (release->turn == TL_RELEASE_BETTER) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "the corrections do no harm any more: off by %.3g tolerances rms, and by %.3g without them",
+                         release->error[0], release->error[1]);
+    }
+}
+
+void tl_watch_monitor(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
+    report_harm(watch, tick, &monitor->release);
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
         const tl_bound_stay *stay = &monitor->stay[v];
         const char *name = watch->config->adjust[v].variable;

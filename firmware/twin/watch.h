@@ -94,8 +94,8 @@ void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved);
  * at this tick. */
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
-/* Call it after each record: reports if u is at its bounds. */
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor);
+/* Call it after each record: reports if u is at its bounds, and if the corrections do harm. */
+void tl_watch_monitor(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor);
 
 /* Reports that the twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);

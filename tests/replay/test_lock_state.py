@@ -10,14 +10,15 @@ from twinlock_test import EMULATED, NOT_LOCKED, PLAIN_LIVE, SOURCE, at_most, edi
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
 MISSED = 6  # outcome of a step in the database
-STATES = ("free", "locked", "tracking", "degraded", "lost")
+STATES = ("free", "locked", "corrected", "degraded", "lost")
 CONFIG = {"step_s": STEP_S, "duration_s": None, "sources": None, "record": None, "realtime": None, "recording": {"file": "plant.csv"},
           "plant": {"torque": {"modbus": None}, "omega": {"min": None, "max": None, "modbus": None}},
-          "synchronise": {"budget": {"time_s": None}}}
+          "synchronise": {"budget": {"time_s": None}, "release_s": 0}}
 
 
 def config_of(seconds, seed, omega=lambda t: OMEGA, torque=lambda t: "0"):
-    """The path of the live motor bench as a replay at 1 kHz, with a recording of a noisy plant at constant speed."""
+    """The path of the live motor bench as a replay at 1 kHz, with a recording of a noisy plant at constant speed. At this rate
+    the noise moves the current: released twins would show it, and the state would be corrected."""
     draw = random.Random(seed)
     config = edited_config(PLAIN_LIVE, CONFIG)
     times = [i * STEP_S for i in range(round(seconds / STEP_S) + 2)]

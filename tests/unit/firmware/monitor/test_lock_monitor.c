@@ -189,9 +189,11 @@ static void test_a_limit_cycle(void) {
     lock();
     for (int i = 0; i < 3 * WINDOW; i++) {
         record.u[0] = i % 3 == 0 ? 1.5 : 0.0;
+        record.nominal[0] = 0.5;
         one(i % 5 == 0 ? OUTSIDE : WITHIN);
     }
     expect_change(TL_LOCK_LOST, "12 %|100 steps|10 %|motor.d|0|1.5|3 steps");
+    record.u[0] = 0.5;
     many(WITHIN, 2 * WINDOW);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
 }
@@ -208,6 +210,7 @@ static void test_what_is_no_limit_cycle(void) {
     for (int i = 0; i < 4 * WINDOW; i++) {
         seed = seed * 1103515245U + 12345U;
         record.u[0] = (seed >> 16) % 1000 / 1000.0; /* noise */
+        record.nominal[0] = 0.5;
         one(i % 5 == 0 ? OUTSIDE : WITHIN);
     }
     expect_no_change();
@@ -458,45 +461,115 @@ static void test_an_inexact_rollback(void) {
     record.flags = 0;
 }
 
-/* ---- tracking ---- */
+/* ---- corrected ---- */
 
-static void corrected(double by, int count) {
+/* Steps of a block: a quarter of a release. */
+enum { RELEASE = 400, BLOCK = RELEASE / 4, LASTS = 6000 };
+
+/* The released twin is off by `away` tolerances, the twin itself by `own`. Its age allows a
+ * comparison. */
+static void released(double away, double own, int count) {
+    record.release_age = RELEASE / 2;
+    record.released[0] = 2 * away;
+    many(own, count);
+}
+
+static void use_releases(void) {
+    config.released_steps = RELEASE;
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
+}
+
+static void test_a_released_twin_that_leaves_the_plant(void) {
+    use_releases();
+    released(0.9, WITHIN, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+    released(0.9, WITHIN, 10 * BLOCK);
+    expect_no_change();
     record.nominal[0] = 0.5;
-    record.u[0] = 0.5 + by;
-    many(WITHIN, count);
+    record.u[0] = 0.52;
+    released(3.1, WITHIN, BLOCK);
+    expect_change(TL_LOCK_CORRECTED, "without corrections motor.omega|6.2 rms|tolerance 2|motor.d|+0.02");
+    record.u[0] = 0.5;
+    released(0.8, WITHIN, 2 * LASTS); /* below the limit to enter it, but not below that to leave it */
+    expect_no_change();
+    released(0.6, WITHIN, LASTS - PART);
+    expect_no_change();
+    released(0.6, WITHIN, 2 * BLOCK);
+    expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+    TEST_ASSERT_TRUE(tally().steps[TL_LOCK_CORRECTED] > 3 * LASTS - 3 * BLOCK);
 }
 
-static void test_more_correction_than_usual(void) {
-    corrected(0.05, WINDOW + PART * TL_LOCK_LEARNS);
-    changes = 0;
-    corrected(0.1, 3 * WINDOW);
-    expect_no_change();
-    corrected(0.3, WINDOW);
-    TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_TRACKING, was_reported.to);
-    TL_EXPECT_PARTS("motor.d|3 times|0.24", was_reported.cause);
-    changes = 0;
-    corrected(0.05, 2 * WINDOW);
-    TEST_ASSERT_EQUAL_INT(1, changes);
-    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, was_reported.to);
+/* A young released twin has not left the twin yet, and one that is missing shows nothing. */
+static void test_a_young_released_twin_shows_nothing(void) {
+    use_releases();
+    record.released[0] = 100;
+    for (int i = 0; i < 10 * BLOCK; i++) {
+        record.release_age = (uint32_t)(i % BLOCK);
+        one(WITHIN);
+    }
+    expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+    record.release_age = BLOCK;
+    many(WITHIN, BLOCK);
+    expect_change(TL_LOCK_CORRECTED, "motor.omega|100 rms");
 }
 
-/* The usual correction is not known yet. */
-static void test_the_usual_correction_must_be_learned(void) {
-    corrected(0.05, WINDOW);
-    changes = 0;
-    corrected(0.9, WINDOW);
-    expect_no_change();
+/* A value that is not finite is far off. A measurement that is not good is not compared. */
+static void test_a_released_twin_without_a_value(void) {
+    use_releases();
+    lock();
+    released((double)NAN, WITHIN, BLOCK);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_CORRECTED, was_reported.to);
+    use_releases();
+    record.measured_quality[0] = TL_STALE;
+    released(100, WITHIN, BLOCK);
+    record.measured_quality[0] = TL_GOOD;
+    TEST_ASSERT_FALSE(lock_monitor.release.is_corrected);
+}
+
+/* Also without released twins: the mean over 150 steps, and not single corrections. */
+static void test_a_standing_correction(void) {
+    record.nominal[0] = 0.5;
+    for (int i = 0; i < 600; i++) {
+        record.u[0] = i % 2 == 0 ? 0.0 : 1.0;
+        one(WITHIN);
+    }
+    expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+    record.u[0] = 0.5 - 0.11;
+    many(WITHIN, 150);
+    expect_change(TL_LOCK_CORRECTED, "motor.d corrected by -0.11");
+    record.u[0] = 0.5;
+    record.u[1] = 1; /* a Boolean has no step */
+    many(WITHIN, LASTS + 200);
+    expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+}
+
+static void test_corrections_that_do_harm(void) {
+    use_releases();
+    released(0.2, 0.33, TL_RELEASE_SURE * BLOCK); /* 1.2 times, and a tenth of a tolerance */
+    TEST_ASSERT_FALSE(lock_monitor.release.is_worse);
+    released(0.2, 0.4, TL_RELEASE_SURE * BLOCK - 1);
+    TEST_ASSERT_FALSE(lock_monitor.release.is_worse);
+    released(0.2, 0.4, 1);
+    TEST_ASSERT_EQUAL_INT(TL_RELEASE_WORSE, lock_monitor.release.turn);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.4, lock_monitor.release.error[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.2, lock_monitor.release.error[1]);
+    released(0.2, 0.4, 1);
+    TEST_ASSERT_EQUAL_INT(TL_RELEASE_AS_BEFORE, lock_monitor.release.turn);
+    released(0.2, 0.4, 10 * BLOCK - 1);
+    TEST_ASSERT_TRUE(lock_monitor.release.is_worse);
+    released(0.2, 0.3, TL_RELEASE_SURE * BLOCK);
+    TEST_ASSERT_EQUAL_INT(TL_RELEASE_BETTER, lock_monitor.release.turn);
+    TEST_ASSERT_FALSE(lock_monitor.release.is_worse);
 }
 
 static void test_at_a_bound(void) {
     lock();
     record.u[0] = 2;
     many(WITHIN, WINDOW / 2);
-    expect_change(TL_LOCK_TRACKING, "motor.d|bound|50 %|100 steps");
+    expect_change(TL_LOCK_CORRECTED, "motor.d|bound|50 %|100 steps");
     record.u[0] = 0;
     record.u[1] = 1; /* a Boolean is always at a bound */
-    many(WITHIN, WINDOW);
+    many(WITHIN, LASTS + 2 * WINDOW);
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
 }
 
@@ -658,8 +731,11 @@ int main(void) {
     RUN_TEST(test_nothing_is_adjusted);
     RUN_TEST(test_a_signal_of_the_plant_is_bad);
     RUN_TEST(test_an_inexact_rollback);
-    RUN_TEST(test_more_correction_than_usual);
-    RUN_TEST(test_the_usual_correction_must_be_learned);
+    RUN_TEST(test_a_released_twin_that_leaves_the_plant);
+    RUN_TEST(test_a_young_released_twin_shows_nothing);
+    RUN_TEST(test_a_released_twin_without_a_value);
+    RUN_TEST(test_a_standing_correction);
+    RUN_TEST(test_corrections_that_do_harm);
     RUN_TEST(test_at_a_bound);
     RUN_TEST(test_a_slow_twin);
     RUN_TEST(test_strokes);

@@ -89,7 +89,7 @@ static void test_ever_more_seldom(void) {
 static void test_what_is_forgiven(void) {
     run(1000, 10000);
     int before = count;
-    run(0.5, (TL_LOCK_LEARNS + 20) * PART);
+    run(0.5, (TL_LOCK_RECOVERED + 20) * PART);
     run(1000, 3 * PART);
     TEST_ASSERT_EQUAL_INT(before + 1, count);
 }

@@ -17,7 +17,7 @@ static void expect_parts(const char *parts, tl_lock_tally tally) {
 static void test_the_summary(void) {
     expect_parts("no steps", (tl_lock_tally){0});
     expect_parts("100.0 %|7 steps|locked", (tl_lock_tally){.state = TL_LOCK_LOCKED, .steps = {[TL_LOCK_LOCKED] = 7}});
-    expect_parts("65.0 %|100 steps|free 10.0 %|tracking 15.0 %|degraded 5.0 %|lost 20.0 %",
+    expect_parts("65.0 %|100 steps|free 10.0 %|corrected 15.0 %|degraded 5.0 %|lost 20.0 %",
                  (tl_lock_tally){.state = TL_LOCK_LOST, .steps = {10, 50, 15, 5, 20}});
 }
 
@@ -29,7 +29,7 @@ static void test_a_run_that_was_never_locked(void) {
 
 static void test_what_is_enough(void) {
     const tl_lock_tally some = {
-        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 90};
+        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_CORRECTED] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 90};
     TEST_ASSERT_EQUAL_DOUBLE(95, tl_lock_tally_percent(&some));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 0));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 95));

@@ -270,18 +270,18 @@ static void test_the_shares_of_the_lock(void) {
         "(400, 'lock', 'lost: far off'), (500, 'lock', 'reset: of step 500'), (600, 'twin', 'free: no'), "
         "(800, 'lock', 'tracking: at a bound'), (1200, 'lock', 'locked: again'), (5000, 'lock', 'free: later'))");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path));
-    expect_line("in lock|75.0 %|tracking 25.0 %|lost 25.0 %");
+    expect_line("in lock|75.0 %|corrected 25.0 %|lost 25.0 %");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
     cJSON *json = cJSON_Parse(output);
     char *lock = cJSON_PrintUnformatted(cJSON_GetObjectItemCaseSensitive(json, "lock"));
     TEST_ASSERT_EQUAL_STRING(
-        "{\"state\":\"locked\",\"percent\":75,\"steps\":{\"free\":0,\"locked\":800,\"tracking\":400,\"degraded\":0,"
+        "{\"state\":\"locked\",\"percent\":75,\"steps\":{\"free\":0,\"locked\":800,\"corrected\":400,\"degraded\":0,"
         "\"lost\":400},\"changes\":3,\"losses\":1}",
         lock);
     cJSON_free(lock);
     cJSON_Delete(json);
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "8s"));
-    expect_line("in lock|100.0 %|tracking 50.0 %");
+    expect_line("in lock|100.0 %|corrected 50.0 %");
     expect_not_shown("% lost");
 }
 

@@ -54,7 +54,7 @@ static void expect_end(double goes_on_s, tl_probation_result result, const char 
 
 static void test_kept_by_its_lock(void) {
     begin(60, 95.0, false);
-    now.lock.state = TL_LOCK_TRACKING;
+    now.lock.state = TL_LOCK_CORRECTED;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(30));
     now.lock.state = TL_LOCK_DEGRADED;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(3));

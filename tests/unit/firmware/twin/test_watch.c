@@ -345,7 +345,7 @@ static void test_the_state_of_the_lock(void) {
         const char *was_reported;
     } cases[] = {
         {TL_LOCK_FREE, "warning|lock|free|cause 17"},         {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
-        {TL_LOCK_TRACKING, "warning|lock|tracking|cause 17"}, {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
+        {TL_LOCK_CORRECTED, "notice|lock|corrected|cause 17"}, {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
         {TL_LOCK_LOST, "error|lock|lost|cause 17"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
