@@ -13,6 +13,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
+#include "firmware/fmu/rollback_method.h"
 #include "firmware/rollback/fmu_libc.h"
 
 /* Length of a path in errors; only its end is shown. */
@@ -115,7 +116,7 @@ void tl_fmu_share_memory(tl_fmu *fmu, bool is_shared) {
     guard->by_memory = is_shared;
     fmu->has_state = fmu->has_state && !is_shared;
     guard->by_replay = guard->may_replay && !is_shared && !fmu->has_state;
-    tl_fmu_guard_choose_method(guard);
+    tl_rollback_method_choose(guard);
 }
 
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {

@@ -511,10 +511,9 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 
 /* ---- restore ---- */
 
-/* A library that was opened by a name without a path is noticed only here, and only for FMUs in
- * Python. */
-bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state) {
-    const memory_state *kept = state;
+/* Returns true if the FMU has opened a library whose contents after opening are not known. FMUs in
+ * Python may open one by a name without a path, which is noticed only here. */
+static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *kept) {
     tl_error ignored;
     bool is_unknown = memory->folder == NULL && find_regions(memory, &ignored) != TL_OK;
     for (size_t i = kept->regions; i < memory->places.count; i++) {
@@ -525,13 +524,13 @@ bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state)
 
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
-    return tl_fmu_memory_has_unknown_library(memory, kept) || kept->regions != memory->places.count;
+    return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
 }
 
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
-    return tl_fmu_memory_has_unknown_library(memory, state) ? "opened a library since the copy was made"
-           : !are_threads_asleep(memory)                    ? "a thread"
-                                                            : tl_fmu_memory_remaining(memory);
+    return has_unknown_library(memory, state) ? "opened a library since the copy was made"
+           : !are_threads_asleep(memory)      ? "a thread"
+                                              : tl_fmu_memory_remaining(memory);
 }
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {

@@ -120,13 +120,12 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory);
 /* Returns the side effect that prevents a copy, as a text; NULL: none was found. */
 const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
 
-/* Returns what prevents the restore of a state, as a text; NULL: it can be restored. The other
- * functions return true if the FMU has opened a library since then: any library, or one whose
- * contents after opening are not known. A restore returns known libraries to these contents, except
- * for the memory that their constructors have allocated. */
+/* The first function returns what prevents the restore of a state, as a text; NULL: it can be
+ * restored. The second one returns true if the FMU has opened a library since then. A restore
+ * returns it to its contents after opening, except for the memory that its constructors have
+ * allocated. If these contents are not known, the state cannot be restored. */
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state);
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
-bool tl_fmu_memory_has_unknown_library(tl_fmu_memory *memory, const void *state);
 
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);

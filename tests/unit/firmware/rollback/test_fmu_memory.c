@@ -303,20 +303,21 @@ static void copy_file(const char *from_path, const char *to_path) {
 }
 
 /* Opens a copy of the FMU's binary under another name. Its data is in no earlier state.
- * Tries each binary, because only one is for this machine. */
-static void open_late_library(void) {
+ * Tries each binary, because only one is for this machine. `in_call`: by a call of the FMU. */
+static void open_late_library(const char *name, bool in_call) {
     char pattern[PATH_MAX];
     char late[PATH_MAX];
     void *opened = NULL;
     glob_t found;
     (void)snprintf(pattern, sizeof pattern, "%s/binaries/*/cylinder.so", fmu.guard.memory->folder);
-    (void)snprintf(late, sizeof late, "%s/late.so", fmu.guard.memory->folder);
+    (void)snprintf(late, sizeof late, "%s/%s", fmu.guard.memory->folder, name);
     TEST_ASSERT_EQUAL_INT(0, glob(pattern, 0, NULL, &found));
     for (size_t i = 0; i < found.gl_pathc && opened == NULL; i++) {
         copy_file(found.gl_pathv[i], late);
-        tl_fmu_memory_enter(fmu.guard.memory);
+        tl_fmu_heap *heap = in_call ? fmu.guard.memory->heap : NULL;
+        (void)tl_fmu_libc_enter(heap);
         opened = dlopen(late, RTLD_NOW | RTLD_LOCAL);
-        tl_fmu_memory_leave(fmu.guard.memory);
+        (void)tl_fmu_libc_enter(NULL);
     }
     globfree(&found);
     TEST_ASSERT_NOT_NULL(opened);
@@ -330,7 +331,7 @@ static void test_a_library_that_is_opened_late(void) {
     void *after = NULL;
     save(&before);
     size_t known = memory->places.count;
-    open_late_library();
+    open_late_library("late.so", true);
     TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
     TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
     unsigned char *data = memory->places.place[known].begin;
@@ -344,6 +345,19 @@ static void test_a_library_that_is_opened_late(void) {
     TEST_ASSERT_EQUAL_UINT8(first, data[0]);
     tl_fmu_memory_restore(memory, after);
     TEST_ASSERT_EQUAL_UINT8((unsigned char)(first + 1), data[0]);
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(after);
+}
+
+/* Its contents after opening are not known, so an earlier state cannot be restored. */
+static void test_a_library_that_no_call_has_opened(void) {
+    void *before = NULL;
+    void *after = NULL;
+    save(&before);
+    open_late_library("unknown.so", false);
+    save(&after);
+    TEST_ASSERT_NOT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, before));
+    TEST_ASSERT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, after));
     tl_fmu_memory_forget(before);
     tl_fmu_memory_forget(after);
 }
@@ -604,6 +618,7 @@ int main(void) {
     RUN_TEST(test_a_file);
     RUN_TEST(test_a_process);
     RUN_TEST(test_a_library_that_is_opened_late);
+    RUN_TEST(test_a_library_that_no_call_has_opened);
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
     RUN_TEST(test_folders_and_names_that_are_changed);

@@ -1,5 +1,5 @@
 /* The last inputs of an FMU, of all types, are saved with a state and restored with it. */
-#include "firmware/fmu/fmu_guard.h"
+#include "firmware/fmu/last_inputs.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -88,7 +88,7 @@ void tearDown(void) {
 }
 
 static void test_what_was_in_the_ports_was_given(void) {
-    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
+    tl_last_inputs_state *state = tl_last_inputs_save(given, NULL);
     TEST_ASSERT_NOT_NULL(state);
     TEST_ASSERT_NULL(state->own);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_last_inputs_restore(given, state, &functions, NULL));
@@ -102,12 +102,12 @@ static void test_each_state_has_its_own(void) {
     static const double later[] = {8.0, 9.0};
     static const fmi2Integer later_integers[] = {-1};
     static const fmi2Boolean later_booleans[] = {fmi2False, fmi2True, fmi2True};
-    tl_last_inputs_state *first = tl_last_inputs_make_state(given);
+    tl_last_inputs_state *first = tl_last_inputs_save(given, NULL);
     TEST_ASSERT_NOT_NULL(first);
     tl_last_inputs_note(given, TL_PROLOGUE_SET_REAL, ports.real_references, later);
     tl_last_inputs_note(given, TL_PROLOGUE_SET_INTEGER, ports.integer_references, later_integers);
     tl_last_inputs_note(given, TL_PROLOGUE_SET_BOOLEAN, ports.boolean_references, later_booleans);
-    tl_last_inputs_state *second = tl_last_inputs_make_state(given);
+    tl_last_inputs_state *second = tl_last_inputs_save(given, NULL);
     TEST_ASSERT_NOT_NULL(second);
     (void)tl_last_inputs_restore(given, first, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
@@ -115,7 +115,7 @@ static void test_each_state_has_its_own(void) {
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     TEST_ASSERT_EQUAL_MEMORY(later_integers, fmu.integers, sizeof later_integers);
     TEST_ASSERT_EQUAL_MEMORY(later_booleans, fmu.booleans, sizeof later_booleans);
-    tl_last_inputs_save(given, first); /* the restored inputs are the last ones now */
+    (void)tl_last_inputs_save(given, first); /* the restored inputs are the last ones now */
     (void)tl_last_inputs_restore(given, first, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
     free(first);
@@ -127,7 +127,7 @@ static void test_other_calls_say_nothing(void) {
     static const double other[] = {8.0, 9.0};
     tl_last_inputs_note(given, TL_PROLOGUE_SET_REAL, real_references, other);
     tl_last_inputs_note(given, TL_PROLOGUE_GET_REAL, ports.real_references, other);
-    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
+    tl_last_inputs_state *state = tl_last_inputs_save(given, NULL);
     TEST_ASSERT_NOT_NULL(state);
     (void)tl_last_inputs_restore(given, state, &functions, NULL);
     TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
@@ -135,7 +135,7 @@ static void test_other_calls_say_nothing(void) {
 }
 
 static void test_an_fmu_that_refuses(void) {
-    tl_last_inputs_state *state = tl_last_inputs_make_state(given);
+    tl_last_inputs_state *state = tl_last_inputs_save(given, NULL);
     TEST_ASSERT_NOT_NULL(state);
     fmu.answer = fmi2Error;
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_last_inputs_restore(given, state, &functions, NULL));
