@@ -830,8 +830,7 @@ static bool polling; /* atomic */
 
 static void *poll_in_thread(void *context) {
     (void)context;
-    bool finished = false;
-    (void)tl_modbus_driver.poll(probe.io, &probe.sink, &finished, &probe.error);
+    tl_modbus_driver.poll(probe.io, &probe.sink);
     __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
     return NULL;
 }
