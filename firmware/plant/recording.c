@@ -468,11 +468,11 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
  *
  * Method: the median distance of the first rows is compared with the longest time that the
  *         configuration expects between readings, at least one step. Slow recordings are usual: a
- *         row per minute for steps of 1 s. So SLOWEST times that time is permitted, and minutes up to an
- *         hour and hours up to a day. Fast recordings are usual too. So minutes, hours and days are recognised only
- *         if the rows are just one expected time apart, and the recording has at most FEWEST_TICKS.
- *         Rows of events, as commands are, have irregular distances, and are not checked; nor is a
- *         recording without measurements.
+ *         row per minute for steps of 1 s. So SLOWEST times that time is permitted, and minutes up
+ *         to an hour and hours up to a day. Fast recordings are usual too. So minutes, hours and
+ *         days are recognised only if the rows are just one expected time apart, and the recording
+ *         has at most FEWEST_TICKS. Rows of events, as commands are, have irregular distances, and
+ *         are not checked; nor is a recording without measurements.
  */
 
 enum { GAPS_SEEN = 1000, GAPS_LEAST = 4, SLOWEST = 400, FEWEST_TICKS = 60 };
