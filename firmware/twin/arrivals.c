@@ -10,12 +10,11 @@ static void begin(tl_arrivals *self, const tl_plant_input *input, tl_time now) {
     }
 }
 
-static void report(const tl_config *config, size_t signal, uint64_t posts, tl_time time, tl_journal *journal,
-                   int64_t tick) {
+static void report(const tl_config *config, size_t signal, uint64_t posts, tl_time time, tl_journal *journal) {
     const tl_config_signal *described = &config->signals[signal];
     const tl_time interval = tl_config_interval(config, described);
     const bool is_declared = described->every > 0;
-    tl_journal_event(journal, tick, TL_EVENT_WARNING, "plant",
+    tl_journal_event(journal, -1, TL_EVENT_WARNING, "plant",
                      "plant.%s: %llu readings in %.3g s (expected %lld, one per %g s): %s; later ones are only counted",
                      described->plan.name, (unsigned long long)posts, tl_seconds(time), (long long)(time / interval),
                      tl_seconds(interval),
@@ -24,7 +23,7 @@ static void report(const tl_config *config, size_t signal, uint64_t posts, tl_ti
 }
 
 void tl_arrivals_check(tl_arrivals *self, const tl_plant_input *input, const tl_config *config, tl_journal *journal,
-                       int64_t tick, tl_time now) {
+                       tl_time now) {
     if (now < self->due) {
         return;
     }
@@ -45,7 +44,7 @@ void tl_arrivals_check(tl_arrivals *self, const tl_plant_input *input, const tl_
         self->posts[i] = all;
         if (posts < (uint64_t)(time / interval) * 3 / 4 && (self->reported >> i & 1U) == 0) {
             self->reported |= UINT64_C(1) << i;
-            report(config, i, posts, time, journal, tick);
+            report(config, i, posts, time, journal);
         }
     }
 }

@@ -426,7 +426,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     if (budget != NULL) { /* a missed tick is computed later than its readings came */
         tl_arrivals_check(&cycle->arrivals, cycle->settings.input, &cycle->settings.assembly->config,
-                          cycle->settings.journal, tick, budget->started);
+                          cycle->settings.journal, budget->started);
     }
     /* In mode ahead the record of the step before becomes complete now, and is enqueued before the
      * sample. */
