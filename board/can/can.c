@@ -235,9 +235,7 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* ---- the driver ---- */
 
-static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
-    (void)error;
-    *finished = false;
+static void can_poll(tl_plant_io *io, const tl_plant_io_sink *sink) {
     if (!tl_link_is_up(&io->state)) {
         open_and_check(io, sink);
     }
@@ -255,7 +253,6 @@ static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
     if (!tl_link_is_up(&io->state)) {
         post_no_link(io, sink);
     }
-    return TL_OK;
 }
 
 static void can_interrupt(tl_plant_io *io) {

@@ -1,8 +1,8 @@
 /* CSV files of time-stamped rows: a reader of recordings, and a plant driver.
  *
  * Purpose: tl_csv_reader reads a recording row by row (`twinlock replay`, `plant`). tl_csv_driver
- *          plays a file in real time, or reads a FIFO while another program writes it (thesis
- *          5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
+ *          plays a file in real time, or reads a file or FIFO while another program writes it
+ *          (thesis 5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
  * Format:  see config/SPEC.md, "Recordings": a header row, comma separated. One column is the time
  *          in seconds, strictly increasing. An empty cell means "no new value". Cells may be quoted
  *          and have spaces around them; lines end with LF or CRLF. A UTF-8 byte order mark, blank
@@ -42,15 +42,20 @@ extern const tl_plant_access tl_csv_access; /* nothing besides the files of its 
 /* Creates a driver that reads a file or FIFO live. Copies the settings; the first poll opens the
  * path without blocking. If the path does not exist, the link is down and each poll tries again.
  * Regular file: the driver posts the first row when it reads it, and each further row when it is
- *               due by its time. At the end of the file, *finished is set. A malformed row is an
- *               error of poll().
+ *               due by its time. When the file grows, is truncated or is replaced, a program
+ *               writes it, as `tail -F` assumes. From then on the driver skips the older rows and
+ *               posts new ones as they arrive. In a truncated or new file it skips rows up to the
+ *               time of the last one; if there are only such rows, the writer has restarted. A line
+ *               without an end waits. If no row comes for 2 s, or for 10 times the distance of the
+ *               last two, the driver reports that once.
  * FIFO: the driver posts rows as they arrive; a poll without a row waits up to 50 ms. The link is
  *       down while no process writes to the FIFO.
  * Stamp = row time + anchor. The first row sets the anchor so that its stamp is its time of
  * arrival. The first row after a restart of the writer sets it again. A restart is: the writer
- * closed the FIFO, repeated its header, or its time went back in two consecutive rows. No stamp is
- * later than the arrival. If the clocks drift apart, the driver corrects the anchor once a minute.
- * The driver skips malformed rows of a FIFO, lines before a header, and lines longer than 64 KiB.
+ * closed the FIFO, repeated its header, or its time went back in two consecutive rows. Then both
+ * are posted. No stamp is later than the arrival. If the clocks drift apart, the driver corrects
+ * the anchor once a minute.
+ * The driver skips malformed rows, lines before a header, and lines longer than 64 KiB.
  * It reports them to part_failed() (or link(), while the link is down), at most once per second.
  * Errors: TL_BAD_DATA for too many columns; TL_TRY_AGAIN if memory or a descriptor is missing. */
 tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl_error *error);

@@ -43,28 +43,43 @@ tl_time tl_csv_anchor_stamp(tl_csv_anchor *anchor, tl_time time, tl_time arrival
     return anchor->base + time;
 }
 
-/* ---- Live CSV driver: a file played in its own time, or a FIFO. */
+/* ---- Live CSV driver: a file that is played and then followed, or a FIFO. */
 
 enum {
     WAIT_MS = 50,
     READS = 16,      /* most per poll, however fast the writer is */
     TEXT = 512 + 96, /* an error and its context */
+    GAPS = 10,       /* a file is silent after this many times the distance of its last two rows */
 };
+
+/* A file whose rows are closer together is silent after this time. */
+static const tl_time SILENCE = 2 * TL_SECOND;
 
 struct tl_plant_io {
     tl_csv_table table;
     tl_csv_row row;
     int file; /* −1: not open */
     tl_wake wake;
-    bool is_file;
-    bool at_end;    /* of a regular file */
-    bool row_waits; /* `row` of a regular file is not due yet */
-    bool went_back; /* the time of the row before did not increase */
     tl_csv_anchor anchor;
     tl_time time; /* of the row before, if the anchor is set */
     tl_link state;
     tl_time report_due; /* earliest time of the next report about a row */
     uint64_t skipped;   /* rows since the last report */
+    /* a row whose time did not increase; the next row decides whether it is used */
+    tl_csv_row held;
+    tl_time held_at; /* its arrival */
+    bool has_held;
+    /* of a regular file: */
+    bool is_file;
+    bool was_opened;
+    bool plays;     /* its rows are posted when they are due; false: as they arrive */
+    bool row_waits; /* `row` is not due yet */
+    bool repeats;   /* rows that are not after `time` may be those of the file before */
+    bool is_silent; /* it was reported that no row comes */
+    off_t offset;   /* bytes read */
+    off_t old;      /* bytes when it was opened; their rows are only played */
+    tl_time gap;    /* between the times of the last two rows */
+    tl_time posted; /* last row, CLOCK_MONOTONIC */
     tl_csv_lines lines;
     char copy[TL_CSV_LINE + 1];
 };
@@ -82,16 +97,21 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-static void post_row(const tl_plant_io *io, const tl_plant_io_sink *sink, tl_time stamp) {
+static void post_row(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_csv_row *row, tl_time stamp) {
     for (size_t i = 0; i < io->table.column_count; i++) {
-        if (io->row.present[i]) {
-            tl_reading reading = {.value = io->row.values[i], .stamp = stamp, .quality = io->row.quality[i]};
+        if (row->present[i]) {
+            tl_reading reading = {.value = row->values[i], .stamp = stamp, .quality = row->quality[i]};
             sink->post(sink->context, i, &reading);
         }
     }
+    io->posted = tl_monotonic_now();
+    if (io->is_silent) {
+        io->is_silent = false;
+        tl_link_report(&io->state, sink, true, io->table.path, "new rows arrive again");
+    }
 }
 
-/* Reports a malformed row of a FIFO, at most once per second. */
+/* Reports a row that is not used, at most once per second. */
 static void report_skipped(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
     io->skipped++;
     if (tl_monotonic_now() >= io->report_due) {
@@ -100,6 +120,7 @@ static void report_skipped(tl_plant_io *io, const tl_plant_io_sink *sink, const 
                        (unsigned long long)io->skipped);
         io->report_due = tl_monotonic_now() + TL_SECOND;
         io->skipped = 0;
+        (void)tl_link_change(&io->state, tl_link_is_up(&io->state)); /* unknown: down */
         tl_link_report(&io->state, sink, false, NULL, whole);
     }
 }
@@ -129,6 +150,11 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
         return false;
     }
     io->is_file = S_ISREG(what.st_mode) != 0;
+    io->plays = io->is_file && !io->was_opened;
+    io->old = io->plays ? what.st_size : 0;
+    io->repeats = io->is_file && !io->plays;
+    io->was_opened = true;
+    io->offset = 0;
     return true;
 }
 
@@ -139,104 +165,74 @@ static ssize_t read_some(tl_plant_io *io) {
     ssize_t count = read(io->file, bytes, room);
     if (count > 0) {
         tl_csv_lines_added(&io->lines, (size_t)count);
+        io->offset += count;
     }
     return count;
 }
 
-/* ---- a regular file ---- */
+/* ---- rows ---- */
 
-/* Reads the next row into io->row; sets io->at_end if there is none. */
-static tl_status next_row(tl_plant_io *io, tl_error *error) {
-    char *line = NULL;
-    for (;;) {
-        bool drained = io->at_end;
-        tl_csv_found found = tl_csv_lines_take(&io->lines, drained, &line);
-        if (found == TL_CSV_TOO_LONG) {
-            return tl_csv_table_too_long(&io->table, io->lines.number, error);
-        }
-        if (found == TL_CSV_A_LINE && io->table.cell_count > 0) {
-            tl_status status = tl_csv_table_row(&io->table, line, io->lines.number, &io->row, error);
-            io->row_waits = status == TL_OK;
-            return status;
-        }
-        if (found == TL_CSV_A_LINE) {
-            tl_status status = tl_csv_table_header(&io->table, line, io->lines.number, error);
-            if (status != TL_OK) {
-                return status;
-            }
-        } else if (drained) {
-            return TL_OK;
-        } else {
-            ssize_t count = read_some(io);
-            if (count < 0 && errno != EINTR && errno != EAGAIN) {
-                return tl_fail(error, TL_BAD_DATA, "%s: cannot be read: %s", io->table.path, strerror(errno));
-            }
-            io->at_end = count == 0;
-        }
-    }
+static void hold_row(tl_plant_io *io, tl_time at) {
+    io->held = io->row;
+    io->held_at = at;
+    io->has_held = true;
 }
 
-static tl_status check_order(const tl_plant_io *io, tl_error *error) {
-    if (io->anchor.set && io->row.time <= io->time) {
-        return tl_fail(
-            error, TL_BAD_DATA,
-            "%s, line %lld: the time %.9f s is not after %.9f s in the row before: remove the row, or correct its time",
-            io->table.path, (long long)io->lines.number, tl_seconds(io->row.time), tl_seconds(io->time));
-    }
-    return TL_OK;
+/* The time was set back: the held row is the first one of the new time. */
+static void begin_at_held(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    char text[TEXT];
+    (void)snprintf(text, sizeof text, "the time goes back from %.9f s to %.9f s: its rows are used from there on",
+                   tl_seconds(io->time), tl_seconds(io->held.time));
+    io->has_held = false;
+    io->time = io->held.time;
+    tl_csv_anchor_set(&io->anchor, io->held.time, io->held_at);
+    tl_link_report(&io->state, sink, true, io->table.path, text);
+    post_row(io, sink, &io->held, io->held_at);
 }
 
-/* Posts every row that is due. */
-static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
-    for (;;) {
-        if (!io->row_waits) {
-            tl_status status = next_row(io, error);
-            if (status == TL_OK && io->table.cell_count == 0) {
-                status =
-                    tl_fail(error, TL_BAD_DATA,
-                            "%s: the file is empty (expected a header with the names of its columns)", io->table.path);
-            }
-            if (status == TL_OK && io->row_waits) {
-                status = check_order(io, error);
-            }
-            if (status != TL_OK) {
-                return status;
-            }
-            set_link(io, sink, true, "open");
-            if (!io->row_waits) {
-                *finished = true;
-                return TL_OK;
-            }
-            if (!io->anchor.set) {
-                tl_csv_anchor_set(&io->anchor, io->row.time, tl_monotonic_now());
-            }
-            io->time = io->row.time;
-        }
-        tl_time due = io->anchor.base + io->row.time;
-        if (due > tl_monotonic_now()) {
-            return TL_OK;
-        }
-        io->row_waits = false;
-        post_row(io, sink, due);
-    }
+static void skip_held(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_error error;
+    io->has_held = false;
+    (void)tl_fail(&error, TL_BAD_DATA, "%s, before line %lld: the time goes back from %.9f s to %.9f s once",
+                  io->table.path, (long long)io->lines.number, tl_seconds(io->time), tl_seconds(io->held.time));
+    report_skipped(io, sink, error.text);
 }
 
-/* ---- a FIFO ---- */
-
-/* Checks that the time of a row increases. Returns false for the first row whose time does not. If
- * the next row's time does not increase either, the writer has restarted. */
-static bool in_time(tl_plant_io *io, tl_time at) {
-    bool back = io->anchor.set && io->row.time <= io->time;
-    if (back && !io->went_back) {
-        io->went_back = true;
-        return false;
+/* Returns whether the row is used. The first row whose time does not increase is held. If the time
+ * of the next one does not increase either, the time was set back, and both are used. */
+static bool is_in_time(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time at) {
+    while (io->anchor.set && io->row.time <= io->time) {
+        if (!io->has_held || io->repeats) {
+            hold_row(io, at);
+            return false;
+        }
+        begin_at_held(io, sink);
     }
-    if (back || !io->anchor.set) {
+    if (io->has_held && !io->repeats) {
+        skip_held(io, sink);
+    }
+    io->has_held = false;
+    io->repeats = false;
+    io->gap = io->anchor.set ? io->row.time - io->time : 0;
+    io->time = io->row.time;
+    if (!io->anchor.set) {
         tl_csv_anchor_set(&io->anchor, io->row.time, at);
     }
-    io->went_back = false;
-    io->time = io->row.time;
     return true;
+}
+
+static void take_row(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_time at = tl_monotonic_now();
+    if (io->is_file && !io->plays && io->offset - (off_t)(io->lines.end - io->lines.begin) <= io->old) {
+        return; /* older than the file's growth */
+    }
+    if (is_in_time(io, sink, at)) {
+        set_link(io, sink, true, io->is_file ? "open" : "rows arrive");
+        io->row_waits = io->plays;
+        if (!io->plays) {
+            post_row(io, sink, &io->row, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
+        }
+    }
 }
 
 static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line) {
@@ -245,28 +241,30 @@ static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line)
     bool had_header = io->table.cell_count > 0;
     memcpy(io->copy, line, strlen(line) + 1);
     if (had_header && tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &why_no_row) == TL_OK) {
-        tl_time at = tl_monotonic_now();
-        if (in_time(io, at)) {
-            set_link(io, sink, true, "rows arrive");
-            post_row(io, sink, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
-        } else {
-            (void)tl_fail(&why_no_row, TL_BAD_DATA, "%s, line %lld: the time goes back from %.9f s to %.9f s",
-                          io->table.path, (long long)io->lines.number, tl_seconds(io->time), tl_seconds(io->row.time));
-            report_skipped(io, sink, why_no_row.text);
-        }
+        take_row(io, sink);
     } else if (tl_csv_table_header(&io->table, line, io->lines.number, &why_no_header) == TL_OK) {
-        io->anchor.set = false; /* the writer has restarted */
+        io->anchor.set = io->anchor.set && io->repeats; /* else the writer has restarted */
+        io->has_held = false;
     } else {
         report_skipped(io, sink, had_header ? why_no_row.text : why_no_header.text);
     }
 }
 
-static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
+/* Takes all lines that were read. Returns false if a row of a played file is not due yet. */
+static bool take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
     for (;;) {
         char *line = NULL;
+        if (io->row_waits) {
+            tl_time due = io->anchor.base + io->row.time;
+            if (due > tl_monotonic_now()) {
+                return false;
+            }
+            io->row_waits = false;
+            post_row(io, sink, &io->row, due);
+        }
         tl_csv_found found = tl_csv_lines_take(&io->lines, false, &line);
         if (found == TL_CSV_NOTHING) {
-            return;
+            return true;
         }
         if (found == TL_CSV_A_LINE) {
             take_line(io, sink, line);
@@ -278,12 +276,107 @@ static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
+typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END, DRAINED_FAILED } drained;
+
+/* Reads all available bytes, of a played file up to a row that is not due yet. */
+static drained drain(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    drained result = DRAINED_NOTHING;
+    for (int i = 0; i < READS && take_lines(io, sink); i++) {
+        ssize_t count = read_some(io);
+        if (count == 0) {
+            return DRAINED_END;
+        }
+        if (count < 0) {
+            return errno == EAGAIN || errno == EINTR ? result : DRAINED_FAILED;
+        }
+        result = DRAINED_SOME;
+    }
+    return DRAINED_SOME;
+}
+
+/* ---- a regular file ---- */
+
+/* The file has changed since it was opened: a program writes it. Its newest row is the present. */
+static void begin_to_follow(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    io->plays = false;
+    io->row_waits = false;
+    io->has_held = false;
+    io->anchor.set = false;
+    if (tl_link_is_up(&io->state)) {
+        tl_link_report(&io->state, sink, true, io->table.path,
+                       "a program writes it: only new rows are used, as they arrive");
+    }
+}
+
+/* Reads the file from its start again, after a writer has truncated it. */
+static void rewind_file(tl_plant_io *io) {
+    (void)lseek(io->file, 0, SEEK_SET);
+    tl_csv_lines_drop(&io->lines);
+    io->offset = 0;
+    io->old = 0;
+    io->repeats = true;
+}
+
+/* All rows of the file were used. */
+static void note_end(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_time silence = GAPS * io->gap > SILENCE ? GAPS * io->gap : SILENCE;
+    if (io->repeats && io->has_held && io->held.time < io->time) {
+        begin_at_held(io, sink); /* the writer has restarted */
+    }
+    io->has_held = io->has_held && !io->repeats;
+    if (!tl_link_is_up(&io->state)) {
+        set_link(io, sink, false, "it has no row yet: start the writer");
+        post_no_link(io, sink);
+    } else if (!io->is_silent && tl_monotonic_now() - io->posted > silence) {
+        io->is_silent = true;
+        tl_link_report(&io->state, sink, false, io->table.path,
+                       "all its rows were used, and no new one arrives: check the writer; set stale_s, so that old "
+                       "values are not used");
+    }
+}
+
+static void read_file(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    struct stat own = {.st_size = io->offset};
+    struct stat named;
+    (void)fstat(io->file, &own);
+    const bool is_replaced =
+        stat(io->table.path, &named) == 0 && (named.st_ino != own.st_ino || named.st_dev != own.st_dev);
+    if (io->plays && (is_replaced || own.st_size != io->old)) {
+        begin_to_follow(io, sink);
+    }
+    if (own.st_size < io->offset || own.st_size < io->old) {
+        rewind_file(io);
+    }
+    switch (drain(io, sink)) {
+    case DRAINED_END:
+        note_end(io, sink);
+        if (is_replaced) {
+            tl_csv_lines_drop(&io->lines);
+            (void)open_path(io, sink);
+        }
+        break;
+    case DRAINED_FAILED: {
+        char cause[TEXT];
+        (void)snprintf(cause, sizeof cause, "cannot be read: %s", strerror(errno));
+        set_link(io, sink, false, cause);
+        post_no_link(io, sink);
+        (void)open_path(io, sink);
+        break;
+    }
+    case DRAINED_NOTHING:
+    case DRAINED_SOME:
+        break;
+    }
+}
+
+/* ---- a FIFO ---- */
+
 /* Handles a missing writer. */
 static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     bool had_one = tl_link_is_up(&io->state);
     tl_csv_lines_drop(&io->lines);
     io->anchor.set = false;
-    io->went_back = false;
+    io->has_held = false;
     set_link(io, sink, false,
              had_one ? "the writer closed it: restart the writer" : "no program writes to it: start the writer");
 }
@@ -292,25 +385,6 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
 static bool await(tl_plant_io *io) {
     struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake.descriptor, .events = POLLIN}};
     return poll(both, 2, WAIT_MS) > 0 && !tl_wake_clear(&io->wake) && (both[0].revents & POLLIN) != 0;
-}
-
-typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END } drained;
-
-/* Reads all available bytes. */
-static drained drain(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    drained result = DRAINED_NOTHING;
-    for (int i = 0; i < READS; i++) {
-        ssize_t count = read_some(io);
-        if (count == 0) {
-            return DRAINED_END;
-        }
-        if (count < 0) {
-            break;
-        }
-        result = DRAINED_SOME;
-        take_lines(io, sink);
-    }
-    return result;
 }
 
 static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
@@ -329,20 +403,17 @@ static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* ---- the driver ---- */
 
-static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
-    *finished = false;
+static void csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink) {
     if (tl_wake_clear(&io->wake)) {
-        return TL_OK;
+        return;
     }
     if (io->file < 0 && !open_path(io, sink)) {
         post_no_link(io, sink);
-        return TL_OK;
+    } else if (io->is_file) {
+        read_file(io, sink);
+    } else {
+        read_stream(io, sink);
     }
-    if (io->is_file) {
-        return play_file(io, sink, finished, error);
-    }
-    read_stream(io, sink);
-    return TL_OK;
 }
 
 static void csv_interrupt(tl_plant_io *io) {

@@ -320,12 +320,10 @@ static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end
 
 /* ---- the driver ---- */
 
-static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
-    (void)error;
-    *finished = false;
+static void gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tl_time end = tl_monotonic_now() + io->wait;
     if (tl_wake_clear(&io->wake)) {
-        return TL_OK;
+        return;
     }
     for (size_t i = 0; i < io->count; i++) {
         input_line *own = &io->lines[i];
@@ -346,7 +344,6 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
     }
     while (wait_once(io, sink, end)) {
     }
-    return TL_OK;
 }
 
 static void gpio_interrupt(tl_plant_io *io) {

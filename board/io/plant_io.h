@@ -40,10 +40,8 @@ typedef struct tl_plant_io_driver {
     const char *name; /* "modbus_tcp", "csv" */
 
     /* Reads the device once and posts the readings. Waits for the device at most for the driver's
-     * timeout; returns at once if there is nothing to read. Returns TL_OK also if the device is
-     * down. Sets *finished at the end of a file. An error means that the driver can never continue.
-     */
-    tl_status (*poll)(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error);
+     * timeout; returns at once if there is nothing to read. */
+    void (*poll)(tl_plant_io *io, const tl_plant_io_sink *sink);
 
     /* From any thread: a waiting poll returns soon. If none waits, the next one returns at once. */
     void (*interrupt)(tl_plant_io *io);

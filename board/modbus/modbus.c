@@ -297,10 +297,8 @@ static void send_all_due(tl_plant_io *io, progress *now) {
     }
 }
 
-static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
-    (void)error;
+static void modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink) {
     progress now = {.sink = sink, .interrupted = tl_wake_clear(&io->link->wake)};
-    *finished = false;
     io->polls++;
     if (!now.interrupted && is_connected(io, &now)) {
         send_all_due(io, &now);
@@ -310,7 +308,6 @@ static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool
             post_no_link(io, sink, &io->map.reads[i]);
         }
     }
-    return TL_OK;
 }
 
 static void modbus_interrupt(tl_plant_io *io) {

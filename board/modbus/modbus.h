@@ -6,6 +6,8 @@
  * Link:    the driver connects again to a server that was absent or has failed, with back-off (from
  *          0.1 s, doubling, to at most 2 s). The link is up while any unit answers. If one unit of
  *          several is silent or answers with an exception, only its own channels get TL_NO_LINK.
+ *          If a server closes a connection on which it has answered, the driver connects at once
+ *          and repeats the request once. Some devices close after each answer.
  *          The driver polls silent units last, with the same back-off. It spends at most a fifth
  *          of the polling time on waiting for them.
  * Checks:  the driver uses an answer only if transaction, protocol, length, unit, function and

@@ -18,6 +18,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "board/io/link.h"
 #include "board/io/monotonic.h"
 
 typedef struct tcp_link {
@@ -27,6 +28,7 @@ typedef struct tcp_link {
     bool any_unit_id;
     uint16_t transaction; /* of the last request */
     bool has_surplus;     /* bytes followed a short answer */
+    bool has_answered;    /* there was an answer on this connection */
 } tcp_link;
 
 /* Result of a started connect: errno, or 0 if it is connected. */
@@ -147,8 +149,8 @@ static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_t
     return 0;
 }
 
-static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
-    tcp_link *tcp = (tcp_link *)link;
+static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_modbus_values *values) {
+    tl_modbus_link *link = &tcp->link;
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[TL_MODBUS_TCP_ANSWER];
     tcp->transaction++;
@@ -174,15 +176,31 @@ static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *rea
         tl_modbus_take_values(read, answer + TL_MODBUS_TCP_FIRST, values);
     }
     tcp->has_surplus = outcome.kind == TL_MODBUS_EXCEPTION && size > TL_MODBUS_TCP_FIRST;
+    tcp->has_answered = true;
     return outcome;
 }
 
 static void tcp_close(tl_modbus_link *link) {
+    tcp_link *tcp = (tcp_link *)link;
     if (link->descriptor >= 0) {
         (void)close(link->descriptor);
         link->descriptor = -1;
     }
-    ((tcp_link *)link)->has_surplus = false;
+    tcp->has_surplus = false;
+    tcp->has_answered = false;
+}
+
+/* A device may close a connection after each answer. Such a request is sent again on a new one. */
+static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+    tcp_link *tcp = (tcp_link *)link;
+    char cause[TL_LINK_TEXT];
+    tl_modbus_outcome outcome = exchange(tcp, read, values);
+    const bool is_closed = outcome.kind == TL_MODBUS_FAILED && (outcome.found == ECONNRESET || outcome.found == EPIPE);
+    if (is_closed && tcp->has_answered) {
+        tcp_close(link);
+        return tcp_connect(link, cause, sizeof cause) ? exchange(tcp, read, values) : outcome;
+    }
+    return outcome;
 }
 
 static void tcp_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {

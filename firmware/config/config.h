@@ -275,6 +275,11 @@ bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal
  * Returns 0 if every poll is a reading. */
 tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal);
 
+/* Returns the time in ns in which the configuration expects a reading of the signal: its `every_s`,
+ * or the period of its source if that is polled. Returns 0 if it expects no rate, and for a further
+ * look-up of a signal. */
+tl_time tl_config_interval(const tl_config *config, const tl_config_signal *signal);
+
 /* Returns the index of the signal that "plant.NAME" names, or SIZE_MAX if there is none.
  * `reference` may be NULL. */
 size_t tl_config_signal_of(const tl_config *config, const char *reference);

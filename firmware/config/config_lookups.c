@@ -106,6 +106,13 @@ tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signa
     return due > period ? due - period : 0;
 }
 
+tl_time tl_config_interval(const tl_config *config, const tl_config_signal *signal) {
+    const bool is_own = signal->source < config->source_count && &config->signals[signal->of] == signal;
+    tl_time period =
+        tl_config_is_polled(config, signal) ? tl_time_of_seconds(config->sources[signal->source].period_s) : 0;
+    return is_own ? signal->every > period ? signal->every : period : 0;
+}
+
 static tl_between input_between(const tl_config *config, const tl_config_signal *signal) {
     return config->measurements == TL_LAG ? signal->as_input : TL_BETWEEN_LAST;
 }

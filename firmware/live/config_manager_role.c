@@ -74,6 +74,6 @@ int tl_config_manager_role_run(void) {
     } else {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    tl_journal_drain(&self.setup.journal);
+    tl_journal_end(&self.setup.journal);
     return tl_live_role_end(&self.host.live_status->beats, was_ready, tl_exit_code(status));
 }

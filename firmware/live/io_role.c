@@ -239,7 +239,7 @@ int tl_io_role_run(void) {
     }
     tl_live_plant_close(self.plant);
     end_readers(&self);
-    tl_journal_drain(&self.setup.journal);
+    tl_journal_end(&self.setup.journal);
     const int code = tl_exit_code(status);
     return self.first >= 0 ? code : tl_live_role_end(self.beats, was_ready, code);
 }

@@ -737,7 +737,7 @@ static tl_status run_live(live_twin *self) {
     if (begun && (self->job.how.hold || self->has_run)) {
         put_end(self, status, &error);
     }
-    tl_journal_drain(&self->journal);
+    tl_journal_end(&self->journal);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         if (self->is_shadow) {

@@ -91,22 +91,11 @@ static tl_time grid_of(const source_thread *own) {
     return own->source->run_start != NULL ? own->source->run_start(own->readers->context) : -1;
 }
 
-/* The driver has failed for good: reports its error, and posts TL_NO_LINK so that no old value
- * counts as fresh. */
-static void report_failure(source_thread *own, const tl_error *error) {
-    tl_reading none = {.value = 0, .stamp = tl_clock_now(NULL), .quality = TL_NO_LINK};
-    for (size_t i = 0; i < own->source->signal_count; i++) {
-        post(own, i, &none);
-    }
-    forward_report(own, false, error->text);
-}
-
 static void *run(void *context) {
     source_thread *own = context;
     const tl_plant_source *source = own->source;
     const tl_plant_io_sink sink = {
         .post = post, .link = forward_report, .part_failed = forward_failure, .context = own};
-    bool finished = false;
     char name[NAME];
     tl_poll_phase phase;
     tl_poll_phase_begin(&phase, source->period, tl_clock_now(NULL));
@@ -117,13 +106,9 @@ static void *run(void *context) {
     tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     do {
-        tl_error error = {.status = TL_OK};
         tl_thread_heartbeat_beat(source->heartbeat);
-        if (source->driver->poll(source->io, &sink, &finished, &error) != TL_OK) {
-            report_failure(own, &error);
-            finished = true;
-        }
-    } while (!finished && !wait_until(own->readers, tl_poll_phase_next(&phase, grid_of(own), tl_clock_now(NULL))));
+        source->driver->poll(source->io, &sink);
+    } while (!wait_until(own->readers, tl_poll_phase_next(&phase, grid_of(own), tl_clock_now(NULL))));
     if (source->driver->finish != NULL) {
         source->driver->finish(source->io, &sink);
     }

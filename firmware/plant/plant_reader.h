@@ -40,9 +40,7 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
  *
  * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
  * Events:  `on_link` receives the driver's reports, in the thread of the source. `good`: false if a
- *          person should act, because the link is down or a part of it fails. If a driver fails
- *          permanently, three things happen: the link is reported as down, its signals are posted
- *          once as TL_NO_LINK, and its thread ends.
+ *          person should act, because the link is down or a part of it fails.
  * Clock:   CLOCK_MONOTONIC. A source is polled once per period; poll_phase.h computes the instants.
  * Owner:   the readers own the `io` of each source from the start.
  * Thread:  start and stop from one thread. Stop returns within 0.2 s because drivers are

@@ -464,12 +464,86 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
     return TL_OK;
 }
 
+/* ---- Unit of the time column: a wrong one would be replayed as a plant that hardly changes.
+ *
+ * Method: the median distance of the first rows is compared with the longest time that the
+ *         configuration expects between readings, at least one step. Slow recordings are usual: a
+ *         row per minute for steps of 1 s. So SLOWEST times that time is permitted, and minutes up
+ *         to an hour and hours up to a day. Fast recordings are usual too. So minutes, hours and
+ *         days are recognised only if the rows are just one expected time apart, and the recording
+ *         has at most FEWEST_TICKS. Rows of events, as commands are, have irregular distances, and
+ *         are not checked; nor is a recording without measurements.
+ */
+
+enum { GAPS_SEEN = 1000, GAPS_LEAST = 4, SLOWEST = 400, FEWEST_TICKS = 60 };
+
+static const tl_time MINUTE = 60 * TL_SECOND;
+static const tl_time HOUR = 3600 * TL_SECOND;
+
+typedef struct time_unit {
+    const char *name, *remedy;
+    double least, most; /* distance of rows, in expected times */
+} time_unit;
+
+static const time_unit time_units[] = {
+    {"milliseconds", "divide it by 1000", SLOWEST, 1e5},
+    {"microseconds", "divide it by 1000000", 1e5, 1e8},
+    {"nanoseconds", "divide it by 1e9", 1e8, 1e12},
+    {"minutes", "multiply it by 60", 0.99 / 60, 1.01 / 60},
+    {"hours", "multiply it by 3600", 0.99 / 3600, 1.01 / 3600},
+    {"days", "multiply it by 86400", 0.99 / 86400, 1.01 / 86400},
+};
+
+static int compare_times(const void *one, const void *other) {
+    const tl_time *a = one;
+    const tl_time *b = other;
+    return (*a > *b) - (*a < *b);
+}
+
+static tl_time expected_gap(const tl_config *config) {
+    tl_time longest = config->step;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_time interval = tl_config_interval(config, &config->signals[i]);
+        longest = interval > longest ? interval : longest;
+        longest = config->signals[i].every > longest ? config->signals[i].every : longest;
+    }
+    return longest;
+}
+
+/* Sorts the gaps. `ticks`: of the whole recording. */
+static tl_status check_unit(const char *path, const tl_config *config, tl_time *gaps, size_t count, int64_t ticks,
+                            tl_error *error) {
+    if (count < GAPS_LEAST || config->match_count == 0) {
+        return TL_OK;
+    }
+    qsort(gaps, count, sizeof gaps[0], compare_times);
+    if (gaps[count * 9 / 10] > 2 * gaps[count / 10]) {
+        return TL_OK;
+    }
+    const tl_time gap = gaps[count / 2];
+    const tl_time expected = expected_gap(config);
+    const double ratio = (double)gap / (double)expected;
+    const bool is_of_clock = (gap % MINUTE == 0 && gap <= HOUR) || (gap % HOUR == 0 && gap <= 24 * HOUR);
+    for (size_t i = 0; i < sizeof time_units / sizeof time_units[0]; i++) {
+        const time_unit *unit = &time_units[i];
+        const bool may_be = unit->most > 1 ? !is_of_clock : ticks <= FEWEST_TICKS;
+        if (may_be && ratio >= unit->least && ratio < unit->most) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: its rows are %.6g s apart, and %.6g s are expected: the time seems to be in %s "
+                           "(expected seconds): %s, or set every_s of a signal to the real distance",
+                           path, tl_seconds(gap), tl_seconds(expected), unit->name, unit->remedy);
+        }
+    }
+    return TL_OK;
+}
+
 /* Reads the whole file to validate every row before the first one is used, and to count the ticks.
  * It converts only the times, because a value that is no number makes no row invalid. */
 static tl_status check_rows(tl_recording *recording, const char *path, tl_error *error) {
     const tl_config *config = recording->config;
     tl_csv_reader *reader = NULL;
     tl_status status = open_reader(path, config, 0, &reader, error);
+    tl_time gaps[GAPS_SEEN];
     tl_time last = 0;
     size_t rows = 0;
     bool end = false;
@@ -479,6 +553,9 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
             recording->start = rows == 0 ? recording->row.time : recording->start;
             last = rows++ == 0 ? recording->start : last;
             status = check_gap(path, config->step, recording->start, last, recording->row.time, error);
+            if (rows > 1 && rows <= GAPS_SEEN + 1) {
+                gaps[rows - 2] = recording->row.time - last;
+            }
             last = recording->row.time;
         }
     }
@@ -487,7 +564,8 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
         return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row", path);
     }
     recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
-    return status;
+    rows = rows <= GAPS_SEEN ? rows : GAPS_SEEN + 1;
+    return status == TL_OK ? check_unit(path, config, gaps, rows - 1, recording->ticks, error) : status;
 }
 
 static void post_row(tl_recording *recording) {

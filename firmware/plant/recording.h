@@ -97,7 +97,7 @@ typedef struct tl_recording tl_recording;
 /* Opens a CSV file or a SQLite database (recognised by its first bytes). Of a database, run
  * `config->recording_run` is used, or the last one if that is 0. The names and order of its signals
  * and its step must agree with the configuration. A CSV file is checked completely, including the
- * limits above. */
+ * limits above and the unit of its time, as far as the distance of its rows shows it. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
 /* Returns the start of the run; NULL if the recording starts at tick 0 with start values. */

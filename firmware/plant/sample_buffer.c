@@ -52,6 +52,10 @@ void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *rea
     __atomic_store_n(buffer->count, post + 1, __ATOMIC_RELEASE);
 }
 
+uint64_t tl_sample_buffer_posts(const tl_sample_buffer *buffer) {
+    return __atomic_load_n(buffer->count, __ATOMIC_ACQUIRE);
+}
+
 void tl_sample_buffer_repair(const tl_sample_buffer *buffer) {
     uint64_t post = __atomic_load_n(buffer->count, __ATOMIC_RELAXED);
     tl_sample_buffer_slot *slot = slot_of(buffer, post);

@@ -51,6 +51,9 @@ typedef struct tl_sample_buffer {
  *         its stamp may return a neighbour. */
 void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *reading);
 
+/* Reader: returns the number of readings that were posted. */
+uint64_t tl_sample_buffer_posts(const tl_sample_buffer *buffer);
+
 /* Repairs the buffer after its writer died, before the first post of a new writer. Complete posts
  * are kept; an incomplete one is dropped. */
 void tl_sample_buffer_repair(const tl_sample_buffer *buffer);

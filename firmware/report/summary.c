@@ -239,6 +239,10 @@ static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_
         tl_json_add_count(json, "samples", summary->samples);
         tl_json_add_count(json, "not_good", summary->not_good[i]);
         tl_json_add_count(json, "moved", summary->moved[i]);
+        if (summary->expected[i] != 0) {
+            tl_json_add_count(json, "readings", summary->readings[i]);
+            tl_json_add_count(json, "expected", summary->expected[i]);
+        }
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -531,6 +535,17 @@ static void print_lock(const printing *page) {
     }
 }
 
+/* Signals with fewer readings than the configuration expects. */
+static void print_late(const printing *page) {
+    for (size_t i = 0; i < page->config->signal_count; i++) {
+        const tl_summary *summary = page->summary;
+        if (summary->readings[i] < summary->expected[i] / 4 * 3) {
+            print_line(page, "", "plant.%s: %" PRIu64 " readings of %" PRIu64 " expected",
+                       page->config->signals[i].plan.name, summary->readings[i], summary->expected[i]);
+        }
+    }
+}
+
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
                             FILE *file) {
     printing page;
@@ -567,6 +582,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
             tl_ages_write(&summary->ages, text);
             print_line(&page, "", "%s", text);
         }
+        print_late(&page);
     }
     if (verbose) {
         print_details(&page);

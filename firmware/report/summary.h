@@ -27,6 +27,8 @@ typedef struct tl_summary {
     uint64_t samples;                  /* samples of the plant */
     uint64_t not_good[TL_MAX_SIGNALS]; /* samples that were not good, by signal */
     uint64_t moved[TL_MAX_SIGNALS];    /* samples whose value was moved to a limit of an FMU, by signal */
+    uint64_t readings[TL_MAX_SIGNALS]; /* live: that came, by signal */
+    uint64_t expected[TL_MAX_SIGNALS]; /* live: that the configuration expects; 0: no rate */
     struct {
         double value;
         tl_time age; /* of the reading, ns */

@@ -9,7 +9,6 @@
 #include <sys/mman.h>
 
 #include "firmware/base/os.h"
-#include "firmware/base/text.h"
 
 /* ---- Recorder events ---- */
 
@@ -21,7 +20,7 @@ static void copy_text(char *to, size_t size, const char *from) {
 
 void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_severity severity, const char *source,
                             const char *text) {
-    entry->at = tl_utc_now();
+    entry->at = tl_clock_now(NULL) / (TL_SECOND / 1000);
     entry->tick = tick;
     entry->position = 0;
     entry->severity = severity;

@@ -30,7 +30,7 @@ enum { TL_RECORDER_EVENTS = 512 };
 enum { TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
 
 typedef struct tl_recorder_event_entry {
-    int64_t at;        /* UTC, ms */
+    int64_t at;        /* CLOCK_MONOTONIC, ms; the recorder converts it to UTC */
     int64_t tick;      /* −1: none */
     uint64_t position; /* end of the queue's ring when the event was put; 0 if it is in no record queue */
     tl_severity severity;

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/store/database.h"
 #include "master/base/text.h"
@@ -64,6 +65,9 @@ typedef enum statement {
     OUTPUT,
     ADJUSTMENT,
     EVENT,
+    MOVE_EVENTS,
+    MOVE_TUNINGS,
+    MOVE_RUNS,
     LEDGER,
     TOTALS,
     END,
@@ -110,6 +114,17 @@ typedef enum statement {
 
 #define WITHOUT_EVENTS " WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)"
 
+/* Runs of this boot, and the present one, with the seconds that their instants are to be moved: ?2
+ * is UTC − CLOCK_MONOTONIC in ms, ?3 what was added to it, in s, and ?4 the boot ID. */
+#define MOVED_RUNS                                                                                                     \
+    "WITH moved AS (SELECT run, CASE WHEN start_ns IS NULL THEN ?3"                                                    \
+    " ELSE (julianday(?2 / 1e3 + start_ns / 1e9, 'unixepoch') - julianday(started)) * 86400 END AS seconds"            \
+    " FROM runs LEFT JOIN beginnings USING (run) WHERE run = ?1 OR (boot = ?4 AND start_ns IS NOT NULL)) "
+#define MOVED(column, run)                                                                                             \
+    column " = strftime('%Y-%m-%dT%H:%M:%fZ', " column                                                                 \
+           ", printf('%+.3f seconds', (SELECT seconds FROM moved WHERE moved.run = " run ")))"
+#define IS_MOVED " WHERE run IN (SELECT run FROM moved WHERE abs(seconds) > 0.4)"
+
 /* OR REPLACE: a tick that comes twice is an error of the caller, but must not block the recording
  *             for ever. */
 static const char *const sql_of[STATEMENTS] = {
@@ -147,6 +162,10 @@ static const char *const sql_of[STATEMENTS] = {
     [ADJUSTMENT] =
         "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
+    [MOVE_TUNINGS] = MOVED_RUNS "UPDATE tunings SET " MOVED("at", "tunings.run") IS_MOVED,
+    [MOVE_RUNS] = MOVED_RUNS "UPDATE runs SET " MOVED("committed", "runs.run") ", " MOVED(
+        "ended", "runs.run") ", " MOVED("started", "runs.run") IS_MOVED,
     [LEDGER] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, repeated = ?6, uncached = ?7"
                " WHERE run = ?1 AND component = ?2",
     [TOTALS] = "UPDATE runs SET samples_written = ?2, steps_written = ?3, events_written = ?4, entries_lost = ?5,"
@@ -207,6 +226,8 @@ struct tl_recorder_database {
     sqlite3_stmt *statements[STATEMENTS];
     int64_t run;     /* of the batch; 0: none yet */
     bool has_ledger; /* a step of this batch has set it */
+    int64_t utc;     /* UTC − CLOCK_MONOTONIC, ms, of all instants in this file; INT64_MIN: not known yet */
+    int64_t moved;   /* ms, by the last batch */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
     /* retention: */
     int64_t page_size;
@@ -554,6 +575,57 @@ static int64_t last_tick(const tl_recorder_database *database) {
     return TL_ROW_LARGEST / database->settings->step;
 }
 
+/* ---- Time: instants are recorded by CLOCK_MONOTONIC plus one offset. If the system clock is set,
+ * the instants of all runs of this boot are moved. So each difference of instants is a duration,
+ * and the instants are right after the last setting. Smaller changes are left to add up.
+ */
+
+static const int64_t CLOCK_IS_SET = 500; /* ms */
+
+static int64_t monotonic_ms(void) {
+    return tl_clock_now(NULL) / (TL_SECOND / 1000);
+}
+
+/* UTC − CLOCK_MONOTONIC, ms. Another process may run between both readings. */
+static int64_t read_offset(void) {
+    int64_t best = 0;
+    int64_t least = INT64_MAX;
+    for (int i = 0; i < 4 && least > 1; i++) {
+        const int64_t before = monotonic_ms();
+        const int64_t utc = tl_utc_now();
+        const int64_t took = monotonic_ms() - before;
+        best = took < least ? utc - before : best;
+        least = took < least ? took : least;
+    }
+    return best;
+}
+
+static int follow_clock(tl_recorder_database *database) {
+    const int64_t offset = read_offset();
+    const bool is_first = database->utc == INT64_MIN;
+    database->moved = is_first ? 0 : offset - database->utc;
+    if (!is_first && database->moved > -CLOCK_IS_SET && database->moved < CLOCK_IS_SET) {
+        database->moved = 0;
+        return SQLITE_OK;
+    }
+    int code = SQLITE_OK;
+    database->utc = offset;
+    for (statement which = MOVE_EVENTS; which <= MOVE_RUNS && code == SQLITE_OK; which++) {
+        code = write_row(database, which,
+                         (cell[]){cell_whole(offset), cell_number((double)database->moved / 1e3),
+                                  cell_text(database->settings->boot)});
+    }
+    return code;
+}
+
+int64_t tl_recorder_database_moved(const tl_recorder_database *database) {
+    return database->moved;
+}
+
+void tl_recorder_database_now(const tl_recorder_database *database, char text[TL_UTC_TEXT]) {
+    tl_utc_text(monotonic_ms() + database->utc, text);
+}
+
 /* Writes the configuration that the run began with; its text may be unknown. */
 static int write_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     const tl_recorder_settings *settings = database->settings;
@@ -565,8 +637,11 @@ static int write_run(tl_recorder_database *database, const tl_record_queue_start
     int code = write_row(database, CONFIGURATION,
                          (cell[]){cell_text(hash), cell_text(strcmp(hash, own) == 0 ? settings->configuration : "")});
     if (code == SQLITE_OK) {
-        tl_utc_text(tl_utc_now(), now);
-        tl_utc_text(start->resumption.started, started);
+        const int64_t known = start->resumption.started;
+        const int64_t start_ms = start->resumption.start / (TL_SECOND / 1000) + database->utc;
+        const bool is_right = known > start_ms - CLOCK_IS_SET && known < start_ms + CLOCK_IS_SET;
+        tl_recorder_database_now(database, now);
+        tl_utc_text(is_right ? known : start_ms, started);
         const cell row[] = {cell_text(start->holds ? "hold" : settings->verb),
                             cell_text(settings->name),
                             cell_text(TL_VERSION),
@@ -671,7 +746,8 @@ int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size
     database->run = run;
     database->has_ledger = false;
     int code = make_room(database, bytes);
-    return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
+    code = code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
+    return code == SQLITE_OK ? follow_clock(database) : code;
 }
 
 int tl_recorder_database_resume_run(tl_recorder_database *database) {
@@ -760,7 +836,7 @@ int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tun
     char now[TL_UTC_TEXT];
     int64_t is = 1;
     int code = SQLITE_OK;
-    tl_utc_text(tl_utc_now(), now);
+    tl_recorder_database_now(database, now);
     if (known != NULL) {
         code = write_row(database, CONFIGURATION, (cell[]){hash, cell_text(known->text)});
     } else {
@@ -801,7 +877,7 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
 
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event) {
     char at[TL_UTC_TEXT];
-    tl_utc_text(event->at, at);
+    tl_utc_text(event->at + database->utc, at);
     return write_row(database, EVENT,
                      (cell[]){cell_text(at), event->tick >= 0 ? cell_within(0, event->tick) : no_cell,
                               cell_whole(event->severity), cell_text(event->source), cell_text(event->text)});
@@ -843,6 +919,7 @@ int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorde
 void tl_recorder_database_rollback(tl_recorder_database *database) {
     if (sqlite3_get_autocommit(database->connection) == 0) {
         (void)run_statement(database->statements[ROLLBACK]);
+        database->utc = INT64_MIN; /* what was moved is not moved any more */
     }
 }
 
@@ -865,6 +942,7 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
     }
     opened->connection = connection;
     opened->settings = settings;
+    opened->utc = INT64_MIN;
     opened->log_limit = log_limit(settings->max_bytes);
     (void)sqlite3_wal_hook(connection, count_frames, opened);
     (void)snprintf(sql, sizeof sql, "PRAGMA journal_size_limit = %lld", (long long)(2 * opened->log_limit));

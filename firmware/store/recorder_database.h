@@ -81,8 +81,15 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
 /* ---- a batch, of one run ---- */
 
 /* Removes old data until a batch of `bytes` has room, then begins the transaction. `run` 0: the
- * batch begins a run. */
+ * batch begins a run. If the system clock was set by half a second or more, the recorded instants
+ * of all runs of this boot are moved by the same time. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
+
+/* Returns the time in ms by which the last begin has moved instants; 0: none. */
+int64_t tl_recorder_database_moved(const tl_recorder_database *database);
+
+/* Writes the present UTC by the offset of this file. Call it after the first begin. */
+void tl_recorder_database_now(const tl_recorder_database *database, char text[TL_UTC_TEXT]);
 
 /* Begins a run and returns the id of its row. `timed`: it starts at the time in `start`; else it
  * starts now, and t_start is not recorded. */

@@ -283,6 +283,14 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
     } else if (code == SQLITE_OK && writer->file.goes_on && !next->has_ended) {
         code = tl_recorder_database_resume_run(writer->file.database);
     }
+    const int64_t moved = tl_recorder_database_moved(writer->file.database);
+    if (code == SQLITE_OK && moved != 0) {
+        char text[TL_EVENT_TEXT];
+        (void)snprintf(text, sizeof text,
+                       "the system clock was set by %+.3f s: the recorded times of this boot are moved",
+                       (double)moved / 1e3);
+        tl_recorder_state_add_event(writer->state, TL_EVENT_INFO, text);
+    }
     return code;
 }
 
@@ -290,7 +298,7 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
  * happened. */
 static int commit_batch(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
-    tl_utc_text(tl_utc_now(), next->totals.committed);
+    tl_recorder_database_now(writer->file.database, next->totals.committed);
     (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(&writer->file));
     next->identity = tl_database_identify(&writer->file.file);
     tl_recorder_state_try(writer->state, next);

@@ -19,6 +19,7 @@
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/monitor/lock_monitor.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/twin/arrivals.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
@@ -50,6 +51,7 @@ struct tl_cycle {
     bool has_begun;           /* the twin has begun: the normal heartbeat timeout applies */
     tl_summary summary;
     tl_watch watch;
+    tl_arrivals arrivals;
     tl_recovery recovery;
     tl_lock_monitor
         second; /* monitors the same steps with the tolerances of the version that a probation may roll back to */
@@ -195,6 +197,7 @@ static void poll_handover(tl_cycle *cycle) {
 static void reset_counts(tl_cycle *cycle) {
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->summary = (tl_summary){.resumption = cycle->resumption};
+    cycle->arrivals = (tl_arrivals){.begun = 0};
     cycle->warm_up = facts.first + facts.lead;
     cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
     cycle->first_step = cycle->next_tick - (int64_t)facts.lead;
@@ -422,6 +425,10 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_lock_monitor_sample(&cycle->recovery.lock_monitor, &sample);
     tl_lock_monitor_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
+    if (budget != NULL) { /* a missed tick is computed later than its readings came */
+        tl_arrivals_check(&cycle->arrivals, cycle->settings.input, &cycle->settings.assembly->config,
+                          cycle->settings.journal, budget->started);
+    }
     /* In mode ahead the record of the step before becomes complete now, and is enqueued before the
      * sample. */
     bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
@@ -623,6 +630,8 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
     tl_fmu_thread_wake_and_wait(cycle->settings.thread);
+    tl_arrivals_sum_up(&cycle->arrivals, cycle->settings.input, &cycle->settings.assembly->config, tl_clock_now(NULL),
+                       &cycle->summary);
     *summary = cycle->summary;
     tl_lock_monitor_get(&cycle->recovery.lock_monitor, &summary->lock);
     *has_run = cycle->has_run;

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/base/log.h"
+#include "firmware/base/os.h"
 
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder) {
     memset(journal, 0, sizeof *journal);
@@ -77,19 +77,28 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
 void tl_journal_drain(tl_journal *journal) {
     static const tl_log_level levels[] = {
         [TL_EVENT_INFO] = TL_LOG_NOTICE, [TL_EVENT_WARNING] = TL_LOG_WARNING, [TL_EVENT_ERROR] = TL_LOG_ERROR};
+    const tl_time now = tl_clock_now(NULL);
     for (;;) {
         tl_journal_entry *entry = &journal->entries[journal->tail % TL_JOURNAL_ENTRIES];
         if (__atomic_load_n(&entry->turn, __ATOMIC_ACQUIRE) != journal->tail + 1) {
             break;
         }
-        tl_log(levels[entry->severity], "%s%s: %s", entry->apart ? "shadow: " : "", entry->source, entry->text);
+        char line[TL_LOG_REPEATS_LINE];
+        (void)snprintf(line, sizeof line, "%s%s: %s", entry->apart ? "shadow: " : "", entry->source, entry->text);
+        tl_log_repeats_add(&journal->repeats, levels[entry->severity], line, now);
         __atomic_store_n(&entry->turn, journal->tail + TL_JOURNAL_ENTRIES, __ATOMIC_RELEASE);
         journal->tail++;
     }
+    tl_log_repeats_poll(&journal->repeats, now);
     uint64_t dropped = __atomic_exchange_n(&journal->dropped, 0, __ATOMIC_RELAXED);
     if (dropped != 0) {
         tl_log(TL_LOG_WARNING,
                "journal: %llu events were not logged, because they came too fast; the database, if any, has them",
                (unsigned long long)dropped);
     }
+}
+
+void tl_journal_end(tl_journal *journal) {
+    tl_journal_drain(journal);
+    tl_log_repeats_end(&journal->repeats);
 }

@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/base/log_repeats.h"
 #include "firmware/store/recorder.h"
 #include "master/base/status.h"
 
@@ -39,6 +40,7 @@ typedef struct tl_journal {
     uint64_t tail;                 /* next to read */
     uint64_t dropped;              /* not logged since the last drain */
     bool apart;                    /* see tl_journal_set_apart() */
+    tl_log_repeats repeats;        /* of the thread that drains */
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
 } tl_journal;
 
@@ -58,7 +60,10 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
 void tl_journal_set_apart(tl_journal *journal, bool apart);
 bool tl_journal_is_apart(const tl_journal *journal);
 
-/* Writes the queued events to the log. */
+/* Writes the queued events to the log; counts repeated ones (log_repeats.h). */
 void tl_journal_drain(tl_journal *journal);
+
+/* At the end: as tl_journal_drain(), and logs the counts. */
+void tl_journal_end(tl_journal *journal);
 
 #endif

@@ -75,13 +75,12 @@ static void play(const uint8_t *data, size_t size) {
     tl_csv_settings settings = {.time_column = "time", .columns = columns, .column_count = 2};
     tl_plant_io *io = NULL;
     tl_error error;
-    bool finished = false;
     int writer = tl_fuzz_pipe(data, size, &settings.path);
     if (tl_csv_open_live(&settings, &io, &error) != TL_OK) {
         abort();
     }
-    if (size > 0 && (tl_csv_driver.poll(io, &sink, &finished, &error) != TL_OK || finished)) {
-        abort(); /* no row of a FIFO is fatal */
+    if (size > 0) {
+        tl_csv_driver.poll(io, &sink);
     }
     tl_csv_driver.close(io);
     tl_fuzz_close_pipe(writer);

@@ -13,7 +13,7 @@ import threading
 import time
 
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, STALE, Program, check_free_run, check_replay,
-                       check_summary, end_well, expect_events, expect_in_order, last_step, qualities,
+                       check_summary, end_well, expect_events, expect_in_order, last_step, number, qualities, query,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
 from twinlock_test import NOT_LOCKED, PLAIN_LIVE, SOURCE, edited_config, expect, finish, main, start
 
@@ -104,9 +104,9 @@ def test_invalid_rows():
     with Program("run", config, "--json") as live, Feeder(fifo, live) as feeder:
         wait_for_lock(live, database)
         for times, bad in enumerate(("1e999\n", "some;thing,else\n", "1,2,3,4,5\n", "0,0,0\n")):
-            time.sleep(1 if times else 0)  # the log has at most one such line per second
+            time.sleep(1 if times else 0)  # there is at most one such event per second
             feeder.extra = bad
-            live.wait_for("plant.fifo|skipped", times + 1)
+            wait_until(lambda: number(database, "SELECT count(*) FROM events WHERE text LIKE '%skipped%'") > times, "an event", live.log)
         feeder.speed = "nan"
         wait_for_quality(live, database, "omega", NOT_A_NUMBER)
         feeder.speed = repr(OMEGA)
@@ -148,15 +148,85 @@ def test_file_that_goes_back_in_time():
     config, path, database = csv_config("plant.csv")
     rows_of_recording(path, 0.5)
     with open(path, "a", encoding="utf-8") as file:
-        file.write("0.6,sixty,0\n0.7,60,0\n0.1,60,0\n")
+        file.write("0.6,sixty,0\n0.7,60,0\n0.1,60,0\n0.2,60,0\n")
     with Program("run", config, "--json") as live:
-        wait_for_quality(live, database, "omega", NO_LINK)
+        wait_for_quality(live, database, "omega", STALE)  # after the end of the file
         wait_for_steps(live, database, last_step(database) + 20)
         told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)
-    expect_in_order(qualities(database, "omega"), [GOOD, NOT_A_NUMBER, NO_LINK], "quality of omega")
-    expect_events(database, ("info", "stream|plant.csv"), ("warning", "plant.csv|line 19|0.100000000 s|0.700000000 s"),
-                  ("warning", "plant.omega|stream"))
+    expect_in_order(qualities(database, "omega"), [GOOD, NOT_A_NUMBER, GOOD, STALE], "quality of omega")
+    expect_events(database, ("info", "stream|plant.csv"), ("info", "plant.csv|0.700000000 s|0.100000000 s"),
+                  ("warning", "plant.omega|stale_s"))
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
+class Logger(threading.Thread):
+    """Appends a row to a file every 20 ms. The second half of a row follows 5 ms later. `rotate`
+    replaces the file as logrotate does; `ahead` is added to the time of the rows."""
+
+    def __init__(self, path):
+        super().__init__(daemon=True)
+        self.path, self.rows, self.ahead, self.stopped = path, 0, 0.0, False
+        self.begin()
+
+    def begin(self):
+        self.file = open(self.path, "w", encoding="utf-8")
+        self.file.write("t,omega,M_brake\n")
+
+    def rotate(self):
+        self.path.rename(self.path.with_suffix(".1"))
+        self.begin()
+
+    def run(self):
+        while not self.stopped:
+            row = f"{time.monotonic() + self.ahead:.6f},{OMEGA + self.rows / 1000},0\n"
+            file, self.rows = self.file, self.rows + 1
+            for half in row[:9], row[9:]:
+                file.write(half)
+                file.flush()
+                time.sleep(0.005)
+            time.sleep(0.01)
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *unused):
+        self.stopped = True
+        self.join(10)
+
+
+def test_growing_file():
+    """A file that another program writes is followed when it is replaced, truncated, and when its
+    clock is set by 5 s. Missed ticks may omit a value."""
+    config, path, database = csv_config("plant.csv")
+    path.write_text("t,omega,M_brake\n" + "".join(f"{i},0,0\n" for i in range(100)), encoding="utf-8")  # 100 s of old rows
+
+    def used(count=25):
+        """Waits until so many new values were used."""
+        first = writer.rows
+        wait_until(lambda: query(database, "SELECT coalesce(max(value), 0) FROM v_samples WHERE name = 'plant.omega'")[0][0]
+                   > OMEGA + (first + count) / 1000, "new values", live.log)
+
+    with Program("run", config, "--json") as live:
+        wait_for_steps(live, database, 20)
+        with Logger(path) as writer:
+            for change in None, writer.rotate, writer.begin:
+                if change:
+                    change()
+                used()
+            for writer.ahead in -5, 0, 5, 0:
+                used()
+        wait_for_quality(live, database, "omega", STALE)
+        live.wait_for("plant.csv|no new one")
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    values = [value for value, in query(database, "SELECT DISTINCT value FROM v_samples WHERE name = 'plant.omega' AND value > 1 "
+                                        "ORDER BY tick")]
+    missing = writer.rows - len(values)
+    expect(values == sorted(values) and missing < writer.rows / 3, f"{missing} of {writer.rows} rows were not used")
+    expect_events(database, ("info", "plant.csv|only new rows"), ("info", "plant.csv|goes back"), ("info", "plant.csv|goes back"))
     check_free_run(database)
     check_replay(config, database, rows)
 

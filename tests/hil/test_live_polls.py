@@ -6,6 +6,7 @@ each value once. The test's own device has a sine as its true speed.
 """
 import contextlib
 import math
+import struct
 import threading
 import time
 
@@ -135,6 +136,75 @@ def test_ages_add_up():
         texts = query(database, "SELECT text FROM events WHERE source = 'plant' AND text LIKE '%p50%p99%'")
         expect(len(texts) == 1 and texts[0][0] in log, f"{texts}")
         print(f"    step {step_s * 1e3:g} ms, polled every {period_s * 1e3:g} ms: {polls} polls, {told['ticks']} ticks, {texts[0][0]}")
+
+
+class SlowDevice(Device):
+    """Answers after 0.15 s."""
+
+    def _reply(self, request):
+        time.sleep(0.15)
+        return super()._reply(request)
+
+
+class HastyDevice(Device):
+    """Answers one request of each connection."""
+
+    def _serve(self, client):
+        with client:
+            transaction, _, _, unit = struct.unpack(">HHHB", client.recv(7))
+            reply = self._reply(client.recv(5))
+            client.sendall(struct.pack(">HHHB", transaction, 0, len(reply) + 1, unit) + reply)
+
+
+def polled_every_50_ms(device):
+    """(report of --json, log, plant events) of a run with two requests per poll"""
+    torque = {"stale_s": None, "modbus": {"unit_id": 2}}
+    config = edited_config(PLAIN_LIVE, {
+        "duration_s": 6, "step_s": 0.05, "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": 0.05, "timeout_s": 5}}},
+        "plant": {"omega": {"stale_s": None}, "torque": torque}})
+    database = config.parent / "run.db"
+    with Program("run", config, "--json", "--db", database) as run:
+        told, log = end_well(run)
+    return told, log, [text for text, in query(database, "SELECT text FROM events WHERE source = 'plant'")]
+
+
+def test_slow_device():
+    """The rate that does not come is reported once for each signal, and counted."""
+    with SlowDevice(OMEGA) as device:
+        told, _, events = polled_every_50_ms(device)
+    for name in "omega", "torque":
+        found = told["plant"][name]
+        expect(0 < found["readings"] < found["expected"] / 3, f"{found}")
+        expect(sum(f"plant.{name}: " in text and "one per 0.05 s" in text for text in events) == 1, f"{events}")
+
+
+def test_device_that_closes_after_each_answer():
+    """No reading is lost: nothing is reported."""
+    with HastyDevice(OMEGA) as device:
+        told, _, events = polled_every_50_ms(device)
+    plant = told["plant"]
+    expect(plant["torque"]["not_good"] == plant["omega"]["not_good"] == 0, f"{plant}: {events}")
+    expect(not any("closes" in text or "answers again" in text for text in events), f"{events}")
+
+
+class FlappingDevice(Device):
+    """Each second value of omega is out of range."""
+
+    def _reply(self, request):
+        if request[2] == 0:  # the address of omega
+            self.omega = 1000.0 if self.omega < 1000 else OMEGA
+        return super()._reply(request)
+
+
+def test_flapping_signal():
+    """The log has two lines of each kind and then a count; the database has each event."""
+    with FlappingDevice(OMEGA) as device:
+        told, log, events = polled_every_50_ms(device)
+    for text in "plant.omega: good again", "plant.omega: 1000 rad/s is outside":
+        all_of_them, logged = sum(text in event for event in events), [line for line in log.splitlines() if text in line]
+        expect(all_of_them > 10 and len(logged) == 3, f"{logged}, and {all_of_them} events")
+        expect(logged[-1].endswith(f"({all_of_them - 3} more were not logged)"), f"{logged}, and {all_of_them} events")
+    expect(told["plant"]["omega"]["not_good"] > 10, f"{told}")
 
 
 if __name__ == "__main__":

@@ -77,8 +77,7 @@ int main(int argc, char **argv) {
     }
     const tl_time end = tl_monotonic_now() + tl_time_of_seconds(strtod(argv[1], NULL));
     while (tl_monotonic_now() < end) {
-        bool finished = false;
-        (void)tl_gpio_driver.poll(io, &sink, &finished, &error);
+        tl_gpio_driver.poll(io, &sink);
     }
     tl_gpio_driver.close(io);
     return EXIT_SUCCESS;

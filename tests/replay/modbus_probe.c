@@ -76,8 +76,7 @@ static int run_read(const char *host, const char *port) {
         return tl_probe_fail(error.text);
     }
     for (int i = 0; i < POLLS && !linked; i++) {
-        bool finished = false;
-        (void)tl_modbus_driver.poll(io, &sink, &finished, &error);
+        tl_modbus_driver.poll(io, &sink);
         if (!linked) {
             (void)nanosleep(&pause, NULL);
         }

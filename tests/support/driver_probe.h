@@ -47,11 +47,8 @@ void tl_probe_forget(tl_driver_probe *probe);
 void tl_probe_post(void *context, size_t channel, const tl_reading *reading);
 void tl_probe_link(void *context, bool up, const char *text);
 
-/* Polls once. The poll must succeed and must not be the last one. */
+/* Polls once. */
 void tl_probe_poll(tl_driver_probe *probe);
-
-/* Polls once. The poll must succeed. Returns true if it was the last one. */
-bool tl_probe_poll_any(tl_driver_probe *probe);
 
 /* Polls at least once, until the channel has that quality; fails after 60 s. */
 void tl_probe_poll_until(tl_driver_probe *probe, size_t channel, tl_quality quality);

@@ -606,6 +606,36 @@ static void test_a_connection_that_was_closed_between_polls(void) {
     TEST_ASSERT_EQUAL_size_t(1, probe.links); /* not reported, because no value was lost */
 }
 
+static size_t answered_connection; /* used by the thread of the peer only */
+
+static int answers_once_per_connection(const uint8_t *request, uint8_t *reply) {
+    const bool is_first = tl_modbus_peer_connections(&other) != answered_connection;
+    answered_connection = tl_modbus_peer_connections(&other);
+    return is_first ? sane(request, reply) : HANG_UP;
+}
+
+/* No value is lost, and nothing is reported. */
+static void test_a_device_that_closes_after_each_answer(void) {
+    add(0);
+    add(1000);
+    answered_connection = 0;
+    start_peer(answers_once_per_connection);
+    open_driver("127.0.0.1", other.port, 10);
+    for (size_t i = 1; i <= 5; i++) {
+        tl_probe_poll(&probe);
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[0]);
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[1]);
+        tl_probe_expect(&probe, 0, 0, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1000, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    TEST_ASSERT_EQUAL_size_t(10, tl_modbus_peer_connections(&other));
+    tl_modbus_peer_stop(&other); /* now it cannot connect again */
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    TEST_ASSERT_FALSE(probe.link_up);
+}
+
 /* The peer goes silent in the middle of a poll. */
 static void test_a_poll_that_is_half_answered(void) {
     add(0);
@@ -830,8 +860,7 @@ static bool polling; /* atomic */
 
 static void *poll_in_thread(void *context) {
     (void)context;
-    bool finished = false;
-    (void)tl_modbus_driver.poll(probe.io, &probe.sink, &finished, &probe.error);
+    tl_modbus_driver.poll(probe.io, &probe.sink);
     __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
     return NULL;
 }
@@ -1080,6 +1109,7 @@ int main(void) {
     RUN_TEST(test_an_answer_that_trickles);
     RUN_TEST(test_more_than_was_asked_for);
     RUN_TEST(test_a_connection_that_was_closed_between_polls);
+    RUN_TEST(test_a_device_that_closes_after_each_answer);
     RUN_TEST(test_a_poll_that_is_half_answered);
     RUN_TEST(test_an_exception_affects_its_own_channels_only);
     RUN_TEST(test_an_undefined_exception);

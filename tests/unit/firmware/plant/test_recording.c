@@ -231,6 +231,66 @@ static void test_a_recording_that_is_too_long(void) {
     expect_refused("100000000.000000000 s|10000000000|0.01 s|step_s");
 }
 
+/* ---- the unit of the time ---- */
+
+#define COMPARED(omega)                                                                                                \
+    "{ \"twinlock\": 1, \"name\": \"motor bench\", \"step_s\": 0.01,\n"                                                \
+    "  \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },\n"                                                   \
+    "  \"plant\": { \"omega\": { " omega " } },\n"                                                                     \
+    "  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }\n"
+
+/* Writes rows whose distances alternate. */
+static void write_rows(int rows, double gap, double other) {
+    FILE *file = fopen(path, "w");
+    double time = 3;
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs("time,omega\n", file);
+    for (int i = 0; i < rows; i++) {
+        (void)fprintf(file, "%.9f,1\n", time);
+        time += i % 2 == 0 ? gap : other;
+    }
+    (void)fclose(file);
+}
+
+static void expect_rows_are_used(int rows, double gap, double other) {
+    write_rows(rows, gap, other);
+    open_recording();
+    tl_recording_close(recording);
+    recording = NULL;
+}
+
+static void expect_unit(double gap, const char *parts) {
+    write_rows(20, gap, gap);
+    expect_refused(parts);
+}
+
+static void test_a_wrong_unit_is_refused(void) {
+    configure(COMPARED(""));
+    expect_unit(10, "10 s|0.01 s|milliseconds|1000|every_s");
+    expect_unit(5, "milliseconds");
+    expect_unit(60 * 60 + 60, "microseconds"); /* no usual distance of a logger */
+    expect_unit(10000, "microseconds|1000000");
+    expect_unit(0.01 / 60, "minutes|60");
+    expect_unit(0.01 / 3600, "hours|3600");
+    expect_unit(0.01 / 86400, "days|86400");
+    write_rows(20, 8, 12); /* a jitter */
+    expect_refused("milliseconds");
+}
+
+static void test_honest_distances_of_rows(void) {
+    configure(COMPARED(""));
+    expect_rows_are_used(20, 1, 1);
+    expect_rows_are_used(20, 60, 60);
+    expect_rows_are_used(20, 900, 900);
+    expect_rows_are_used(20, 86400, 86400);
+    expect_rows_are_used(4, 10, 10);                    /* too few rows */
+    expect_rows_are_used(20, 1, 20);                    /* events */
+    expect_rows_are_used(5000, 1.0 / 6000, 1.0 / 6000); /* a fast logger */
+    expect_rows_are_used(20, 0.0001, 0.0001);
+    configure(COMPARED("\"every_s\": 10"));
+    expect_rows_are_used(20, 10, 10);
+}
+
 /* ---- a database ---- */
 
 /* Records a made-up run of CONFIGURATION, with the names of the signals as in assembly.c. */
@@ -452,6 +512,8 @@ int main(void) {
     RUN_TEST(test_rows_at_the_ends_of_time);
     RUN_TEST(test_a_recording_that_is_too_long);
     RUN_TEST(test_errors_are_reported_at_once);
+    RUN_TEST(test_a_wrong_unit_is_refused);
+    RUN_TEST(test_honest_distances_of_rows);
     RUN_TEST(test_a_run_is_read);
     RUN_TEST(test_limits_of_the_run_are_repeated);
     RUN_TEST(test_another_configuration_has_no_limits_of_the_run);

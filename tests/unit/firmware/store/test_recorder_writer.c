@@ -62,8 +62,8 @@ static void test_a_run_from_start_to_end(void) {
     tl_record_queue_event(&bench.io, -1, TL_EVENT_INFO, "io", "after the run");
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
-    TEST_ASSERT_EQUAL_STRING("run|SIGTERM|2026-11-21T00:00:00.000Z|2|0|10|10|3|0",
-                             tl_sql_text(bench.path, "SELECT verb || '|' || ended_reason || '|' || started || '|' ||"
+    TEST_ASSERT_EQUAL_STRING("run|SIGTERM|2|0|10|10|3|0",
+                             tl_sql_text(bench.path, "SELECT verb || '|' || ended_reason || '|' ||"
                                                      " prediction || '|' || lead || '|' || samples_written || '|' ||"
                                                      " steps_written || '|' || events_written || '|' || entries_lost"
                                                      " FROM runs"));

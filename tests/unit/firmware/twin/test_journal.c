@@ -74,6 +74,17 @@ static void test_events_of_a_shadow(void) {
                    "twinlock: notice: cycle: after\n");
 }
 
+static void test_repeated_events_are_counted(void) {
+    for (int i = 0; i < 50; i++) {
+        tl_journal_event(&journal, i, TL_EVENT_WARNING, "plant", "x1 is %d.5", i);
+    }
+    expect_drained("twinlock: warning: plant: x1 is 0.5\n"
+                   "twinlock: warning: plant: x1 is 1.5\n");
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_journal_end(&journal);
+    tl_stderr_expect("twinlock: warning: plant: x1 is 49.5 (47 more were not logged)\n");
+}
+
 static void test_long_texts_are_cut(void) {
     char text[2 * TL_JOURNAL_TEXT];
     memset(text, 'x', sizeof text - 1);
@@ -96,14 +107,14 @@ static const char *cut_last_line(char *text) {
 
 static void test_events_without_space_are_counted(void) {
     for (int i = 0; i < TL_JOURNAL_ENTRIES + 44; i++) {
-        tl_journal_event(&journal, i, TL_EVENT_INFO, "twin", "%d", i);
+        tl_journal_event(&journal, i, TL_EVENT_INFO, "twin", "e%d", i);
     }
     char *log = drained();
     TEST_ASSERT_EQUAL_size_t(TL_JOURNAL_ENTRIES + 1, tl_test_count_lines(log));
     const char *last = cut_last_line(log);
     TL_EXPECT_PARTS("warning|journal|44", last);
-    TL_EXPECT_PARTS("twin: 255", log);
-    TEST_ASSERT_FALSE(tl_test_has_parts(log, "twin: 256"));
+    TL_EXPECT_PARTS("twin: e255", log);
+    TEST_ASSERT_FALSE(tl_test_has_parts(log, "twin: e256"));
     free(log);
     tl_journal_event(&journal, -1, TL_EVENT_INFO, "twin", "room again");
     expect_drained("twinlock: notice: twin: room again\n");
@@ -112,12 +123,12 @@ static void test_events_without_space_are_counted(void) {
 static void test_many_rounds(void) {
     for (int i = 0; i < 3 * TL_JOURNAL_ENTRIES; i += 100) {
         for (int k = i; k < i + 100; k++) {
-            tl_journal_event(&journal, k, TL_EVENT_INFO, "twin", "%d", k);
+            tl_journal_event(&journal, k, TL_EVENT_INFO, "twin", "e%d", k);
         }
         char *log = drained();
         char last[32];
         TEST_ASSERT_EQUAL_size_t(100, tl_test_count_lines(log));
-        (void)snprintf(last, sizeof last, "twin: %d\n", i + 99);
+        (void)snprintf(last, sizeof last, "twin: e%d\n", i + 99);
         TEST_ASSERT_NOT_NULL(strstr(log, last));
         free(log);
     }
@@ -148,7 +159,7 @@ static unsigned running;
 static void *write_events(void *argument) {
     const size_t writer = (size_t)((unsigned long *)argument - written);
     for (unsigned long i = 0; i < EVENTS; i++) {
-        tl_journal_event(&journal, -1, TL_EVENT_INFO, "writer", "%zu %lu", writer, i);
+        tl_journal_event(&journal, -1, TL_EVENT_INFO, "writer", "w%zu e%lu", writer, i);
     }
     (void)__atomic_sub_fetch(&running, 1, __ATOMIC_RELEASE);
     return NULL;
@@ -163,10 +174,10 @@ static char *after(char *line, const char *start) {
 /* Counts the events of each writer, in order, and the dropped ones that the journal reports. */
 static void take_log(char *log, unsigned long *next, unsigned long *seen, unsigned long *dropped) {
     for (char *line = log; *line != '\0'; line = strchr(line, '\n') + 1) {
-        char *event = after(line, "twinlock: notice: writer: ");
+        char *event = after(line, "twinlock: notice: writer: w");
         if (event != NULL) {
             unsigned long writer = strtoul(event, &event, 10);
-            unsigned long number = strtoul(event, &event, 10);
+            unsigned long number = strtoul(event + strlen(" e"), &event, 10);
             TEST_ASSERT_EQUAL_CHAR('\n', *event);
             TEST_ASSERT_TRUE(writer < WRITERS && number >= next[writer]);
             next[writer] = number + 1;
@@ -209,6 +220,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_events_are_logged_in_order);
     RUN_TEST(test_events_of_a_shadow);
+    RUN_TEST(test_repeated_events_are_counted);
     RUN_TEST(test_long_texts_are_cut);
     RUN_TEST(test_events_without_space_are_counted);
     RUN_TEST(test_many_rounds);
