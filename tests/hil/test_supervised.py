@@ -18,7 +18,7 @@ import kills
 from live_test import (Device, Program, check_database, expect_reasons, last_step, number, query, stop, wait_for_lock,
                        wait_for_steps, wait_until)
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
-from twinlock_test import (BAD_DATA, PLAIN_LIVE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, has_line, main,
+from twinlock_test import (BAD_DATA, NOT_LOCKED, PLAIN_LIVE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, has_line, main,
                            run, run_well, scratch, write_config)
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -81,7 +81,7 @@ def test_a_dead_device_causes_no_restart():
             live.wait_for("warning|no matched signal")
             wait_for_steps(live, database, last_step(database) + 300)
             device.silent = False
-            wait_for_lock(live, database, last_step(database))
+            live.wait_for("lock: locked")
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"{live.account()}")
     expect(number(database, "SELECT count(*) FROM runs") == 1, "restarted")
@@ -231,7 +231,7 @@ def test_safe_hold_without_record():
         os.kill(live.child(), signal.SIGKILL)
         live.wait_for("error|safe hold|started|5|nothing is recorded")
         live.process.temporary.mkdir()
-        end_orderly(live)
+        end_orderly(live, ends_with=NOT_LOCKED)
 
 
 def test_safe_hold_needs_no_folder():
@@ -246,7 +246,7 @@ def test_safe_hold_needs_no_folder():
             wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
                        "samples in safe hold", live.log)
             live.process.temporary.mkdir()
-            end_orderly(live)
+            end_orderly(live, ends_with=NOT_LOCKED)
     check_database(database)
 
 

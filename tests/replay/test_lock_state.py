@@ -95,9 +95,18 @@ def test_a_plant_that_never_answers():
     expect(ended == [("end of recording",)], f"{ended}")
 
 
-def test_a_run_shorter_than_a_window_has_not_failed():
-    code, out, err = run(["replay", config_of(0.5, 1, omega=lambda t: float("nan"))])
-    expect(code == 0 and has_line(out, "in lock|never") and err == "", f"{code}\n{out}{err}")
+def test_a_run_shorter_than_a_window():
+    for omega, cause in ((float("nan"), "plant.omega|not a number"), (1e4 * OMEGA, "first window of 1 s|longer")):
+        code, out, err = run(["replay", config_of(0.5, 1, omega=lambda t, omega=omega: omega)])
+        expect(code == NOT_LOCKED and has_line(out, "in lock|never"), f"{code}\n{out}{err}")
+        expect_line(err, f"error|never in lock|{cause}")
+
+
+def test_a_good_start_is_no_lock():
+    """The first 0.2 s are within tolerance, and no window is."""
+    code, out, err = run(["replay", config_of(1.1, 1, omega=lambda t: OMEGA if t < 0.2 else 1e4 * OMEGA)])
+    expect(code == NOT_LOCKED and has_line(out, "in lock|never"), f"{code}\n{out}{err}")
+    expect_line(err, "error|never in lock|tolerances")
 
 
 def test_require_lock():
