@@ -505,6 +505,8 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                               .unconfined = settings->unconfined,
                                               .context = self,
                                               .tell = report_handover};
+        tl_log(TL_LOG_NOTICE, "%s", settings->running);
+        put_event(self, TL_EVENT_INFO, "retune", settings->running);
         status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status, error);
     }
     return status;

@@ -15,6 +15,7 @@
 
 typedef struct tl_process_tree_settings {
     const tl_config *config;         /* as read; not changed */
+    const char *running;             /* text for the log: version, file and hash of `config` */
     const char *database;            /* path; NULL: as configured */
     tl_time duration;                /* ns; 0: as configured */
     bool verbose;                    /* prints outcomes, executions and MSEs too */
