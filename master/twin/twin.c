@@ -160,6 +160,7 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .upper = adjusted->upper,
         .least = twin->adjust_ports[adjust]->variable->minimum,
         .most = twin->adjust_ports[adjust]->variable->maximum,
+        .size = twin->adjust_ports[adjust]->variable->nominal,
     };
 }
 

@@ -104,6 +104,7 @@ typedef struct tl_twin_adjusted {
     double upper;
     double least; /* bounds that the FMU declares; ∓infinity: none */
     double most;
+    double size; /* usual size that the FMU declares (its attribute `nominal`); 1: none */
 } tl_twin_adjusted;
 
 /* Measured delay: that of the first matched output whose delay is known. */
