@@ -346,7 +346,8 @@ static proposed_bounds propose_bounds(const tl_config *config, const tl_twin_adj
     return bounds;
 }
 
-/* Without bounds, a search can correct any error of wiring, and the twin is in lock all the same. */
+/* Without bounds, a search can correct any error of wiring, and the twin is in lock all the same.
+ */
 static void check_bounds(warnings *list, const tl_config *config, const tl_twin_adjusted *adjusted, size_t index) {
     bool has_lower = isfinite(adjusted->lower);
     bool has_upper = isfinite(adjusted->upper);

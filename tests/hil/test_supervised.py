@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import kills
-from live_test import (Device, Program, check_database, expect_reasons, last_step, number, query, stop, wait_for_lock,
+from live_test import (Device, Program, check_database, expect_reasons, last_step, number, query, stop,
                        wait_for_steps, wait_until)
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import (BAD_DATA, NOT_LOCKED, PLAIN_LIVE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, has_line, main,
@@ -99,7 +99,8 @@ def test_the_supervisor_is_killed():
             state = live.state
         with Program("run", config, "--supervise", "--state", state) as again:
             wait_for_run(again, database, 2)
-            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+            code, _, log = again.end(signal.SIGTERM)
+            expect(code == 0, f"ended with {code}\n{log}")
     expect_starts(database, "start", "start 2|1|supervisor|killed")
 
 
@@ -115,7 +116,7 @@ def test_all_stopped_is_no_failure():
             time.sleep(3)
             for pid in reversed(all_of_them):
                 os.kill(pid, signal.SIGCONT)
-            wait_for_lock(live, database, last_step(database))
+            live.wait_for("lock: locked")
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
 
@@ -219,7 +220,8 @@ def test_a_loop_ends_in_safe_hold():
         with Program("run", config, "--supervise", "--state", live.state) as again:  # without the fault
             again.wait_for("notice|supervisor|start 7")
             wait_for_steps(again, database, 100, run=7)
-            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+            code, _, log = again.end(signal.SIGTERM)
+            expect(code == 0, f"ended with {code}\n{log}")
     check_database(database)
 
 
