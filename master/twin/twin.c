@@ -131,6 +131,13 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     return entry;
 }
 
+tl_twin_identifiability tl_twin_get_identifiability(const tl_twin *twin) {
+    tl_twin_identifiability found;
+    found.unseen = tl_sensitivity_unseen(&twin->synchroniser.sensitivity);
+    found.alike = tl_sensitivity_alike(&twin->synchroniser.sensitivity, &found.since);
+    return found;
+}
+
 uint64_t tl_twin_unsaved(const tl_twin *twin) {
     return twin->unsaved;
 }
