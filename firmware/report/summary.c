@@ -79,15 +79,15 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
                            tl_config_quality_remedy((tl_quality)quality));
         }
     }
-    if (summary->lock.windows == 0) {
-        return tl_fail(error, TL_NOT_LOCKED,
-                       "never in lock: the run ended before its first window of %g s: let it run longer",
-                       tl_seconds(tl_lock_monitor_window(config).time));
-    }
     if (summary->lock.steps[TL_LOCK_LOST] == 0 && summary->lock.steps[TL_LOCK_DEGRADED] != 0) {
         return tl_fail(error, TL_NOT_LOCKED,
                        "never in lock: degraded, because a signal was bad or an FMU was not restored exactly; see the "
                        "warnings, and `twinlock show` for the events of a run with --db");
+    }
+    if (summary->lock.windows == 0) {
+        return tl_fail(error, TL_NOT_LOCKED,
+                       "never in lock: the run ended before its first window of %g s: let it run longer",
+                       tl_seconds(tl_lock_monitor_window(config).time));
     }
     return tl_fail(error, TL_NOT_LOCKED,
                    "never in lock: the errors did not stay within the tolerances. Check tolerances, bounds of the "
