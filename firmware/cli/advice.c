@@ -316,6 +316,60 @@ static void check_room(warnings *list, const tl_config *config, const tl_twin *t
     }
 }
 
+/* In first steps of the search, to both sides of nominal. */
+static const double LEAST_RANGE = 2.0;
+
+typedef struct proposed_bounds {
+    double least, most;
+    char why[100]; /* "": nothing is proposed */
+} proposed_bounds;
+
+/* Proposes the limits of the plant's signal that delivers û, or else û and its usual size to both
+ * sides. No recording is used, because the same error of wiring may be in it. */
+static proposed_bounds propose_bounds(const tl_config *config, const tl_twin_adjusted *adjusted, const char *variable) {
+    proposed_bounds bounds = {.why = ""};
+    for (size_t i = 0; i < config->connection_count; i++) {
+        size_t k = tl_config_signal_of(config, config->connections[i].from);
+        const tl_config_signal *signal = k < config->signal_count ? &config->signals[k] : NULL;
+        if (strcmp(config->connections[i].to, variable) == 0 && signal != NULL && isfinite(signal->minimum) &&
+            isfinite(signal->maximum)) {
+            bounds = (proposed_bounds){.least = signal->minimum, .most = signal->maximum};
+            (void)snprintf(bounds.why, sizeof bounds.why, "the limits of %.60s", config->connections[i].from);
+        }
+    }
+    if (!adjusted->is_fed) {
+        bool is_declared = adjusted->size < 1.0 || adjusted->size > 1.0;
+        double size = fmax(is_declared ? adjusted->size : fabs(adjusted->nominal), LEAST_RANGE * adjusted->step);
+        bounds = (proposed_bounds){.least = adjusted->nominal - size, .most = adjusted->nominal + size};
+        (void)snprintf(bounds.why, sizeof bounds.why, "nominal \302\261 %.3g", size);
+    }
+    return bounds;
+}
+
+/* Without bounds, a search can correct any error of wiring, and the twin is in lock all the same.
+ */
+static void check_bounds(warnings *list, const tl_config *config, const tl_twin_adjusted *adjusted, size_t index) {
+    bool has_lower = isfinite(adjusted->lower);
+    bool has_upper = isfinite(adjusted->upper);
+    char example[TEXT / 2] = "";
+    proposed_bounds bounds = propose_bounds(config, adjusted, config->adjust[index].variable);
+    if (bounds.why[0] != '\0') {
+        (void)snprintf(example, sizeof example, ", for example %.3g \342\200\246 %.3g (%s)",
+                       has_lower ? adjusted->lower : bounds.least, has_upper ? adjusted->upper : bounds.most,
+                       bounds.why);
+    }
+    if (!has_lower || !has_upper) {
+        warn(
+            list, config->adjust[index].where,
+            "neither configuration nor FMU has %s: the twin can be in lock with a wrong address, scale or sign. Set it "
+            "to what the plant can have%s",
+            has_lower   ? "\"max\""
+            : has_upper ? "\"min\""
+                        : "\"min\" or \"max\"",
+            example);
+    }
+}
+
 static void check_adjusted(warnings *list, const tl_config *config, const tl_twin *twin) {
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, i);
@@ -323,6 +377,7 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
         if (!adjusted.is_real) {
             continue;
         }
+        check_bounds(list, config, &adjusted, i);
         if (!adjusted.is_fed && (adjusted.nominal < adjusted.lower || adjusted.nominal > adjusted.upper)) {
             warn(list, path,
                  "nominal %g is outside its bounds, %g to %g, and is still used if no correction is better: widen the "

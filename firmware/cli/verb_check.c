@@ -98,7 +98,8 @@ static tl_status check(tl_verb_job *job) {
         if (found.warnings > 0) {
             (void)fprintf(job->output, ", %" PRIu32 " warning%s", found.warnings, found.warnings == 1 ? "" : "s");
         }
-        (void)fputs(" in configuration or FMUs; the plant was not asked\n", job->output);
+        (void)fprintf(job->output, "; the plant was not asked%s\n",
+                      job->config.source_count != 0 ? ": only `run` asks it" : "");
     }
     return status;
 }

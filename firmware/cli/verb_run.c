@@ -1,5 +1,6 @@
 /* twinlock run: the process tree that keeps a twin locked to the live plant. */
 
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "firmware/base/log.h"
@@ -16,16 +17,22 @@ static int run_role(const char *title, void *context) {
 }
 
 /* Reads the configuration file; with --control, the active version of it. */
-static tl_status read_config(const tl_options *options, const tl_version_start *start, tl_config *config) {
+static tl_status read_config(const tl_options *options, const tl_version_start *start, tl_config *config,
+                             char running[TL_VERSION_RUNNING]) {
     tl_problems problems;
     tl_error error;
     char *text = NULL;
     size_t size = 0;
     tl_problems_init(&problems, options->subject);
     if (options->control == NULL) {
-        return tl_config_read(options->subject, config, &problems.report);
+        tl_status status = tl_config_read(options->subject, config, &problems.report);
+        if (status == TL_OK) {
+            (void)snprintf(running, TL_VERSION_RUNNING, "configuration %.12s runs: %.100s", config->hash,
+                           options->subject);
+        }
+        return status;
     }
-    tl_status status = tl_version_start_choose(start, &text, &size, &error);
+    tl_status status = tl_version_start_choose(start, &text, &size, running, &error);
     if (status != TL_OK) {
         *config = (tl_config){.path = NULL};
         tl_log(TL_LOG_ERROR, "%s", error.text);
@@ -36,9 +43,10 @@ static tl_status read_config(const tl_options *options, const tl_version_start *
     return status;
 }
 
-static int run(const tl_options *options, const tl_config *config, tl_process_tree_end *end) {
+static int run(const tl_options *options, const tl_config *config, const char *running, tl_process_tree_end *end) {
     const tl_process_tree_settings settings = {
         .config = config,
+        .running = running,
         .database = options->database,
         .duration = tl_time_of_seconds(options->duration_s),
         .verbose = options->verbose,
@@ -63,9 +71,10 @@ static int run(const tl_options *options, const tl_config *config, tl_process_tr
 int tl_verb_run(const tl_options *options) {
     const tl_version_start start = {.state = options->state, .path = options->subject, .run_role = run_role};
     tl_config config;
-    tl_status status = read_config(options, &start, &config);
+    char running[TL_VERSION_RUNNING] = "";
+    tl_status status = read_config(options, &start, &config, running);
     tl_process_tree_end end = {.is_failure = status != TL_OK};
-    int code = status == TL_OK ? run(options, &config, &end) : tl_exit_code(status);
+    int code = status == TL_OK ? run(options, &config, running, &end) : tl_exit_code(status);
     tl_config_free(&config);
     if (options->control != NULL && end.is_failure &&
         (code == tl_exit_code(TL_BAD_DATA) || code == tl_exit_code(TL_FMU_FAILED))) {

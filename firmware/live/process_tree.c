@@ -505,6 +505,8 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                               .unconfined = settings->unconfined,
                                               .context = self,
                                               .tell = report_handover};
+        tl_log(TL_LOG_NOTICE, "%s", settings->running);
+        put_event(self, TL_EVENT_INFO, "retune", settings->running);
         status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status, error);
     }
     return status;
@@ -523,14 +525,14 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
 }
 
 /* Prints the summary that the twin has left, and checks the required lock. */
-static tl_status print_summary(tl_process_tree *self, tl_error *error) {
+static tl_status print_summary(tl_process_tree *self, int code, tl_error *error) {
     tl_live_end *end = &live_slot(self)->live_status->end;
     tl_summary summary = end->summary;
     tl_account account = end->account;
     if (end->is_there == 0) {
-        return self->settings->require_lock <= 0.0
-                   ? TL_OK
-                   : tl_fail(error, TL_NOT_LOCKED, "never in lock: the run ended without a twin");
+        bool is_asked =
+            self->settings->require_lock > 0.0 || (code == 0 && self->config.adjust_count != 0 && !self->again);
+        return is_asked ? tl_fail(error, TL_NOT_LOCKED, "not in lock: the run ended without a twin") : TL_OK;
     }
     tl_status status = read_last_config(self, error);
     if (status != TL_OK) {
@@ -545,8 +547,9 @@ static tl_status print_summary(tl_process_tree *self, tl_error *error) {
     } else {
         tl_summary_print_table(&summary, &self->config, &account, self->settings->verbose, self->output);
     }
-    bool asked = self->settings->require_lock > 0.0 || !self->settings->supervised;
-    return status == TL_OK && asked
+    bool is_judged = summary.lock.windows != 0 || self->stopped == 0; /* a signal may end the run at once */
+    bool is_asked = self->settings->require_lock > 0.0 || (is_judged && !self->again);
+    return status == TL_OK && is_asked
                ? tl_summary_require_lock(&summary, &self->config, self->settings->require_lock, error)
                : status;
 }
@@ -618,7 +621,7 @@ static void report_lost(tl_process_tree *self) {
 
 static int finish_run(tl_process_tree *self, int code) {
     tl_error error = {0};
-    tl_status printed = print_summary(self, &error);
+    tl_status printed = print_summary(self, code, &error);
     tl_log_relay_stop(&self->log); /* first all output of the processes */
     if (code != 0) {
         report_lost(self);

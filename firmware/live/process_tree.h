@@ -15,6 +15,7 @@
 
 typedef struct tl_process_tree_settings {
     const tl_config *config;         /* as read; not changed */
+    const char *running;             /* text for the log: version, file and hash of `config` */
     const char *database;            /* path; NULL: as configured */
     tl_time duration;                /* ns; 0: as configured */
     bool verbose;                    /* prints outcomes, executions and MSEs too */
@@ -22,7 +23,7 @@ typedef struct tl_process_tree_settings {
     bool status;                     /* shows a status line also if standard error is no terminal */
     bool unconfined;                 /* FMUs have all rights of the user */
     uint64_t memory_limit;           /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
-    double require_lock;             /* least % in lock; 0: none; if unsupervised, as tl_summary_require_lock() */
+    double require_lock;             /* least % in lock, as tl_summary_require_lock() */
     bool supervised;                 /* restarts a failed twin; else its failure ends the run */
     tl_time call_limit;              /* ns; as in supervisor.h, if not supervised */
     const char *state;               /* as in supervisor.h, if supervised */

@@ -742,7 +742,6 @@ static bool close_part(tl_lock_monitor *monitor) {
     const tl_lock_part *full = &monitor->part[monitor->at];
     monitor->parts += monitor->parts < TL_LOCK_PARTS ? 1 : 0;
     monitor->pending += full->steps;
-    monitor->tally.within += full->outside == 0 && full->free == 0 ? full->steps : 0;
     monitor->tally.windows += has_window(monitor) ? 1 : 0;
     bool changed = has_window(monitor) && assess_now(monitor);
     monitor->at = (monitor->at + 1) % TL_LOCK_PARTS;

@@ -5,8 +5,6 @@
 #include <math.h>
 #include <stdio.h>
 
-enum { ENOUGH = 10 }; /* steps; fewer may be within tolerance by chance */
-
 bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
         const struct tl_lock_measure *by = &tolerances->match[i];
@@ -55,9 +53,8 @@ double tl_lock_tally_percent(const tl_lock_tally *tally) {
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
-    bool ever = tl_lock_tally_percent(tally) > 0.0;
-    bool was_within = ever || tally->within >= ENOUGH || tally->windows == 0;
-    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : was_within && tally->ran_away == 0;
+    double percent = tl_lock_tally_percent(tally);
+    return least > 0.0 ? percent >= least : percent > 0.0 && tally->ran_away == 0;
 }
 
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]) {

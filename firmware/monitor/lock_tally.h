@@ -28,7 +28,6 @@ typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
     uint64_t steps[TL_LOCK_STATES]; /* steps (event horizon: strokes) in each state, including caught-up ones */
     uint64_t windows;               /* windows that were assessed; 0: the run was shorter than one */
-    uint64_t within;                /* steps in parts of a window in which no step is free or out of tolerance */
     uint64_t changes;               /* number of changes of the state */
     uint64_t losses;                /* number of changes to lost */
     uint64_t ran_away;              /* steps in which an output or J ran away (lock_monitor.h) */
@@ -62,8 +61,7 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
 /* Returns true if at least `percent` of the steps were locked or corrected. With `percent` 0, it
- * returns true if there was no runaway and one condition holds: the twin was ever in lock; `within`
- * is at least ten steps; or the run was shorter than a window. */
+ * returns true if the twin was ever in lock and nothing ran away. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

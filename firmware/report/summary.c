@@ -8,6 +8,7 @@
 
 #include "firmware/base/json.h"
 #include "firmware/base/text.h"
+#include "firmware/monitor/lock_monitor.h"
 
 /* ---- run end ---- */
 
@@ -78,14 +79,25 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
                            tl_config_quality_remedy((tl_quality)quality));
         }
     }
+    if (summary->lock.steps[TL_LOCK_LOST] == 0 && summary->lock.steps[TL_LOCK_DEGRADED] != 0) {
+        return tl_fail(error, TL_NOT_LOCKED,
+                       "never in lock: degraded, because a signal was bad or an FMU was not restored exactly; see the "
+                       "warnings, and `twinlock show` for the events of a run with --db");
+    }
+    if (summary->lock.windows == 0) {
+        return tl_fail(error, TL_NOT_LOCKED,
+                       "never in lock: the run ended before its first window of %g s: let it run longer",
+                       tl_seconds(tl_lock_monitor_window(config).time));
+    }
     return tl_fail(error, TL_NOT_LOCKED,
                    "never in lock: the errors did not stay within the tolerances. Check tolerances, bounds of the "
                    "adjusted variables, and the model; `twinlock show` lists the events of a run with --db");
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
-    bool goes_on = summary->resumption.from != TL_RESUMED_NOT; /* the tally does not include the earlier run */
-    bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !goes_on);
+    /* The tally does not include the earlier run, but the ticks missed in between. */
+    bool is_unknown = summary->resumption.from != TL_RESUMED_NOT && summary->lock.windows < TL_LOCK_LEARNS;
+    bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !is_unknown);
     if (!is_asked || (config->adjust_count != 0 && tl_lock_tally_is_enough(&summary->lock, percent))) {
         return TL_OK;
     }

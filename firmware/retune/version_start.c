@@ -159,7 +159,44 @@ static tl_status choose_text(starting_run *self, bool keeps, tl_error *error) {
     return status;
 }
 
-tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size, tl_error *error) {
+/* ---- naming the version ---- */
+
+/* Returns the newest version with this hash, or NULL. */
+static const tl_version *find_newest(const tl_versions *versions, const char *hash) {
+    const tl_version *found = NULL;
+    for (size_t i = 0; i < versions->count; i++) {
+        found = strcmp(versions->list[i].hash, hash) == 0 ? &versions->list[i] : found;
+    }
+    return found;
+}
+
+/* The active version runs, unless the disk has rejected the file's version. */
+static void write_running(const starting_run *self, const char *text, char running[TL_VERSION_RUNNING]) {
+    const tl_version *active = tl_versions_active(&self->versions);
+    char hash[TL_SHA256_TEXT];
+    char version[64] = "";
+    tl_sha256(text, self->choice.size, hash);
+    if (strcmp(hash, active->hash) == 0) {
+        (void)snprintf(version, sizeof version, "version %llu of ", (unsigned long long)active->number);
+    }
+    int length =
+        snprintf(running, TL_VERSION_RUNNING, "configuration %.12s runs: %s%.100s", hash, version, self->start->path);
+    if (self->file == NULL || text == self->file) {
+        return;
+    }
+    tl_sha256(self->file, self->file_size, hash);
+    const tl_version *other = find_newest(&self->versions, hash);
+    length +=
+        snprintf(running + length, (size_t)(TL_VERSION_RUNNING - length), "; the file is another one, %.12s", hash);
+    if (other != NULL) {
+        (void)snprintf(running + length, (size_t)(TL_VERSION_RUNNING - length), ", version %llu, %s%s%.150s",
+                       (unsigned long long)other->number, tl_version_results[other->result],
+                       other->reason[0] != '\0' ? ": " : "", other->reason);
+    }
+}
+
+tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size,
+                                  char running[TL_VERSION_RUNNING], tl_error *error) {
     static starting_run self; /* too large for the stack */
     self = (starting_run){.start = start};
     (void)mkdir(start->state, 0777); /* like the supervisor later; a failure is reported by tl_versions_open() */
@@ -169,13 +206,16 @@ tl_status tl_version_start_choose(const tl_version_start *start, char **text, si
     }
     read_file(&self);
     tl_status status = choose_text(&self, keeps, error);
-    tl_versions_close(&self.versions);
-    if (status != TL_OK || self.choice.text != NULL) {
-        free(self.file);
-        self.file = NULL;
-    }
     *text = self.choice.text != NULL ? self.choice.text : self.file;
     *size = self.choice.size;
+    if (status == TL_OK) {
+        write_running(&self, *text, running);
+    }
+    tl_versions_close(&self.versions);
+    if (self.file != *text || status != TL_OK) {
+        free(self.file);
+        *text = status == TL_OK ? *text : NULL;
+    }
     return status;
 }
 

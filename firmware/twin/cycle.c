@@ -377,7 +377,8 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
                            (tl_quality)record->measured_quality[i]);
         }
     }
-    tl_watch_record(&cycle->watch, tick, record);
+    tl_twin_identifiability identifiability = tl_twin_get_identifiability(cycle->settings.assembly->twin);
+    tl_watch_record(&cycle->watch, tick, record, &identifiability);
     tl_watch_keep(&cycle->watch, tick, tl_twin_unsaved(cycle->settings.assembly->twin));
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_request(&cycle->checkpointer, tick);

@@ -69,7 +69,7 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
     const tl_lock_change *change = tl_lock_monitor_step(replay->lock_monitor, record);
-    tl_watch_record(replay->watch, tick, record);
+    tl_watch_record(replay->watch, tick, record, &result->identifiability);
     tl_watch_keep(replay->watch, tick, result->unsaved);
     if (change != NULL) {
         tl_watch_lock(replay->watch, tick, change);

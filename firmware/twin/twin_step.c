@@ -29,6 +29,7 @@ size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
 
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
     return result->tick == tick && result->status >= TL_OK && result->status <= TL_TRY_AGAIN && result->ready <= 1 &&
+           result->identifiability.since >= 0 && result->identifiability.since <= tick &&
            (result->ready == 0 || (result->record.step >= least && result->record.step <= tick &&
                                    tl_packed_record_is_sound(&result->record, config->match_count)));
 }
@@ -59,6 +60,7 @@ static tl_status execute_step(const tl_assembly *assembly, const tl_recording_ti
 
 static void fill_result(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
     result->unsaved = tl_twin_unsaved(assembly->twin);
+    result->identifiability = tl_twin_get_identifiability(assembly->twin);
     if (tells == TL_TELLS_COUNTS) {
         (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
     } else if (tells == TL_TELLS_OUTPUTS) {

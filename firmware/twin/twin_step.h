@@ -40,6 +40,7 @@ typedef struct tl_twin_result {
     int32_t status;   /* tl_status of the step */
     uint32_t ready;   /* 1: there is a record */
     uint64_t unsaved; /* tl_twin_unsaved() */
+    tl_twin_identifiability identifiability;
     tl_record record;
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];

@@ -279,8 +279,10 @@ typedef struct trouble_texts {
 } trouble_texts;
 
 static const trouble_texts HELD = {
-    {"", ": the matched outputs do not react to it: kept at nominal"},
-    {"", ": the matched outputs react to it again; steps at nominal"},
+    {"",
+     ": the matched outputs do not react to it, so it gets no correction: match an output that it moves, or lengthen "
+     "horizon.prediction"},
+    {"", ": the matched outputs react to it again; steps without a correction"},
 };
 static const trouble_texts FALLBACK = {
     {"the solver makes no more progress: the fallback solver, ", ", is used"},
@@ -300,6 +302,37 @@ static void watch_trouble(const tl_watch *watch, int64_t tick, const tl_record *
     } else if (now == ENDED) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", texts->over[0], name,
                          texts->over[1], (unsigned long long)trouble->count);
+    }
+}
+
+/* Writes "a, b and c". */
+static void write_alike(const tl_config *config, uint32_t alike, char *text, size_t size) {
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t v = 0; v < config->adjust_count && used < size; v++) {
+        if ((alike >> v & 1U) != 0) {
+            alike &= ~((uint32_t)1 << v);
+            const char *before = used == 0 ? "" : alike >> v != 0 ? ", " : " and ";
+            used += (size_t)snprintf(text + used, size - used, "%s%.60s", before, config->adjust[v].variable);
+        }
+    }
+}
+
+static void watch_alike(tl_watch *watch, int64_t tick, const tl_record *record, const tl_twin_identifiability *found) {
+    uint32_t alike = found->alike & (((uint32_t)1 << watch->config->adjust_count) - 1);
+    const turn now = follow_trouble(watch, &watch->alike, record, alike != 0);
+    char names[TL_EVENT_TEXT / 2];
+    write_alike(watch->config, alike, names, sizeof names);
+    if (now == BEGUN) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "lock",
+            "since t = %.9g s %s act alike and share one correction: match another output, adjust only one, or "
+            "lengthen horizon.prediction",
+            tl_seconds(tl_time_of_step(0, watch->config->step, found->since)), names);
+    } else if (now == ENDED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "lock",
+                         "no adjusted variables act alike any more; steps in which they did: %llu",
+                         (unsigned long long)watch->alike.count);
     }
 }
 
@@ -405,7 +438,8 @@ static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
     watch->differed = differed;
 }
 
-void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record,
+                     const tl_twin_identifiability *identifiability) {
     if (record->outcome == TL_RESUMED) {
         return; /* reported by the run that was resumed */
     }
@@ -421,9 +455,10 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     watch_free_run(watch, tick, record);
     watch_rest(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
-        watch_trouble(watch, tick, record, &watch->held[i], (record->held >> i & 1U) != 0,
+        watch_trouble(watch, tick, record, &watch->held[i], ((record->held | identifiability->unseen) >> i & 1U) != 0,
                       watch->config->adjust[i].variable, &HELD);
     }
+    watch_alike(watch, tick, record, identifiability);
     watch_trouble(watch, tick, record, &watch->fallback, (record->flags & TL_FLAG_FALLBACK) != 0,
                   watch->config->fallback != NULL ? watch->config->fallback : "", &FALLBACK);
     watch_trouble(watch, tick, record, &watch->stagnation, (record->flags & TL_FLAG_STAGNATED) != 0, "", &STAGNATION);

@@ -56,7 +56,8 @@ typedef struct tl_watch {
     tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
     bool out_of_tolerance;                   /* event horizon: result of the last stroke */
-    tl_watch_trouble held[TL_MAX_ADJUST];    /* variables that are not identifiable and kept at nominal */
+    tl_watch_trouble held[TL_MAX_ADJUST];    /* variables to which no matched output reacts */
+    tl_watch_trouble alike;                  /* variables share one correction */
     tl_watch_trouble fallback;               /* the fallback solver is used */
     tl_watch_trouble stagnation;             /* solvers make no progress */
     uint64_t abandoned;                      /* event horizon: strokes in a row whose search was not completed */
@@ -82,9 +83,10 @@ void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal
 /* Call it for each sample. */
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
 
-/* Call it for each complete record. `tick`: tick at which the record was complete. Events carry
- * this tick, not the step, so that they are in order. */
-void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
+/* Call it for each complete record, with what the twin found in this step. `tick`: tick at which
+ * the record was complete. Events carry this tick, not the step, so that they are in order. */
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record,
+                     const tl_twin_identifiability *identifiability);
 
 /* Call it for each complete record. Reports once what components with "keep": "auto" keep, so that
  * a replay can repeat it. `unsaved` as in tl_twin_unsaved(). */

@@ -87,6 +87,9 @@ typedef struct tl_optimiser_class {
     /* True if the solver has no data for a guess yet. Then it may search once although all outputs
      * are within tolerance. NULL: the solver never guesses. */
     bool (*is_new)(const tl_optimiser *optimiser);
+    /* The slope of the residuals per step of each unknown, [residual · count + unknown]; NULL if a
+     * column is not known. NULL: the solver stores no slope. */
+    const double *(*slope)(const tl_optimiser *optimiser);
     /* Sets unknowns within their dwell time to their committed values. NULL: there is no dwell
      * time. */
     void (*rest)(const tl_optimiser *optimiser, double *u);

@@ -745,6 +745,10 @@ static bool is_new(const tl_optimiser *self) {
     return !self->has_slope;
 }
 
+static const double *stored_slope(const tl_optimiser *self) {
+    return self->has_slope && is_complete(self) ? self->slope : NULL;
+}
+
 static void forget(tl_optimiser *self) {
     self->has_slope = false;
     self->promised = (double)NAN;
@@ -760,6 +764,7 @@ const tl_optimiser_class tl_secant = {
     .retract = retract,
     .minimise = minimise,
     .is_new = is_new,
+    .slope = stored_slope,
     .retune = retune,
     .forget = forget,
     .destroy = destroy,

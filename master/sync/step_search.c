@@ -396,6 +396,10 @@ static void probe_beside(tl_step_search *search, const double *u, const double *
     const tl_synchroniser *synchroniser = search->synchroniser;
     double move = 0.0;
     size_t variable = moved_variable(search, u, from, &move);
+    if (synchroniser->solver->slope == NULL) {
+        tl_sensitivity_probe(&search->synchroniser->sensitivity, search->step, u, from, synchroniser->memory.residuals,
+                             residuals);
+    }
     if (variable == SIZE_MAX) {
         return;
     }

@@ -130,6 +130,11 @@ bool tl_synchroniser_init(tl_synchroniser *synchroniser, tl_arena *arena, const 
         return false;
     }
     find_free(synchroniser);
+    if (!synchroniser->solver->booleans &&
+        !tl_sensitivity_init(&synchroniser->sensitivity, arena, &synchroniser->horizon, synchroniser->space.step,
+                             synchroniser->space.sample_count)) {
+        return false;
+    }
     synchroniser->optimiser = synchroniser->solver->create(arena, &synchroniser->space);
     if (synchroniser->fallback != NULL) {
         synchroniser->second = synchroniser->fallback->create(arena, &synchroniser->space);
@@ -626,6 +631,15 @@ static void forget_unheld(const tl_synchroniser *synchroniser, tl_record *record
     }
 }
 
+/* After a search: which variables are identifiable. */
+static void test_sensitivity(tl_synchroniser *synchroniser, int64_t step) {
+    const tl_optimiser_class *solver = synchroniser->solver;
+    const double *slope = solver->slope != NULL ? solver->slope(synchroniser->optimiser) : NULL;
+    if (!solver->booleans) {
+        tl_sensitivity_test(&synchroniser->sensitivity, step, slope, synchroniser->noise_floor);
+    }
+}
+
 /* Not inlined: a step of a free twin needs no search on its stack. */
 static tl_status __attribute__((noinline)) step_searched(tl_synchroniser *synchroniser, int64_t step,
                                                          const tl_budget *budget, tl_record *record, tl_error *error) {
@@ -639,6 +653,7 @@ static tl_status __attribute__((noinline)) step_searched(tl_synchroniser *synchr
         return commit_found(&search, synchroniser->memory.nominal, record);
     }
     record->outcome = synchroniser->rests ? rest_at_nominal(&search) : find_correction(&search);
+    test_sensitivity(synchroniser, step);
     if (search.guessed && search.evaluations == 0) {
         synchroniser->solver->retract(synchroniser->optimiser);
     }
@@ -719,6 +734,9 @@ static void forget_courses(tl_synchroniser *synchroniser) {
     synchroniser->courses = 0;
     synchroniser->was_blind = false;
     synchroniser->has_taught_solver = false;
+    if (synchroniser->optimiser != NULL && !synchroniser->solver->booleans) {
+        tl_sensitivity_forget(&synchroniser->sensitivity);
+    }
     forget_solver(synchroniser->solver, synchroniser->optimiser);
     forget_solver(synchroniser->fallback, synchroniser->second);
 }

@@ -19,6 +19,7 @@
 #include "master/sync/horizon.h"
 #include "master/sync/ledger.h"
 #include "master/sync/objective.h"
+#include "master/sync/sensitivity.h"
 
 /* Expected durations of the parts of a step beside executions, ns, if there is a clock. Before the
  * first evaluation, time that is not `guessing` is in no part. */
@@ -72,6 +73,7 @@ typedef struct tl_synchroniser {
     tl_ledger ledger;
     tl_adjusted adjusted[TL_MAX_ADJUST];
     tl_optimiser_space space;
+    tl_sensitivity sensitivity; /* not of a Boolean variable, and then zeroed */
     const tl_optimiser_class *solver;
     tl_optimiser *optimiser;
     const tl_optimiser_class *fallback; /* NULL: none */

@@ -135,6 +135,13 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     return entry;
 }
 
+tl_twin_identifiability tl_twin_get_identifiability(const tl_twin *twin) {
+    tl_twin_identifiability found;
+    found.unseen = tl_sensitivity_unseen(&twin->synchroniser.sensitivity);
+    found.alike = tl_sensitivity_alike(&twin->synchroniser.sensitivity, &found.since);
+    return found;
+}
+
 uint64_t tl_twin_unsaved(const tl_twin *twin) {
     return twin->unsaved;
 }
@@ -164,6 +171,7 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .upper = adjusted->upper,
         .least = twin->adjust_ports[adjust]->variable->minimum,
         .most = twin->adjust_ports[adjust]->variable->maximum,
+        .size = twin->adjust_ports[adjust]->variable->nominal,
     };
 }
 

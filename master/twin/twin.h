@@ -108,6 +108,7 @@ typedef struct tl_twin_adjusted {
     double upper;
     double least; /* bounds that the FMU declares; ∓infinity: none */
     double most;
+    double size; /* usual size that the FMU declares (its attribute `nominal`); 1: none */
 } tl_twin_adjusted;
 
 /* Measured delay: that of the first matched output whose delay is known. */
@@ -279,6 +280,16 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component);
 /* Returns predicted and counted executions of a component. If nothing is adjusted, the prediction
  * is one per step. */
 tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
+
+/* Adjusted variables that cannot be identified, over the last TL_SENSITIVITY_TESTS searches
+ * (sync/sensitivity.h). Bits by adjusted variable. */
+typedef struct tl_twin_identifiability {
+    uint32_t unseen; /* no matched output reacts */
+    uint32_t alike;  /* their effects on the matched outputs are parallel: only a sum is known */
+    int64_t since;   /* step from which `alike` holds */
+} tl_twin_identifiability;
+
+tl_twin_identifiability tl_twin_get_identifiability(const tl_twin *twin);
 
 /* Bit k: component k keeps no results, by its configuration or by choice. 0 before the start, and
  * for components from TL_TWIN_UNSAVED on, which choose to keep states. */

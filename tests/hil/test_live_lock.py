@@ -32,7 +32,8 @@ def test_a_plant_that_never_answers():
     expect(code == NOT_LOCKED, f"{code}\n{err}")
     expect_line(err, "error|never in lock")
     code, err = ended(port, "--supervise")
-    expect(code == 0, f"supervised: {code}\n{err}")
+    expect(code == NOT_LOCKED, f"supervised: {code}\n{err}")
+    expect_line(err, "error|never in lock")
     code, err = ended(port, "--supervise", "--require-lock", "50")
     expect(code == NOT_LOCKED, f"supervised: {code}\n{err}")
     expect_line(err, "error|in lock|0.00 %|50 %")
@@ -45,11 +46,11 @@ def test_a_twin_in_lock():
 
 
 def test_a_run_that_ends_without_a_twin():
-    """A run in safe hold, because its FMUs have lost their folder, does not meet --require-lock."""
+    """A run in safe hold, because its FMUs have lost their folder, is not in lock."""
     with Device(OMEGA) as device:
         config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                    "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
-        with Supervised(config, "--require-lock", "50") as live:
+        with Supervised(config) as live:
             wait_for_run(live, config.parent / "twin.db", 1)
             shutil.rmtree(live.process.temporary)
             os.kill(live.child(), signal.SIGKILL)

@@ -29,7 +29,7 @@ def run_for(steps, **synchronise):
 def test_unobservable_variable():
     config, database, told = run_for(50, algorithm="nelder-mead", noise_floor=1e9)
     rows = check_summary(told, database)
-    parts = "motor.d|nominal"
+    parts = "motor.d|react"
     expect_events(database, ("warning", parts))
     expect(sum(has_line(text, parts) for _, text in events(database)) == 1, f"more than once: {events(database)}")
     held = number(database, "SELECT count(*) FROM v_steps WHERE held = 'motor.d'")

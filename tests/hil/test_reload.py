@@ -19,7 +19,7 @@ from live_test import (Device, Program, children, count_lines, expect_reasons, m
 from retuned import Retuned, events, match, tolerance
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import (HUNG_S, BAD_DATA, BAD_USAGE, FMUS, FORBIDDEN, NOT_LOCKED, PLANT_DOWN, at_most, expect, expect_line,
+from twinlock_test import (HUNG_S, BAD_DATA, BAD_USAGE, FMUS, FORBIDDEN, NOT_LOCKED, PLANT_DOWN, at_most, expect, expect_line, expect_no_line,
                            has_line, main, run)
 
 PROBATION = "--probation", "2"
@@ -309,6 +309,7 @@ def test_rollback_by_restart():
         expect_line(out, "returned|confirmed")
         wait_for_run(live, live.database, 3)
         expect(live.active() == 1, f"{live.versions()}")
+        expect(events(live.database, "runs: version 1 of ") == 2, "the version of the third start is not named")
         end_orderly(live)
 
 
@@ -346,7 +347,7 @@ def test_rollback_in_place():
         document["synchronise"]["adjust"]["motor.d"].update(min=0.003, max=0.0032)
 
     with Device(OMEGA) as device, Retuned(device.port) as live:
-        wait_for_run(live, live.database, 1)
+        live.wait_for("lock: locked")
         code, out, err = live.reload(live.edited(bound), "--probation", "20")
         expect(code == 0, f"{code}\n{out}{err}")
         device.omega = 20.0
@@ -490,6 +491,8 @@ def test_an_edited_file_at_the_start():
         with Retuned(device.port, config=live.file, state=live.state) as second:
             wait_for_run(second, live.database, 2)
             expect(second.active() == 2, f"{second.versions()}")
+            expect_line(second.log(), f"configuration|runs: version 2 of {live.file}")
+            expect_no_line(second.log(), "another one")
             code, _, err = second.reload(None, "--confirm")
             expect(code == 0, err)
             end_orderly(second)
@@ -498,6 +501,7 @@ def test_an_edited_file_at_the_start():
             wait_for_run(third, live.database, 3)
             expect(third.active() == 2, f"{third.versions()}\n{third.log()}")
             expect_line(third.log(), f"error|{live.file}|version 2")
+            expect_line(third.log(), f"configuration|runs: version 2 of {live.file}|another one|version 3, refused")
             end_orderly(third)
 
 

@@ -109,7 +109,8 @@ def test_taken_and_repeated():
             end_orderly(live)
         rows = query(database, TUNINGS, 1)
         expect([(row[0], *row[2:]) for row in rows] == [(at, "ann", "test", "to see what it does"), (later, "bo", "test", "to see what it does")], f"{rows}")
-        told = [row[0] for row in query(database, "SELECT text FROM events WHERE source = 'retune' ORDER BY event")]
+        started, *told = [row[0] for row in query(database, "SELECT text FROM events WHERE source = 'retune' ORDER BY event")]
+        expect_line(started, f"configuration|runs: {config}")
         expect(len(told) == 3 and has_line(told[0], f"configuration {rows[0][1]}") and has_line(told[1], "rejected|100000 evaluations")
                and has_line(told[2], f"configuration {rows[1][1]}"), f"{told}")
         nominals = query(database, "SELECT nominal, count(*) FROM adjustments GROUP BY nominal ORDER BY min(step)")

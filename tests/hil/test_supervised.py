@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 
 import kills
-from live_test import (Device, Program, check_database, expect_reasons, last_step, number, query, stop, wait_for_lock,
+from live_test import (Device, Program, check_database, expect_reasons, last_step, number, query, stop,
                        wait_for_steps, wait_until)
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
-from twinlock_test import (BAD_DATA, PLAIN_LIVE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, has_line, main,
+from twinlock_test import (BAD_DATA, NOT_LOCKED, PLAIN_LIVE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, has_line, main,
                            run, run_well, scratch, write_config)
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -81,7 +81,7 @@ def test_a_dead_device_causes_no_restart():
             live.wait_for("warning|no matched signal")
             wait_for_steps(live, database, last_step(database) + 300)
             device.silent = False
-            wait_for_lock(live, database, last_step(database))
+            live.wait_for("lock: locked")
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"{live.account()}")
     expect(number(database, "SELECT count(*) FROM runs") == 1, "restarted")
@@ -99,7 +99,8 @@ def test_the_supervisor_is_killed():
             state = live.state
         with Program("run", config, "--supervise", "--state", state) as again:
             wait_for_run(again, database, 2)
-            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+            code, _, log = again.end(signal.SIGTERM)
+            expect(code == 0, f"ended with {code}\n{log}")
     expect_starts(database, "start", "start 2|1|supervisor|killed")
 
 
@@ -115,7 +116,7 @@ def test_all_stopped_is_no_failure():
             time.sleep(3)
             for pid in reversed(all_of_them):
                 os.kill(pid, signal.SIGCONT)
-            wait_for_lock(live, database, last_step(database))
+            live.wait_for("lock: locked")
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
 
@@ -219,7 +220,8 @@ def test_a_loop_ends_in_safe_hold():
         with Program("run", config, "--supervise", "--state", live.state) as again:  # without the fault
             again.wait_for("notice|supervisor|start 7")
             wait_for_steps(again, database, 100, run=7)
-            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+            code, _, log = again.end(signal.SIGTERM)
+            expect(code == 0, f"ended with {code}\n{log}")
     check_database(database)
 
 
@@ -231,7 +233,7 @@ def test_safe_hold_without_record():
         os.kill(live.child(), signal.SIGKILL)
         live.wait_for("error|safe hold|started|5|nothing is recorded")
         live.process.temporary.mkdir()
-        end_orderly(live)
+        end_orderly(live, ends_with=NOT_LOCKED)
 
 
 def test_safe_hold_needs_no_folder():
@@ -246,7 +248,7 @@ def test_safe_hold_needs_no_folder():
             wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
                        "samples in safe hold", live.log)
             live.process.temporary.mkdir()
-            end_orderly(live)
+            end_orderly(live, ends_with=NOT_LOCKED)
     check_database(database)
 
 

@@ -345,7 +345,7 @@ def test_io_that_hangs():
     with Device(OMEGA) as device:
         config, database = configuration(device.port, realtime={"hang_s": 1})
         with Tree(config) as live:
-            live.wait_for_tick(database)
+            live.wait_for("lock: locked")
             io = live.child(role="io")
             stop(io)
             wait_until(lambda: live.child(io, "io") != io, "another io", live.log)

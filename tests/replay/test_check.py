@@ -129,6 +129,12 @@ def test_memory_of_a_live_twin():
     expect(len(free) == 1 and max(free.values()) < 260, f"{free}")
 
 
+def test_the_plant_is_not_asked():
+    """A wrong port is no problem of the configuration. The last line says that nothing tested it."""
+    wrong = edited_config(PLAIN_LIVE, {"sources": {"inverter": {"modbus_tcp": {"port": 1}}}})
+    expect_line(last_line(run_well(["check", wrong])), "no problem found|not asked: only `run`")
+
+
 def test_warnings_are_counted_and_no_error():
     one = run_well(["check", config(saving={"structure": False})])
     expect_line(last_line(one), "no problem found|1 warning")

@@ -135,7 +135,8 @@ def test_states_that_are_wrong_later():
     """The message has the difference, and the lock is degraded. With "auto" the program changes to copies of memory."""
     code, told, err, events = late("state")
     difference = "keeper0|y|tolerances|1 step"
-    expect(code == 0, f"{code}\n{err}")
+    expect(code == NOT_LOCKED, f"{code}\n{err}")
+    expect_line(err, "error|never in lock|degraded")
     expect_line(err, f"error|{difference}")
     expect(told["verified"]["differed"] == 1 and told["lock"]["state"] == "degraded", f"{told['verified']}, {told['lock']}")
     expect([tick is None for tick, text in events] == [False, True] and has_line(events[1][1], difference), f"{events}")

@@ -30,7 +30,8 @@ static void make_other(tl_course *course) {
     const tl_config *config = &course->assembly.config;
     char *text = tl_test_replaced(config->text, "\"tolerance\": 1.0", "\"tolerance\": 0.4, \"weight\": 2");
     TEST_ASSERT_NOT_NULL(text);
-    course->other = tl_test_replaced(text, "\"nominal\": 0.0031", "\"nominal\": 0.02, \"min\": 0.001");
+    course->other = tl_test_replaced(text, "\"nominal\": 0.0031, \"step\": 0.12, \"min\": -100",
+                                     "\"nominal\": 0.02, \"step\": 0.12, \"min\": 0.001");
     free(text);
     TEST_ASSERT_NOT_NULL(course->other);
     tl_sha256(course->other, strlen(course->other), course->other_hash);

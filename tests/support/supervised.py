@@ -90,7 +90,7 @@ def expect_starts(database, *reasons):
            f"{told}, wanted {reasons}")
 
 
-def end_orderly(live, number_=signal.SIGTERM):
+def end_orderly(live, number_=signal.SIGTERM, ends_with=0):
     code, _, log = live.end(number_)
-    expect(code == 0, f"ended with {code}\n{log}")
+    expect(code == ends_with, f"ended with {code}\n{log}")
     expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")

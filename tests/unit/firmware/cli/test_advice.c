@@ -233,8 +233,30 @@ static void test_a_conditioned_measurement_in_mode_ahead(void) {
 }
 
 static void test_a_nominal_outside_its_bounds(void) {
-    load(LOCK, "\"nominal\": 0.0031", "\"nominal\": 0.0031, \"min\": 0.01, \"max\": 1");
+    load(LOCK, "\"min\": -100, \"max\": 100", "\"min\": 0.01, \"max\": 1");
     expect_one("synchronise.adjust.motor.d|nominal|0.0031|0.01|1");
+}
+
+/* What nothing bounds can be in lock although the wiring is wrong. */
+static void test_a_variable_without_bounds(void) {
+    static const char adjust[] = "\"motor.d\": { \"nominal\": 0.0031, \"step\": 0.12, \"min\": -100, \"max\": 100 }";
+    static const char *const others[][2] = {
+        {"\"motor.d\": { \"nominal\": 0.0031, \"step\": 0.12 }",
+         "synchronise.adjust.motor.d|\"min\" or \"max\"|address|scale|-0.237 \342\200\246 0.243 (nominal \302\261 0.24)"},
+        {"\"motor.d\": { \"nominal\": -2, \"step\": 0.12, \"max\": 1 }",
+         "has \"min\"|-4 \342\200\246 1 (nominal \302\261 2)"},
+        {"\"motor.d\": { \"step\": 0.12, \"min\": 0 }", "has \"max\"|0 \342\200\246 "},
+        {"\"motor.M_w\": { \"step\": 1 }",
+         "synchronise.adjust.motor.M_w|-20 \342\200\246 20 (the limits of plant.torque)"},
+    };
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        load(LOCK, adjust, others[i][0]);
+        expect_one(others[i][1]);
+        tl_assembly_free(&assembly);
+    }
+    load(LOCK, adjust, "\"motor.I_in\": { \"step\": 3 }");
+    expect_one("synchronise.adjust.motor.I_in|\"min\" or \"max\"");
+    TEST_ASSERT_FALSE_MESSAGE(tl_test_has_parts(warnings[0], "example"), "the drive has no limits");
 }
 
 static void load_step(const char *step) {
@@ -253,7 +275,7 @@ static void test_a_step_that_means_nothing(void) {
     load(LOCK, "\"nominal\": 0.0031, \"step\": 0.12", "\"nominal\": 0, \"step\": 1e-200");
     expect_one("synchronise.adjust.motor.d|step|1e-200");
     tl_assembly_free(&assembly);
-    load(LOCK, "\"step\": 0.12", "\"step\": 0.5, \"min\": 0, \"max\": 0.4");
+    load(LOCK, "\"step\": 0.12, \"min\": -100, \"max\": 100", "\"step\": 0.5, \"min\": 0, \"max\": 0.4");
     expect_one("synchronise.adjust.motor.d|step|0.5|0|0.4");
 }
 
@@ -312,6 +334,7 @@ int main(void) {
     RUN_TEST(test_a_line_in_mode_hold);
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
     RUN_TEST(test_a_nominal_outside_its_bounds);
+    RUN_TEST(test_a_variable_without_bounds);
     RUN_TEST(test_a_step_that_means_nothing);
     RUN_TEST(test_room_for_less_than_the_worst_case);
     RUN_TEST(test_stagnation_before_each_unknown_was_tried);

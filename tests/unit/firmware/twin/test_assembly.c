@@ -322,7 +322,7 @@ static void step_both(const tl_assembly *built, const tl_assembly *retuned, int6
 /* Retuned before its first tick, the twin equals one that was built with the other values. */
 static void test_retuned_before_the_first_tick(void) {
     static const char *const others[][2] = {
-        {"\"nominal\": 0.0031, \"step\": 0.12",
+        {"\"nominal\": 0.0031, \"step\": 0.12, \"min\": -100, \"max\": 100",
          "\"nominal\": 0.01, \"min\": 0.002, \"max\": 0.5, \"penalty\": {\"deviation\": 0.01, \"rate\": 0.002}, \"step\": 0.12"},
         {"\"tolerance\": 1.0", "\"tolerance\": 0.25, \"weight\": 2, \"huber\": 4"},
         {"\"evaluations\": 60, \"time_s\": 0.006", "\"evaluations\": 12, \"time_s\": 0.004"},

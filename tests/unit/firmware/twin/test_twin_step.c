@@ -23,6 +23,7 @@ void setUp(void) {
     result.record.stop = TL_STOP_TOLERANCE;
     result.record.flags = TL_FLAG_FALLBACK;
     result.record.delay_state = TL_DELAY_KNOWN;
+    result.identifiability.since = TICK;
     result.record.measured_quality[0] = TL_GOOD;
     result.record.measured_quality[1] = TL_STALE;
 }
@@ -70,6 +71,14 @@ static void test_of_another_tick(void) {
     const int64_t wrong[] = {TICK - 1, TICK + 1, 0, TL_TWIN_NO_TICK, INT64_MAX};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         result.tick = wrong[i];
+        TEST_ASSERT_FALSE(is_sound());
+    }
+}
+
+static void test_a_step_of_a_finding_that_is_none(void) {
+    const int64_t wrong[] = {-1, TICK + 1, INT64_MIN, INT64_MAX};
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        result.identifiability.since = wrong[i];
         TEST_ASSERT_FALSE(is_sound());
     }
 }
@@ -151,6 +160,7 @@ int main(void) {
     RUN_TEST(test_the_ends_of_all_ranges);
     RUN_TEST(test_numbers_are_not_judged);
     RUN_TEST(test_of_another_tick);
+    RUN_TEST(test_a_step_of_a_finding_that_is_none);
     RUN_TEST(test_a_status_that_is_none);
     RUN_TEST(test_more_than_ready);
     RUN_TEST(test_a_step_that_was_before_or_is_not_yet);

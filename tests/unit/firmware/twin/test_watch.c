@@ -18,10 +18,12 @@ static tl_journal journal;
 static tl_watch watch;
 static tl_sample sample;
 static tl_record record;
+static tl_twin_identifiability identifiability;
 
 void setUp(void) {
     memset(&sample, 0, sizeof sample);
     memset(&record, 0, sizeof record);
+    identifiability = (tl_twin_identifiability){.alike = 0};
     signals[0].plan.name = "torque";
     signals[0].feeds = true;
     signals[1].plan.name = "omega";
@@ -95,7 +97,7 @@ static void see(tl_quality torque, tl_quality omega) {
 static void records(tl_outcome outcome, int count) {
     for (int i = 0; i < count; i++) {
         record.outcome = outcome;
-        tl_watch_record(&watch, record.step + 2, &record);
+        tl_watch_record(&watch, record.step + 2, &record, &identifiability);
         record.step++;
     }
 }
@@ -173,7 +175,7 @@ static void searches(uint32_t held, int count) {
 
 enum { MINUTE = 6000 }; /* steps */
 
-static const char HELD[] = "warning|twin|motor.d|nominal";
+static const char HELD[] = "warning|twin|motor.d|do not react|match an output|horizon.prediction";
 
 static void test_a_variable_that_does_not_matter(void) {
     searches(0, 5);
@@ -209,9 +211,34 @@ static void test_a_variable_that_matters_now_and_then(void) {
 
 static void test_variables_are_watched_one_by_one(void) {
     searches(3, 10);
-    expect_two_told(HELD, "warning|twin|drive.u|nominal");
+    expect_two_told(HELD, "warning|twin|drive.u|do not react");
     searches(1, MINUTE);
     expect_told("notice|twin|drive.u|10");
+}
+
+/* The twin finds it with solvers that hold nothing, and also in steps without a search. */
+static void test_a_variable_without_effect(void) {
+    identifiability.unseen = 1;
+    records(TL_FIRST_GUESS, 10);
+    expect_told(HELD);
+    identifiability.unseen = 0;
+    searches(0, MINUTE);
+    expect_told("notice|twin|motor.d|react|10");
+}
+
+static void test_variables_that_act_alike(void) {
+    identifiability = (tl_twin_identifiability){.alike = 3, .since = 250};
+    searches(0, 100);
+    expect_told(
+        "warning|lock|since t = 2.5 s|motor.d and drive.u|one correction|output|adjust only one|horizon.prediction");
+    identifiability.alike = 0;
+    searches(0, MINUTE - 1);
+    expect_nothing();
+    searches(0, 1);
+    expect_told("notice|lock|alike|100");
+    identifiability.alike = UINT32_MAX - 3; /* no such variables */
+    searches(0, 10);
+    expect_nothing();
 }
 
 /* Searches with these flags. */
@@ -515,6 +542,8 @@ int main(void) {
     RUN_TEST(test_a_variable_that_does_not_matter);
     RUN_TEST(test_a_variable_that_matters_now_and_then);
     RUN_TEST(test_variables_are_watched_one_by_one);
+    RUN_TEST(test_a_variable_without_effect);
+    RUN_TEST(test_variables_that_act_alike);
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_reported_separately);
     RUN_TEST(test_a_refused_trial_is_reported_once);

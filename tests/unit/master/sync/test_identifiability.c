@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "master/sync/sensitivity.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
@@ -139,6 +140,48 @@ static void the_other_one_is_still_adjusted(void) {
     }
 }
 
+/* ---- what the user is told ---- */
+
+static void begin_two(size_t solver, uint32_t prediction, tl_shape shape) {
+    begin(solvers[solver]);
+    plan.plan.prediction = prediction;
+    plan.plan.shape = shape;
+    tl_test_plan_adjust(&plan, "m.offset", 0.1);
+    tl_test_plan_adjust(&plan, "m.gain", 0.1);
+    build();
+}
+
+static tl_twin_identifiability found_after(int ticks, double cmd) {
+    for (int i = 0; i < ticks; i++) {
+        (void)tick(cmd, 2.0 + 0.3 * (i % 7));
+    }
+    return tl_twin_get_identifiability(run.twin);
+}
+
+static void every_solver_tells_what_does_not_matter(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        begin_two(s, 1, TL_STATIC);
+        TEST_ASSERT_EQUAL_UINT32(0, found_after(TL_SENSITIVITY_TESTS - 1, 0.0).unseen);
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(2, found_after(20, 0.0).unseen, solvers[s]);
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(0, found_after(20, 0.0).alike, solvers[s]);
+        tl_twin_reset(run.twin);
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(0, found_after(2, 0.0).unseen, solvers[s]);
+    }
+}
+
+/* One output shows only the sum of gain·cmd and offset. */
+static void every_solver_tells_what_acts_alike(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (uint32_t prediction = 1; prediction <= 3; prediction += 2) {
+            begin_two(s, prediction, prediction == 1 ? TL_STATIC : TL_DYNAMIC);
+            tl_twin_identifiability found = found_after(60, 0.8);
+            TEST_ASSERT_EQUAL_HEX32_MESSAGE(3, found.alike, solvers[s]);
+            TEST_ASSERT_EQUAL_HEX32_MESSAGE(0, found.unseen, solvers[s]);
+            TEST_ASSERT_TRUE_MESSAGE(found.since >= 0 && found.since < 50, solvers[s]);
+        }
+    }
+}
+
 /* A budget too small for a judgement does not let a variable drift either. */
 static void under_a_tight_budget_nothing_drifts(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
@@ -195,6 +238,8 @@ int main(void) {
     RUN_TEST(the_noise_floor_is_in_tolerances_for_a_step);
     RUN_TEST(it_comes_back_when_it_matters_again);
     RUN_TEST(the_other_one_is_still_adjusted);
+    RUN_TEST(every_solver_tells_what_does_not_matter);
+    RUN_TEST(every_solver_tells_what_acts_alike);
     RUN_TEST(under_a_tight_budget_nothing_drifts);
     RUN_TEST(what_is_named_is_at_nominal);
     return UNITY_END();
