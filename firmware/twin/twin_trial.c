@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "firmware/base/os.h"
+#include "master/twin/twin_candidate.h"
 #include "master/twin/twin_timing.h"
 
 static void name_component(char to[TL_ASSEMBLY_NAME], const char *component) {
@@ -64,6 +65,139 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
     return status;
 }
 
+/* ---- bounds ---- */
+
+/* Distances of the values of an unbounded side from nominal, in steps of the search. */
+static const double FAR[] = {4.0, 16.0, 64.0};
+
+enum { FAR_COUNT = sizeof FAR / sizeof FAR[0], MOST_VALUES = 2 * ((int)FAR_COUNT + 1) * TL_MAX_ADJUST };
+
+/* A search does not reach a bound that is more steps away. */
+static const double FARTHEST = 1e9;
+
+typedef struct bound_value {
+    size_t variable;
+    double value;
+    bool is_bound;
+    bool has_failed;
+} bound_value;
+
+typedef struct bound_test {
+    const tl_assembly *assembly;
+    tl_late_verification *look;
+    size_t width;   /* number of values after a candidate */
+    double *values; /* after each first candidate, and after the present one */
+    size_t count;
+    bound_value tried[MOST_VALUES];
+} bound_test;
+
+static void add_value(bound_test *test, size_t variable, double value, bool is_bound) {
+    test->tried[test->count++] = (bound_value){.variable = variable, .value = value, .is_bound = is_bound};
+}
+
+/* `side`: 1 or -1. */
+static void add_far(bound_test *test, const tl_twin_adjusted *adjusted, double nominal, size_t variable, double side) {
+    double bound = side > 0.0 ? adjusted->upper : adjusted->lower;
+    bool is_bounded = fabs(bound - nominal) <= FARTHEST * adjusted->step;
+    for (size_t i = 0; i < (is_bounded ? 1 : FAR_COUNT); i++) {
+        add_value(test, variable, is_bounded ? bound : nominal + side * FAR[i] * adjusted->step, is_bounded);
+    }
+}
+
+static void add_near(bound_test *test, const tl_twin_adjusted *adjusted, double nominal, size_t variable, double side) {
+    double value = nominal + side * adjusted->step;
+    add_value(test, variable, fmin(fmax(value, adjusted->lower), adjusted->upper), false);
+}
+
+typedef void add_values(bound_test *test, const tl_twin_adjusted *adjusted, double nominal, size_t variable,
+                        double side);
+
+/* A Boolean has no other values than those of the steps before. */
+static void add_all(bound_test *test, const walker *walk, add_values *add) {
+    for (size_t v = 0; v < test->assembly->config.adjust_count; v++) {
+        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(test->assembly->twin, v);
+        if (adjusted.is_real) {
+            add(test, &adjusted, walk->nominal[v], v, -1.0);
+            add(test, &adjusted, walk->nominal[v], v, 1.0);
+        }
+    }
+}
+
+static void describe_failure(const bound_test *test, const bound_value *tried, const tl_error *failure) {
+    char component[TL_ASSEMBLY_NAME] = "";
+    char quote[TL_ERROR_TEXT];
+    char *text = test->look->bounds[tried->variable];
+    tl_assembly_find_component(test->assembly, failure->text, component);
+    tl_assembly_quote(failure->text, component, quote, sizeof quote);
+    const char *said = component[0] != '\0' ? tl_assembly_last_message(test->assembly, component) : "";
+    if (text[0] == '\0') {
+        (void)snprintf(text, TL_ERROR_TEXT, "at %.9g%s, %s fails: %.160s%s%.160s%s", tried->value,
+                       tried->is_bound ? ", a bound of the search" : "", component[0] != '\0' ? component : "an FMU",
+                       quote, said[0] != '\0' ? "; it said: \"" : "", said, said[0] != '\0' ? "\"" : "");
+    }
+}
+
+static tl_status try_value(const bound_test *test, bound_value *tried, double *values) {
+    tl_error failure;
+    tl_status status =
+        tl_twin_try_value(test->assembly->twin, tried->variable, tried->value, values, &failure, &test->look->error);
+    if (status != TL_OK || failure.status != TL_OK) {
+        tried->has_failed = true;
+        describe_failure(test, tried, failure.status != TL_OK ? &failure : &test->look->error);
+    }
+    return status;
+}
+
+/* The component whose values differ is not restored exactly. */
+static void describe_difference(const bound_test *test, const bound_value *tried, const double *first,
+                                const double *again) {
+    tl_twin_verify_report *outcome = &test->look->outcome;
+    const tl_config *config = &test->assembly->config;
+    size_t i = 0;
+    tl_twin_value value;
+    while (!tl_twin_get_value(test->assembly->twin, i, &value) || memcmp(&first[i], &again[i], sizeof *first) == 0) {
+        i++;
+    }
+    *outcome = (tl_twin_verify_report){.found = true};
+    name_component(outcome->component, value.component);
+    (void)snprintf(outcome->text, sizeof outcome->text,
+                   "its %s is %.9g after a candidate with %.9g for %s, but %.9g if further candidates went to the "
+                   "bounds: its rollback is not exact; set \"rollback\" to \"memory\" or \"auto\"",
+                   value.variable, first[i], tried->value, config->adjust[tried->variable].variable, again[i]);
+}
+
+/* Makes all candidates, and then all in reverse order without the results of the first ones. */
+static tl_status test_bounds(const walker *walk, tl_late_verification *look) {
+    bound_test test = {.assembly = walk->assembly, .look = look, .width = tl_twin_value_count(walk->assembly->twin)};
+    tl_time begun = tl_clock_now(NULL);
+    bool done = false;
+    add_all(&test, walk, add_near); /* first: their second candidates show what the far ones have changed */
+    add_all(&test, walk, add_far);
+    test.values = calloc(test.width * (test.count + 1) + 1, sizeof *test.values);
+    if (test.values == NULL) {
+        return TL_OK;
+    }
+    double *again = test.values + test.count * test.width;
+    size_t made = 0;
+    bool differs = false;
+    tl_status status = TL_OK;
+    for (; made < test.count && status == TL_OK && tl_clock_now(NULL) - begun < TL_FAR_LONGEST; made++) {
+        status = try_value(&test, &test.tried[made], test.values + made * test.width);
+    }
+    status = status == TL_OK ? tl_twin_forget(test.assembly->twin, &done, &look->error) : status;
+    for (; made > 0 && status == TL_OK && !differs; made--) {
+        bound_value *tried = &test.tried[made - 1];
+        const double *first = test.values + (made - 1) * test.width;
+        status = tried->has_failed ? TL_OK : try_value(&test, tried, again);
+        differs = !tried->has_failed && memcmp(first, again, test.width * sizeof *first) != 0;
+        if (differs) {
+            describe_difference(&test, tried, first, again);
+        }
+    }
+    free(test.values);
+    return status;
+}
+
 /* ---- late verification ---- */
 
 /* Returns true if the test can continue. */
@@ -83,7 +217,8 @@ void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late
         return;
     }
     tl_time begun = tl_clock_now(NULL);
-    int64_t end = (int64_t)tl_twin_get_facts(assembly->twin).lead + tl_assembly_steps_to_stop(assembly);
+    const tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    int64_t last = (int64_t)facts.lead + tl_assembly_steps_to_stop(assembly) - (int64_t)facts.prediction;
     begin_walk(&walk, assembly);
     walk.sample.tick = tick;
     look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, because there are no readings */
@@ -91,11 +226,16 @@ void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late
         look->status = tl_fail(&look->error, TL_FMU_FAILED, "no step was made");
     }
     bool continues = look->status == TL_OK;
-    while (continues && walk.steps < TL_FAR_STEPS && walk.sample.tick < end &&
+    while (continues && walk.steps < TL_FAR_STEPS && walk.sample.tick < last &&
            tl_clock_now(NULL) - begun < TL_FAR_LONGEST) {
         look->status = step_once(&walk, false, &ready, &look->error);
         walk.steps += look->status == TL_OK ? 1 : 0;
         continues = look->status == TL_OK && verify_once(assembly, look);
+    }
+    if (continues && walk.sample.tick <= last) {
+        look->status = test_bounds(&walk, look);
+        /* results of candidates are kept, so a component may still be where its last one has ended */
+        look->status = look->status == TL_OK ? step_once(&walk, false, &ready, &look->error) : look->status;
     }
     look->steps = walk.steps;
     look->times = tl_twin_get_facts(assembly->twin).verified;

@@ -20,7 +20,14 @@
  *          their state have no effect there. A check has time for more steps. It moves the adjusted
  *          variables up and down, or on and off, and verifies the rollback (tl_twin_verify_until())
  *          after as many steps as possible.
- * Bound:   TL_FAR_STEPS steps, TL_FAR_LONGEST (0.5 s), the stop time of the FMUs, and duration_s.
+ * Bounds:  an FMU may fail, or lose a part of its state, only at values that a search reaches late.
+ *          So after these steps, candidates (twin_candidate.h) test one step of the search up and
+ *          down, and both bounds of each Real variable. On a side without a bound they test 4, 16
+ *          and 64 steps. Then all candidates are repeated in reverse order. The results must be the
+ *          same, to the bit.
+ * Limits:  TL_FAR_STEPS steps, TL_FAR_LONGEST (0.5 s), the stop time of the FMUs, and duration_s.
+ *          Then at most 16 candidates of T_P steps per variable; no further value is tested after
+ *          TL_FAR_LONGEST.
  * Not for: a twin that adjusts nothing, has an event horizon, or has verification off. Then the
  *          test makes no step.
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
@@ -35,6 +42,7 @@ typedef struct tl_late_verification {
     int64_t steps;                 /* steps made; the test ends early if a finding is not repaired or an FMU fails */
     uint64_t times;                /* number of verifications: rollback and comparison */
     tl_twin_verify_report outcome; /* the last finding */
+    char bounds[TL_MAX_ADJUST][TL_ERROR_TEXT]; /* of each variable: how a candidate has failed; "": none has */
     tl_status status; /* TL_FMU_FAILED: an FMU failed with the moved inputs; this is no finding about its rollback */
     tl_error error;
 } tl_late_verification;

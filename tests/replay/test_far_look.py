@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
-"""`check` also tests rollback far from the start, and names the kind of error."""
+"""`check` also tests rollback far from the start and at the bounds of u, and names the kind of error."""
+import json
+import re
+
 import keeper_fmu
-from twinlock_test import SANITIZER, Skip, config_path, expect, expect_line, expect_no_line, main, run, run_well
+from twinlock_test import SANITIZER, Skip, config_path, expect, expect_line, expect_no_line, has_line, main, run, run_well, write_config
 
 LATE = 6000  # executions; the dry run of a check has fewer
 
@@ -37,6 +40,50 @@ def test_without_another_method():
     warning = expect_found("wrong", "late", "state")
     expect_no_line(warning, "incomplete state")
     expect_no_line(warning, "by its memory")
+
+
+LIMIT = 15  # of an input; the bounds of its search are -20 and 20, and a step of it is 0.1
+
+
+def warnings(fmu, method=None, **adjust):
+    """The warnings of `check` about values of u, in one line each. `adjust`: other bounds; None: no bound."""
+    path = keeper_fmu.config(fmu, method, evaluations=10)
+    config = json.loads(path.read_text(encoding="utf-8"))
+    entry = {**config["synchronise"]["adjust"]["keeper0.u"], **adjust}
+    config["synchronise"]["adjust"]["keeper0.u"] = {key: value for key, value in entry.items() if value is not None}
+    out = run_well(["check", write_config(config)])
+    found = re.split(r"\n  (?! )", out.partition("\nwarnings")[2].partition("\ndeterminism\n")[0])
+    lines = [" ".join(text.split()) for text in found]
+    return [line for line in lines if line.startswith("synchronise.adjust.") or ".rollback:" in line]
+
+
+def expect_warning(found, parts):
+    expect(len(found) == 1 and has_line(found[0], parts), f"expected one warning with {parts}:\n{found}")
+
+
+def test_an_fmu_fails_at_a_bound():
+    """The search never gets there, because the first steps of `check` move u by 0.1."""
+    where = "synchronise.adjust.keeper0.u|20|bound|keeper0"
+    expect_warning(warnings(keeper_fmu.make_limits(LIMIT=LIMIT)), f"{where}|y|NaN")
+    for status, name in ((2, "fmi2Discard"), (3, "fmi2Error"), (4, "fmi2Fatal")):
+        expect_warning(warnings(keeper_fmu.make_limits(LIMIT=LIMIT, REFUSES=status)), f"{where}|fmi2DoStep|{name}")
+
+
+def test_an_fmu_fails_within_the_bounds_only():
+    expect(warnings(keeper_fmu.make_limits(LIMIT=LIMIT), max=LIMIT) == [], "u does not exceed its limit")
+
+
+def test_without_bounds():
+    """64 steps from nominal, which is 1."""
+    found = warnings(keeper_fmu.make_limits(LIMIT=5), min=None, max=None)
+    expect_warning(found, "synchronise.adjust.keeper0.u|7.4|keeper0|y|NaN")
+    expect_no_line(found[0], "bound")
+
+
+def test_a_state_forgets_what_a_bound_has_changed():
+    expect_warning(warnings(keeper_fmu.make_mode(LIMIT), "state"), "components.keeper0.rollback|y|20|keeper0.u|memory")
+    if not SANITIZER:
+        expect(warnings(keeper_fmu.make_mode(LIMIT), "memory") == [], "a copy of its memory contains the mode")
 
 
 if __name__ == "__main__":

@@ -140,6 +140,12 @@ static void test_an_fmu_that_does_not_come_back(void) {
     expect_one("components.motor.rollback|motor differs|0.5 s");
 }
 
+static void test_an_fmu_that_fails_at_a_bound(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    (void)snprintf(look.bounds[0], sizeof look.bounds[0], "at 20 motor fails");
+    expect_one("synchronise.adjust.motor.d|at 20|min|max");
+}
+
 static void test_a_budget_as_long_as_the_period(void) {
     load(LOCK, "\"time_s\": 0.006", "\"time_s\": 0.012");
     expect_one("synchronise.budget.time_s|0.012 s|step_s|0.01 s|0.6");
@@ -292,6 +298,7 @@ int main(void) {
     RUN_TEST(test_states_that_another_process_cannot_read);
     RUN_TEST(test_a_step_that_takes_too_long);
     RUN_TEST(test_an_fmu_that_does_not_come_back);
+    RUN_TEST(test_an_fmu_that_fails_at_a_bound);
     RUN_TEST(test_a_budget_as_long_as_the_period);
     RUN_TEST(test_a_budget_that_cuts_searches_short);
     RUN_TEST(test_too_few_evaluations);

@@ -1,0 +1,27 @@
+/* Candidates outside of a search: does the twin survive a value of an adjusted variable?
+ *
+ * Purpose: a search may evaluate any value within the bounds, and an FMU may fail at some of them.
+ *          `check` tests such values before a run does.
+ * Thread:  the twin's. Call these functions between two ticks.
+ */
+#ifndef TL_MASTER_TWIN_TWIN_CANDIDATE_H
+#define TL_MASTER_TWIN_TWIN_CANDIDATE_H
+
+#include <stddef.h>
+
+#include "master/base/status.h"
+#include "master/twin/twin.h"
+
+/* Executes one candidate as a search does: T_P steps from the committed instant, with `value` for
+ * variable `adjust` and the present values of all others. Then restores the committed instant. The
+ * twin must have computed a step and must have no event horizon.
+ * values:   tl_twin_value_count() values after the last step, 0 for those that no FMU delivers;
+ *           undefined after a failure.
+ * *failure: TL_FMU_FAILED or TL_FMU_FATAL if an FMU rejects a step, or if an output becomes NaN or
+ *           infinite; the text begins with the name of the component. Else TL_OK.
+ * Errors:   TL_FMU_FAILED if a component could not be restored; TL_FMU_FATAL. Then the twin has
+ *           ended. */
+tl_status tl_twin_try_value(tl_twin *twin, size_t adjust, double value, double *values, tl_error *failure,
+                            tl_error *error);
+
+#endif
