@@ -3,8 +3,11 @@
 
 #include <fcntl.h>
 #include <locale.h>
+#include <sched.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 
@@ -43,6 +46,9 @@ static struct {
     char locales[CATEGORIES][LOCALE_NAME]; /* of the process */
     sigset_t mask;
     scheduling scheduling;
+    cpu_set_t processors;
+    int timer_slack; /* ns */
+    struct rlimit limits[RLIM_NLIMITS];
     mode_t umask;
     int folder; /* O_PATH; -1: none */
     dev_t device;
@@ -58,6 +64,20 @@ static scheduling read_scheduling(void) {
     scheduling now = {0};
     (void)syscall(SYS_sched_getattr, 0, &now, (unsigned)sizeof now, 0);
     return now;
+}
+
+/* Zeros if the machine has more processors than the set. */
+static cpu_set_t read_processors(void) {
+    cpu_set_t now;
+    CPU_ZERO(&now);
+    (void)sched_getaffinity(0, sizeof now, &now);
+    return now;
+}
+
+static void keep_limits(void) {
+    for (int i = 0; i < RLIM_NLIMITS; i++) {
+        (void)getrlimit((__rlimit_resource_t)i, &host.limits[i]);
+    }
 }
 
 static void keep_folder(void) {
@@ -77,6 +97,9 @@ void tl_host_state_keep(void) {
     }
     (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
     host.scheduling = read_scheduling();
+    host.processors = read_processors();
+    host.timer_slack = prctl(PR_GET_TIMERSLACK);
+    keep_limits();
     if (!host.kept) {
         host.umask = umask(S_IRWXG | S_IRWXO); /* the umask can only be read by setting it */
         (void)umask(host.umask);
@@ -171,36 +194,75 @@ static unsigned restore_scheduling(void) {
     return syscall(SYS_sched_setattr, 0, &host.scheduling, 0) == 0 ? TL_HOST_SCHEDULING : 0;
 }
 
+static unsigned restore_processors(void) {
+    const cpu_set_t now = read_processors();
+    if (CPU_EQUAL(&now, &host.processors)) {
+        return 0;
+    }
+    (void)sched_setaffinity(0, sizeof host.processors, &host.processors);
+    host.processors = read_processors();
+    return CPU_EQUAL(&now, &host.processors) ? 0 : TL_HOST_PROCESSORS;
+}
+
+/* The kernel ignores a new value if the thread has real-time scheduling. */
+static unsigned restore_timer_slack(void) {
+    int now = prctl(PR_GET_TIMERSLACK);
+    if (now == host.timer_slack) {
+        return 0;
+    }
+    (void)prctl(PR_SET_TIMERSLACK, (unsigned long)host.timer_slack);
+    host.timer_slack = prctl(PR_GET_TIMERSLACK);
+    return now == host.timer_slack ? 0 : TL_HOST_TIMER_SLACK;
+}
+
+/* Accepts a lowered hard limit if it cannot be raised. */
+static unsigned restore_limit(int resource) {
+    struct rlimit *own = &host.limits[resource];
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0 ||
+        (now.rlim_cur == own->rlim_cur && now.rlim_max == own->rlim_max)) {
+        return 0;
+    }
+    if (setrlimit((__rlimit_resource_t)resource, own) != 0) {
+        own->rlim_max = now.rlim_max;
+        own->rlim_cur = own->rlim_cur < now.rlim_max ? own->rlim_cur : now.rlim_max;
+        (void)setrlimit((__rlimit_resource_t)resource, own);
+    }
+    return TL_HOST_LIMITS;
+}
+
 static unsigned restore_umask(void) {
     return umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK;
 }
 
-/* Each makes one system call if nothing has changed. The handlers follow, one call each. */
-static unsigned (*const kinds[])(void) = {restore_mask, restore_folder, restore_umask, restore_scheduling};
+/* Each makes one system call if nothing has changed, as do a handler and a limit. */
+static unsigned (*const kinds[])(void) = {restore_mask,       restore_folder,     restore_umask,
+                                          restore_scheduling, restore_processors, restore_timer_slack};
 
 enum { KINDS = sizeof kinds / sizeof kinds[0] };
 
-_Static_assert((int)KINDS + (int)MOST_HANDLERS <= TL_HOST_STATE_TURNS, "each kind has its turn");
+_Static_assert((int)KINDS <= TL_HOST_STATE_TURNS && (int)MOST_HANDLERS <= TL_HOST_STATE_TURNS &&
+                   (int)RLIM_NLIMITS <= TL_HOST_STATE_TURNS,
+               "each has its turn");
 
-static unsigned restore_kind(size_t kind) {
-    return kind < KINDS ? kinds[kind]() : restore_handler(&host.handlers[kind - KINDS]);
+static unsigned restore_turn(size_t turn) {
+    unsigned changed = turn < KINDS ? kinds[turn]() : 0;
+    changed |= turn < host.handler_count ? restore_handler(&host.handlers[turn]) : 0;
+    return changed | (turn < RLIM_NLIMITS ? restore_limit((int)turn) : 0);
 }
 
 unsigned tl_host_state_put_back(void) {
     unsigned changed = host.kept ? restore_rounding() | restore_locale() : 0;
-    for (size_t kind = 0; host.kept && kind < KINDS + host.handler_count; kind++) {
-        changed |= restore_kind(kind);
+    for (size_t turn = 0; host.kept && turn < TL_HOST_STATE_TURNS; turn++) {
+        changed |= restore_turn(turn);
     }
     return changed;
 }
 
 unsigned tl_host_state_put_back_next(void) {
-    static size_t next;
-    if (!host.kept) {
-        return 0;
-    }
-    next = next + 1 < KINDS + host.handler_count ? next + 1 : 0;
-    return restore_rounding() | restore_locale() | restore_kind(next);
+    static size_t turn;
+    turn = (turn + 1) % TL_HOST_STATE_TURNS;
+    return host.kept ? restore_rounding() | restore_locale() | restore_turn(turn) : 0;
 }
 
 /* ---- describe ---- */
@@ -208,7 +270,8 @@ unsigned tl_host_state_put_back_next(void) {
 void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]) {
     static const char *const names[TL_HOST_CHANGES] = {
         "floating-point control", "the locale", "the signal mask", "signal handlers",
-        "the current folder",     "the umask",  "the scheduling",
+        "the current folder",     "the umask",  "the scheduling",  "the processors",
+        "the timer slack",        "the limits",
     };
     size_t used = 0;
     text[0] = '\0';

@@ -114,9 +114,12 @@ static inline bool tl_fp_control_holds(const uint64_t *control) {
  *          results differ. If it catches SIGTERM, the process cannot be ended. If it changes the
  *          current folder, relative file names are wrong. This module restores the state that was
  *          saved before an FMU was called.
- * Covers:  of the thread: floating-point control bits, locale, signal mask and scheduling. Of the
- *          process: locale, the signal handlers of the program, current folder and umask.
- * Left alone: handlers of all other signals, timers, limits, environment, open files.
+ * Covers:  of the thread: floating-point control bits, locale, signal mask, scheduling, processors
+ *          and timer slack. Of the process: locale, the signal handlers of the program, current
+ *          folder, umask and limits. A lowered hard limit can only be raised with privileges. A
+ *          change that the kernel does not undo, such as a processor that was switched off, is
+ *          accepted and not reported.
+ * Left alone: handlers of all other signals, timers, environment, open files.
  * Thread:  the FMU thread. tl_host_state_handle() may only be called while no FMU is being called.
  */
 
@@ -128,21 +131,25 @@ typedef enum tl_host_change {
     TL_HOST_HANDLERS = 8,
     TL_HOST_FOLDER = 16,
     TL_HOST_UMASK = 32,
-    TL_HOST_SCHEDULING = 64
+    TL_HOST_SCHEDULING = 64,
+    TL_HOST_PROCESSORS = 128,
+    TL_HOST_TIMER_SLACK = 256,
+    TL_HOST_LIMITS = 512
 } tl_host_change;
 
-enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192, TL_HOST_STATE_TURNS = 16 };
+enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16 };
 
 /* Saves the current state, which tl_host_state_put_back() restores. Call it in the FMU thread,
  * before that calls FMUs. Only the first call in the process saves the folder and the umask. */
 void tl_host_state_keep(void);
 
 /* Restores what differs from the saved state and returns the changes as bits of tl_host_change.
- * Returns 0 if no state was saved. Costs about 14 system calls. */
+ * Returns 0 if no state was saved. Costs about 34 system calls. */
 unsigned tl_host_state_put_back(void);
 
-/* As tl_host_state_put_back(), with one system call: restores the floating-point control bits, the
- * locale and one other kind, or one handler, in turn. TL_HOST_STATE_TURNS calls restore all. */
+/* As tl_host_state_put_back(), with at most three system calls: restores the floating-point control
+ * bits and the locale, and in turn one other kind, one handler and one limit. TL_HOST_STATE_TURNS
+ * calls restore all. */
 unsigned tl_host_state_put_back_next(void);
 
 /* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """FMUs that change state of their process, such as the rounding mode: it does not affect other computations, reads and writes."""
+import os
 import stat
 
 import hostile_fmu
@@ -7,7 +8,7 @@ from comma_locale import comma_locale
 from twinlock_test import NOT_LOCKED, expect, finish, has_line, main, scratch, start
 
 NOWHERE = "nowhere"
-KINDS = {"ROUNDING": 0, "FOLDER": 1, "UMASK": 2, "LOCALE": 3}
+KINDS = {"ROUNDING": 0, "FOLDER": 1, "UMASK": 2, "LOCALE": 3, "PROCESSORS": 4, "SLACK": 5, "LIMITS": 6}
 
 
 def replay(at, kind, changes=None):
@@ -63,6 +64,15 @@ def test_umask():
     expect_notice(messages, "umask", "fmi2Instantiate")
     modes = [stat.S_IMODE((place / "steps.csv").stat().st_mode) for place in (plain, folder)]
     expect(modes[0] == modes[1], f"the file has mode {modes[1]:o}, not {modes[0]:o}")
+
+
+def test_what_the_kernel_holds():
+    names = {"SLACK": "timer slack", "LIMITS": "limits"}
+    if len(os.sched_getaffinity(0)) > 1:
+        names["PROCESSORS"] = "processors"
+    for kind, name in names.items():
+        _, messages = expect_same_steps("fmi2Instantiate", kind)
+        expect_notice(messages, name, "fmi2Instantiate")
 
 
 main()

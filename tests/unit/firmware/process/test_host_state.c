@@ -11,7 +11,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -191,6 +194,75 @@ static void the_scheduling_of_the_thread_is_put_back_as_far_as_permitted(void) {
     TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
 }
 
+static void the_processors_of_the_thread_are_put_back(void) {
+    cpu_set_t before;
+    cpu_set_t now;
+    cpu_set_t one;
+    TEST_ASSERT_EQUAL_INT(0, sched_getaffinity(0, sizeof before, &before));
+    if (CPU_COUNT(&before) < 2) {
+        TEST_IGNORE_MESSAGE("the test may use only one processor");
+    }
+    size_t processor = 0;
+    while (!CPU_ISSET(processor, &before)) {
+        processor++;
+    }
+    CPU_ZERO(&one);
+    CPU_SET(processor, &one);
+    TEST_ASSERT_EQUAL_INT(0, sched_setaffinity(0, sizeof one, &one));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_PROCESSORS, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(0, sched_getaffinity(0, sizeof now, &now));
+    TEST_ASSERT_TRUE(CPU_EQUAL(&before, &now));
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+static void the_timer_slack_is_put_back(void) {
+    int before = prctl(PR_GET_TIMERSLACK);
+    TEST_ASSERT_EQUAL_INT(0, prctl(PR_SET_TIMERSLACK, (unsigned long)before + 1000000));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_TIMER_SLACK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(before, prctl(PR_GET_TIMERSLACK));
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+static void set_limit(int resource, rlim_t soft, rlim_t hard) {
+    const struct rlimit limit = {soft, hard};
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(resource, &limit));
+}
+
+static void expect_limit(int resource, rlim_t soft, rlim_t hard) {
+    struct rlimit now;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(resource, &now));
+    TEST_ASSERT_EQUAL_UINT64(soft, now.rlim_cur);
+    TEST_ASSERT_EQUAL_UINT64(hard, now.rlim_max);
+}
+
+static void a_soft_limit_is_put_back(void) {
+    struct rlimit before;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &before));
+    set_limit(RLIMIT_NOFILE, 10, before.rlim_max);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LIMITS, tl_host_state_put_back());
+    expect_limit(RLIMIT_NOFILE, before.rlim_cur, before.rlim_max);
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+/* In a process without privileges. The soft limit follows the hard one, and this is reported once.
+ */
+static void a_hard_limit_is_put_back_as_far_as_permitted(void) {
+    int status = 0;
+    pid_t child = fork();
+    if (child == 0) {
+        set_limit(RLIMIT_CORE, 0, 4096);
+        tl_host_state_keep();
+        set_limit(RLIMIT_CORE, 0, 1024);
+        bool drops = geteuid() != 0 || setresuid(65534, 65534, 65534) == 0;
+        unsigned first = tl_host_state_put_back();
+        unsigned second = tl_host_state_put_back();
+        expect_limit(RLIMIT_CORE, 0, 1024);
+        _exit(drops && first == TL_HOST_LIMITS && second == 0 ? 0 : 1);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+
 static void several_changes_are_described_together(void) {
     char text[TL_HOST_CHANGE_TEXT];
     (void)umask(umask(0) ^ 0007);
@@ -203,7 +275,9 @@ static void several_changes_are_described_together(void) {
     TL_EXPECT_PARTS("signal handlers", text);
     TEST_ASSERT_FALSE(tl_test_has_parts(text, "mask") || tl_test_has_parts(text, "umask"));
     tl_host_state_describe((1U << TL_HOST_CHANGES) - 1, text);
-    TL_EXPECT_PARTS("floating-point|locale|signal mask|signal handlers|folder|umask|scheduling", text);
+    TL_EXPECT_PARTS(
+        "floating-point|locale|signal mask|signal handlers|folder|umask|scheduling|processors|timer slack|limits",
+        text);
 }
 
 int main(void) {
@@ -221,6 +295,10 @@ int main(void) {
     RUN_TEST(each_kind_is_put_back_in_its_turn);
     RUN_TEST(the_umask_is_put_back);
     RUN_TEST(the_scheduling_of_the_thread_is_put_back_as_far_as_permitted);
+    RUN_TEST(the_processors_of_the_thread_are_put_back);
+    RUN_TEST(the_timer_slack_is_put_back);
+    RUN_TEST(a_soft_limit_is_put_back);
+    RUN_TEST(a_hard_limit_is_put_back_as_far_as_permitted);
     RUN_TEST(several_changes_are_described_together);
     return UNITY_END();
 }
