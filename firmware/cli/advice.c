@@ -533,7 +533,7 @@ static void check_rollback(warnings *list, const tl_late_verification *rollback)
 }
 
 /* A candidate that fails costs a search an evaluation, and it may end the FMU. */
-static void check_bounds(warnings *list, const tl_config *config, const tl_late_verification *rollback) {
+static void check_failures_at_bounds(warnings *list, const tl_config *config, const tl_late_verification *rollback) {
     for (size_t i = 0; i < config->adjust_count; i++) {
         if (rollback->bounds[i][0] != '\0') {
             warn(list, config->adjust[i].where, "%s; set \"min\" and \"max\" so that the search does not get there",
@@ -583,7 +583,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
     check_outputs(&list, config, prognosis);
     check_step(&list, config, prognosis);
     check_rollback(&list, rollback);
-    check_bounds(&list, config, rollback);
+    check_failures_at_bounds(&list, config, rollback);
     check_saved_states(&list, config, states);
     if (config->event.start.signal != NULL) {
         check_stroke_budget(&list, config, prognosis);

@@ -81,6 +81,16 @@ static bool is_overflow(int number, const siginfo_t *info) {
            address < stack_end + stack_guard;
 }
 
+/* An FMU whose memory is rolled back may crash because other FMUs share a library with it. */
+static const char *remedy_of(const char *function, bool overflow) {
+    if (strcmp(function, "fmi2DeSerializeFMUstate") == 0) {
+        return "; it cannot load a state of another process: set \"record.resume_s\": 0, or use --supervise --state DIR";
+    }
+    return strcmp(function, "fmi2DoStep") == 0 && !overflow
+               ? "; try \"rollback\": \"replay\" in its component, export it again, or contact its maker"
+               : "; export it again, or contact its maker";
+}
+
 static void describe_crash(crash_line *line, const char *signal, bool overflow) {
     tl_fmu_call call;
     const char *cause = overflow ? "stack overflow (its thread has 8 MiB)" : signal;
@@ -91,11 +101,7 @@ static void describe_crash(crash_line *line, const char *signal, bool overflow) 
         add_text(line, call.function);
         add_text(line, ": ");
         add_text(line, cause);
-        add_text(line,
-                 strcmp(call.function, "fmi2DeSerializeFMUstate") == 0
-                     ? "; it cannot load a state of another process: set \"record.resume_s\": 0, or use --supervise "
-                       "--state DIR"
-                     : "; export it again, or contact its maker");
+        add_text(line, remedy_of(call.function, overflow));
     } else if (thread_kind == TL_CRASH_FOREIGN) {
         add_text(line, "a thread of an FMU crashed: ");
         add_text(line, cause);

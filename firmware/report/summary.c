@@ -96,7 +96,7 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
     /* The tally does not include the earlier run, but the ticks missed in between. */
-    bool is_unknown = summary->resumption.from != TL_RESUMED_NOT && summary->lock.windows < TL_LOCK_LEARNS;
+    bool is_unknown = summary->resumption.from != TL_RESUMED_NOT && summary->lock.windows < TL_LOCK_RECOVERED;
     bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !is_unknown);
     if (!is_asked || (config->adjust_count != 0 && tl_lock_tally_is_enough(&summary->lock, percent))) {
         return TL_OK;

@@ -1114,9 +1114,47 @@ int putenv(char *pair) {
 /* Called by compiled C++ and by atexit() of the C library; no header declares them. */
 int __cxa_atexit(void (*function)(void *), void *context, void *library);
 int __cxa_thread_atexit_impl(void (*function)(void *), void *context, void *library);
+locale_t __newlocale(int mask, const char *locale, locale_t base);
 
-OUTSIDE(char *, setlocale, (int category, const char *locale), (category, locale))
-OUTSIDE(locale_t, newlocale, (int mask, const char *locale, locale_t base), (mask, locale, base))
+/* The C library makes the character conversions of a locale when they are first used, and keeps
+ * them for all users of this locale. */
+static void make_conversions(locale_t locale) {
+    enum { NOT_ASCII = 0xff };
+    locale_t before = uselocale(locale); /* stays if newlocale() has failed */
+    (void)btowc(NOT_ASCII);
+    (void)uselocale(before);
+}
+
+NEXT(char *, setlocale, (int, const char *))
+NEXT(locale_t, newlocale, (int, const char *, locale_t))
+
+char *setlocale(int category, const char *locale) {
+    tl_fmu_heap *heap = tl_fmu_libc_enter(NULL);
+    find_setlocale();
+    char *answer = own_setlocale(category, locale);
+    if (heap != NULL) {
+        make_conversions(LC_GLOBAL_LOCALE);
+    }
+    (void)tl_fmu_libc_enter(heap);
+    return answer;
+}
+
+locale_t newlocale(int mask, const char *locale, locale_t base) {
+    tl_fmu_heap *heap = tl_fmu_libc_enter(NULL);
+    find_newlocale();
+    locale_t answer = own_newlocale(mask, locale, base);
+    if (heap != NULL) {
+        make_conversions(answer);
+    }
+    (void)tl_fmu_libc_enter(heap);
+    return answer;
+}
+
+/* libstdc++ calls it by this name. */
+locale_t __newlocale(int mask, const char *locale, locale_t base) {
+    return newlocale(mask, locale, base);
+}
+
 OUTSIDE(struct tm *, localtime, (const time_t *time), (time))
 OUTSIDE(struct tm *, localtime_r, (const time_t *time, struct tm *result), (time, result))
 OUTSIDE(struct tm *, gmtime, (const time_t *time), (time))

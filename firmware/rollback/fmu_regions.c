@@ -32,6 +32,7 @@ static const char PYTHON[] = "FMUs in Python";
 typedef struct library_user {
     uintptr_t address;  /* load address */
     const char *folder; /* of the FMU, or one of the texts above */
+    bool is_found;      /* it was found as a region, so that states may contain it */
 } library_user;
 
 /* If there are more libraries, the last ones have no user. */
@@ -102,11 +103,14 @@ static library_user *find_user(uintptr_t address) {
 
 static int read_object(struct dl_phdr_info *object, size_t size, void *context) {
     region_search *self = context;
-    const library_user *user = find_user(object->dlpi_addr);
+    library_user *user = find_user(object->dlpi_addr);
     (void)size;
     if (self->folder != NULL ? is_below(self, object->dlpi_name) || (user != NULL && user->folder == self->folder)
                              : user == NULL || user->folder == PYTHON) {
         add_object(self, object);
+        if (user != NULL) {
+            user->is_found = true;
+        }
     }
     return 0;
 }
@@ -136,13 +140,18 @@ static bool is_one_of(const char *path, const char *const *names) {
 static const char *const unused_by_program[] = {"/libcrypto.so", "/libssl.so", "/libsqlite3.so", NULL};
 
 /* Nearly all FMUs in C++ share these libraries, and their data seldom changes. */
-static const char *const of_all[] = {"/libstdc++.so", "/libgcc_s.so", NULL};
+static const char *const of_all[] = {"/libgcc_s.so", NULL};
+
+/* The same, but this data has addresses in the heap of an FMU that sets the global locale. If
+ * states of one FMU contain it, it stays with this FMU. */
+static const char *const of_first[] = {"/libstdc++.so", NULL};
 
 /* Returns true if the user of the library has changed. */
 static bool assign(uintptr_t address, const char *name, const char *folder) {
     library_user *user = find_user(address);
     if (user != NULL) {
-        bool is_new = user->folder != folder && user->folder != PROGRAM;
+        bool stays = user->is_found && is_one_of(name, of_first);
+        bool is_new = user->folder != folder && user->folder != PROGRAM && !stays;
         user->folder = is_new ? PROGRAM : user->folder;
         shared_count += is_new;
         return is_new;

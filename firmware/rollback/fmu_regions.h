@@ -4,7 +4,8 @@
  *          other libraries that no other FMU uses. Includes their thread-local variables of the
  *          thread that calls the FMU. Memory that only the loader writes is left out.
  * Shared:  a library that the program or several FMUs use is no part of any FMU's regions. The same
- *          holds for the runtime of C++.
+ *          holds for libgcc_s. libstdc++ stays with an FMU if another one opens it after
+ *          tl_fmu_regions_find().
  * Python:  all FMUs in Python use one interpreter and its extension modules, so they have one list
  *          of regions.
  * Thread:  the thread that calls the FMUs.

@@ -104,19 +104,21 @@ static void add_far(bound_test *test, const tl_twin_adjusted *adjusted, double n
     }
 }
 
-/* Near values first: their second candidates show what the far ones have changed. A Boolean has no
- * far value. */
-static void plan_values(bound_test *test, const walker *walk) {
-    for (size_t i = 0; i < 2 * test->assembly->config.adjust_count; i++) {
-        size_t v = i % test->assembly->config.adjust_count;
+static void add_near(bound_test *test, const tl_twin_adjusted *adjusted, double nominal, size_t variable, double side) {
+    double value = nominal + side * adjusted->step;
+    add_value(test, variable, fmin(fmax(value, adjusted->lower), adjusted->upper), false);
+}
+
+typedef void add_values(bound_test *test, const tl_twin_adjusted *adjusted, double nominal, size_t variable,
+                        double side);
+
+/* A Boolean has no other values than those of the steps before. */
+static void add_all(bound_test *test, const walker *walk, add_values *add) {
+    for (size_t v = 0; v < test->assembly->config.adjust_count; v++) {
         const tl_twin_adjusted adjusted = tl_twin_get_adjusted(test->assembly->twin, v);
-        for (double side = -1.0; side <= 1.0 && adjusted.is_real; side += 2.0) {
-            double near = walk->nominal[v] + side * adjusted.step;
-            if (i == v) {
-                add_value(test, v, fmin(fmax(near, adjusted.lower), adjusted.upper), false);
-            } else {
-                add_far(test, &adjusted, walk->nominal[v], v, side);
-            }
+        if (adjusted.is_real) {
+            add(test, &adjusted, walk->nominal[v], v, -1.0);
+            add(test, &adjusted, walk->nominal[v], v, 1.0);
         }
     }
 }
@@ -169,7 +171,8 @@ static tl_status test_bounds(const walker *walk, tl_late_verification *look) {
     bound_test test = {.assembly = walk->assembly, .look = look, .width = tl_twin_value_count(walk->assembly->twin)};
     tl_time begun = tl_clock_now(NULL);
     bool done = false;
-    plan_values(&test, walk);
+    add_all(&test, walk, add_near); /* first: their second candidates show what the far ones have changed */
+    add_all(&test, walk, add_far);
     test.values = calloc(test.width * (test.count + 1) + 1, sizeof *test.values);
     if (test.values == NULL) {
         return TL_OK;

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """FMUs with wrong states of several kinds: the program finds each before the first step and names the kind."""
 import json
+import platform
 
 import keeper_fmu
 from twinlock_test import (FMUS, NOT_LOCKED, SANITIZER, Skip, expect, expect_line, expect_no_line, has_line, main, run, run_well, scratch,
@@ -119,6 +120,18 @@ def test_a_library_outside_of_the_fmu():
     code, _, err = run(["replay", write_config(document)])
     expect(code == FMU_FAILED, f"{code}\n{err}")
     expect_line(err, 'error|keeper0.y|step|"rollback"')
+
+
+def test_the_global_locale_of_cpp():
+    """libstdc++ has its address, in the heap of the FMU. If only this FMU uses libstdc++, its data is part of the states."""
+    if SANITIZER:
+        raise Skip("a sanitizer replaces the allocator: no copies of FMU memory")
+    if platform.machine() not in ("x86_64", "armv7l"):
+        raise Skip("the FMU calls C++ as C, which these machines allow")
+    fmu = keeper_fmu.make_cpp_locale()
+    expected = steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory"))
+    for method in ("memory", "replay"):
+        expect(steps_of(keeper_fmu.config(fmu, method)) == expected, f"{method}: other values than without the locale")
 
 
 def test_no_method():

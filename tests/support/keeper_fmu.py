@@ -99,6 +99,17 @@ def make_by_name(searched="."):
 
 
 @functools.cache
+def make_cpp_locale():
+    """The path of one that sets the global locale of C++: see cpp_locale.c. It needs no compiler for C++."""
+    folder = scratch()
+    hostile_fmu.describe(folder / "description.h")
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-shared", "-o", folder / "lag.so",
+                             KEEPER / "cpp_locale.c", *hostile_fmu.OWN_STATE, "-lm", "-l:libstdc++.so.6")
+    hostile_fmu.package(folder / "cpp_locale.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
+    return folder / "cpp_locale.fmu"
+
+
+@functools.cache
 def make_needed():
     """The path of one like make_by_name(), and its library. The library is no part of the FMU, and has to be opened before it."""
     folder = scratch()
