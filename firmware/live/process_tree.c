@@ -43,6 +43,7 @@ typedef struct tl_process_tree {
     bool has_reported_states; /* unusable states were reported */
     bool again;               /* start another run after this one */
     int stopped;              /* signal that asked to end; 0: none */
+    bool had_twin;            /* a twin process has ended */
     tl_record_queue queue;    /* of the supervisor */
     tl_log_relay log;
     int32_t realtime_thread; /* thread of the live twin with real-time priority; 0: none */
@@ -364,6 +365,7 @@ static uint64_t note_end(void *context, tl_member which, bool by_others, char re
     }
     if (which == TL_MEMBER_TWIN) {
         char why[TL_HANDOVER_WHY] = "";
+        self->had_twin = true;
         (void)snprintf(why, sizeof why, "%.*s", TL_HANDOVER_WHY - 1, reason);
         tl_latest_publish(&handover_words(self)->failure, why, sizeof why);
     }
@@ -524,15 +526,25 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
     return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
 }
 
-/* Prints the summary that the twin has left, and checks the required lock. */
+/* Checks the required lock. A run that a signal has ended before its first window is not judged, nor
+ * is one that starts again. `summary`: NULL if the run has ended without a twin. */
+static tl_status require_lock(const tl_process_tree *self, const tl_summary *summary, tl_error *error) {
+    bool is_judged = self->stopped == 0 || (summary != NULL ? summary->lock.windows != 0 : self->had_twin);
+    double percent = self->settings->require_lock;
+    if (percent <= 0.0 && (!is_judged || self->again || self->config.adjust_count == 0)) {
+        return TL_OK;
+    }
+    return summary != NULL ? tl_summary_require_lock(summary, &self->config, percent, error)
+                           : tl_fail(error, TL_NOT_LOCKED, "not in lock: the run ended without a twin");
+}
+
+/* Prints the summary that the twin has left, and checks the lock. `code`: exit code so far. */
 static tl_status print_summary(tl_process_tree *self, int code, tl_error *error) {
     tl_live_end *end = &live_slot(self)->live_status->end;
     tl_summary summary = end->summary;
     tl_account account = end->account;
     if (end->is_there == 0) {
-        bool is_asked =
-            self->settings->require_lock > 0.0 || (code == 0 && self->config.adjust_count != 0 && !self->again);
-        return is_asked ? tl_fail(error, TL_NOT_LOCKED, "not in lock: the run ended without a twin") : TL_OK;
+        return code == 0 || self->settings->require_lock > 0.0 ? require_lock(self, NULL, error) : TL_OK;
     }
     tl_status status = read_last_config(self, error);
     if (status != TL_OK) {
@@ -547,11 +559,7 @@ static tl_status print_summary(tl_process_tree *self, int code, tl_error *error)
     } else {
         tl_summary_print_table(&summary, &self->config, &account, self->settings->verbose, self->output);
     }
-    bool is_judged = summary.lock.windows != 0 || self->stopped == 0; /* a signal may end the run at once */
-    bool is_asked = self->settings->require_lock > 0.0 || (is_judged && !self->again);
-    return status == TL_OK && is_asked
-               ? tl_summary_require_lock(&summary, &self->config, self->settings->require_lock, error)
-               : status;
+    return status == TL_OK ? require_lock(self, &summary, error) : status;
 }
 
 static int run_members(tl_process_tree *self) {
