@@ -877,7 +877,9 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
 
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event) {
     char at[TL_UTC_TEXT];
-    tl_utc_text(event->at + database->utc, at);
+    const int64_t most = INT64_MAX / 4; /* a hostile process may have written any time */
+    const int64_t time = event->at < -most ? -most : event->at > most ? most : event->at;
+    tl_utc_text(time + database->utc, at);
     return write_row(database, EVENT,
                      (cell[]){cell_text(at), event->tick >= 0 ? cell_within(0, event->tick) : no_cell,
                               cell_whole(event->severity), cell_text(event->source), cell_text(event->text)});

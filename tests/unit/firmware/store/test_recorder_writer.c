@@ -326,6 +326,7 @@ static void test_invalid_numbers(void) {
     const tl_history_run *run = NULL;
     static const int64_t ticks[] = {INT64_MIN, -1, 5, INT64_MAX / 2, INT64_MAX};
     tl_writer_bench_open(&bench);
+    tl_record_queue_control *control = bench.memory[0];
     start = (tl_record_queue_start){.resumption = {.from = TL_RESUMED_CHECKPOINT,
                                                    .run = INT64_MAX,
                                                    .tick = INT64_MAX,
@@ -346,6 +347,7 @@ static void test_invalid_numbers(void) {
         memset(ledger, 0xFF, sizeof ledger);
         TEST_ASSERT_TRUE(tl_record_queue_put_step(&bench.twin, &record, ledger));
         tl_record_queue_event(&bench.twin, ticks[i], TL_EVENT_INFO, "\xFF", "\xC3");
+        control->slots[i].entry.at = ticks[i];
     }
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "\xFF"));
     tl_writer_bench_close_well(&bench);
