@@ -54,7 +54,7 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
 
 /* Checks that the twin was in lock in at least `percent` of the steps, as tl_lock_tally_is_enough()
  * does. With `percent` 0, returns TL_OK without a check if nothing is adjusted, or if the run
- * resumes another one and had fewer than TL_LOCK_LEARNS windows. Errors: TL_NOT_LOCKED. */
+ * resumes another one and had fewer than TL_LOCK_RECOVERED windows. Errors: TL_NOT_LOCKED. */
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
 /* Prints one JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; then nothing is
