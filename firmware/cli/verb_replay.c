@@ -8,13 +8,13 @@
 #include "firmware/cli/verb_job.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/report/journal.h"
 #include "firmware/report/show.h"
+#include "firmware/report/watch.h"
 #include "firmware/store/recorder.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/replay.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/watch.h"
 
 /* A replay and its outputs. */
 typedef struct replayer {

@@ -17,8 +17,8 @@
 #define TL_FIRMWARE_LIVE_LIVE_HOST_H
 
 #include "firmware/live/live_blocks.h"
+#include "firmware/report/journal.h"
 #include "firmware/retune/activation.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/live_tuning.h"
 
 /* The caller sets all fields but the private ones. */

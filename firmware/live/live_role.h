@@ -13,8 +13,8 @@
 
 #include "firmware/live/live_blocks.h"
 #include "firmware/process/confine.h"
+#include "firmware/report/journal.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/twin_role.h"
 
 /* The title of a process begins with the name of its role. */

@@ -30,9 +30,9 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
+#include "firmware/report/journal.h"
 #include "firmware/retune/comparison.h"
 #include "firmware/twin/cycle.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 

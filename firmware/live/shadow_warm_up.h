@@ -20,8 +20,8 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/monitor/run_status.h"
 #include "firmware/process/heartbeat.h"
+#include "firmware/report/journal.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/journal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -49,17 +49,17 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
 /* ---- Release check: would the twin stay at the plant without corrections?
  *
- * Purpose: in lock, y agrees with ŷ even if a signal is miswired or the model is wrong, because u is
- *          corrected until it does. A released twin (master/sync/released_twin.h) shows what the
- *          corrections hide.
- * Block:   R/4 steps whose released twin is at least R/4 old. Without released twins 150 steps, with
- *          an event horizon ten strokes. At its end each error is a root mean square over the block.
- * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable is at
- *          least its `step`.
- * Worse:   in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the
- *          released one. Then the corrections do harm: the horizon is too short for the plant, or the
- *          twin follows noise.
- * Thread:  plain data; one thread at a time.
+ * Purpose:   in lock, y agrees with ŷ even if a signal is miswired or the model is wrong, because u
+ *            is corrected until it does. A released twin (master/sync/released_twin.h) shows what
+ *            the corrections hide.
+ * Block:     R/4 steps whose released twin is at least R/4 old. Without released twins 150 steps,
+ *            with an event horizon ten strokes. At its end each error is a root mean square.
+ * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable is
+ *            at least its `step`.
+ * Worse:     in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the
+ *            released one. Then the corrections do harm: the horizon is too short for the plant, or
+ *            the twin follows noise.
+ * Thread:    plain data; one thread at a time.
  */
 
 enum { TL_RELEASE_SURE = 4 };
@@ -111,8 +111,9 @@ typedef struct tl_release_check {
  *             its state.
  * Limits:     each state has one limit to enter it and another one to leave it, so that the monitor
  *             does not oscillate between two states.
- * Corrected:  the twin is in lock, but without corrections it would leave the plant: see the release
- *             check above, or u is at a bound. The state stays for at least one release and a minute.
+ * Corrected:  the twin is in lock, but without corrections it would leave the plant: see the
+ *             release check above, or u is at a bound. The state stays for at least one release and
+ *             a minute.
  * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
  *             of another configuration.
  * Thread:     plain data; one thread at a time.

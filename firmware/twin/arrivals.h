@@ -14,8 +14,8 @@
 #include <stdint.h>
 
 #include "firmware/plant/plant_input.h"
+#include "firmware/report/journal.h"
 #include "firmware/report/summary.h"
-#include "firmware/twin/journal.h"
 
 /* Time between two checks, ns. A signal is checked when TL_ARRIVALS_LEAST readings were due. */
 #define TL_ARRIVALS_CHECK (2 * TL_SECOND)

@@ -24,9 +24,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/report/journal.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/journal.h"
 
 typedef struct tl_checkpointer {
     tl_twin *twin;

@@ -19,11 +19,11 @@
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/monitor/lock_monitor.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/report/watch.h"
 #include "firmware/twin/arrivals.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/watch.h"
 
 /* ---- state of a cycle ---- */
 

@@ -12,11 +12,11 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
+#include "firmware/report/journal.h"
 #include "firmware/report/summary.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/handover.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/live_tuning.h"
 
 /* ---- Real-time scheduling if it is permitted, else ordinary scheduling.

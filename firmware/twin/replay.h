@@ -14,12 +14,12 @@
 #include "firmware/config/config.h"
 #include "firmware/plant/recording.h"
 #include "firmware/report/html_report.h"
+#include "firmware/report/journal.h"
 #include "firmware/report/show.h"
 #include "firmware/report/summary.h"
+#include "firmware/report/watch.h"
 #include "firmware/store/recorder.h"
-#include "firmware/twin/journal.h"
 #include "firmware/twin/twin_child.h"
-#include "firmware/twin/watch.h"
 #include "master/twin/account.h"
 
 /* ---- The report that `replay --report` writes.

@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/journal.h"
+#include "firmware/report/journal.h"
 #include "tests/support/made_run.h"
 #include "tests/support/message.h"
 #include "tests/support/scratch.h"

@@ -1,5 +1,5 @@
 /* Watch: see watch.h. */
-#include "firmware/twin/watch.h"
+#include "firmware/report/watch.h"
 
 #include <math.h>
 #include <stdio.h>

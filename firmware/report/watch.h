@@ -7,8 +7,8 @@
  * Thread:  the one that steps the twin.
  * Memory:  all inside the struct.
  */
-#ifndef TL_FIRMWARE_TWIN_WATCH_H
-#define TL_FIRMWARE_TWIN_WATCH_H
+#ifndef TL_FIRMWARE_REPORT_WATCH_H
+#define TL_FIRMWARE_REPORT_WATCH_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -16,7 +16,7 @@
 #include "firmware/config/config.h"
 #include "firmware/monitor/lock_monitor.h"
 #include "firmware/monitor/noise.h"
-#include "firmware/twin/journal.h"
+#include "firmware/report/journal.h"
 #include "master/twin/twin.h"
 
 /* The end of a condition is reported after this many searches in a row without it, and not before

@@ -1,5 +1,5 @@
 /* Journal: a bounded queue with a sequence number per entry; see journal.h. */
-#include "firmware/twin/journal.h"
+#include "firmware/report/journal.h"
 
 #include <stdarg.h>
 #include <stdio.h>

@@ -8,8 +8,8 @@
  * Thread:  event() from any thread; it never blocks, and uses a compare-and-swap loop among
  *          writers. drain() from one thread.
  */
-#ifndef TL_FIRMWARE_TWIN_JOURNAL_H
-#define TL_FIRMWARE_TWIN_JOURNAL_H
+#ifndef TL_FIRMWARE_REPORT_JOURNAL_H
+#define TL_FIRMWARE_REPORT_JOURNAL_H
 
 #include <stdbool.h>
 #include <stdint.h>

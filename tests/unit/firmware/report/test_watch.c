@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/watch.h"
+#include "firmware/report/watch.h"
 #include "tests/support/message.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/stderr_capture.h"
@@ -372,8 +372,10 @@ static void test_the_state_of_the_lock(void) {
         tl_lock_state state;
         const char *was_reported;
     } cases[] = {
-        {TL_LOCK_FREE, "warning|lock|free|cause 17"},         {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
-        {TL_LOCK_CORRECTED, "notice|lock|corrected|cause 17"}, {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
+        {TL_LOCK_FREE, "warning|lock|free|cause 17"},
+        {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
+        {TL_LOCK_CORRECTED, "notice|lock|corrected|cause 17"},
+        {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
         {TL_LOCK_LOST, "error|lock|lost|cause 17"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
