@@ -371,7 +371,7 @@ def test_a_damaged_text():
                     text.write_bytes(b"{}")
             code, out, err = live.reload(live.edited(tolerance(value)))
             expect(code == 0, f"{code}\n{out}{err}{live.log()}")
-        expect(count_lines(live.log(), "warning|version|damaged") == 3, live.log())
+        wait_until(lambda: events(live.database, "damaged") == 3, "one event for each text", live.log)
         end_orderly(live)
 
 

@@ -33,6 +33,7 @@ __attribute__((constructor)) static void map_shift(void) {
     }
 }
 
+// NOLINTNEXTLINE(readability-inconsistent-declaration-parameter-name): the C library's header calls them otherwise
 int clock_gettime(clockid_t clock, struct timespec *now) {
     if (real_gettime == NULL) {
         void *symbol = dlsym(RTLD_NEXT, "clock_gettime");
