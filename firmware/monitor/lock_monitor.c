@@ -496,6 +496,7 @@ static void close_block(tl_lock_monitor *monitor, int64_t step) {
 
 static void step_release(tl_lock_monitor *monitor, const tl_record *record) {
     monitor->release.turn = TL_RELEASE_AS_BEFORE;
+    monitor->release.last_step = record->step;
     add_release(monitor, record);
     if (monitor->release.steps >= monitor->release.block) {
         close_block(monitor, record->step);
@@ -672,7 +673,9 @@ static void write_release(const tl_lock_monitor *monitor, char *cause) {
     }
 }
 
-static bool assess_corrected(const tl_lock_monitor *monitor, const window *all, char *cause) {
+/* A variable at a bound counts for as long as the other causes, so that the state does not change
+ * with each stay. */
+static bool assess_corrected(tl_lock_monitor *monitor, const window *all, char *cause) {
     bool inside = is_in(monitor, TL_LOCK_CORRECTED);
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
         double at_bound = share_of(all->at_bound[v], all->steps);
@@ -680,6 +683,8 @@ static bool assess_corrected(const tl_lock_monitor *monitor, const window *all, 
             write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
                         monitor->config->adjust[v].variable, HUNDRED * at_bound, (unsigned)all->steps,
                         unit_name(monitor), HUNDRED * AT_BOUND.enter);
+            monitor->release.is_corrected = true;
+            monitor->release.corrected_at = monitor->release.last_step;
             return true;
         }
     }

@@ -83,8 +83,9 @@ typedef struct tl_release_check {
     bool is_known;              /* there was a block */
     bool is_off;                /* the released twin is off */
     bool is_corrected;          /* the state that lasts */
-    int64_t corrected_at;       /* the last step with is_off or a standing correction */
-    uint32_t in_a_row;          /* blocks in a row that contradict is_worse */
+    int64_t corrected_at;       /* the last step with is_off, a standing correction, or u at a bound */
+    int64_t last_step;
+    uint32_t in_a_row; /* blocks in a row that contradict is_worse */
     bool is_worse;
     tl_release_turn turn; /* set by the last step */
 } tl_release_check;

@@ -254,14 +254,14 @@ static const char *unit_of(const tl_recorder_signal *signal) {
 }
 
 static tl_status print_match(const show_page *page, tl_error *error) {
-    static const char *const names[] = {"simulated", "measured", "rms", "largest", "unit", "left out", NULL};
+    static const char *const names[] = {"simulated", "measured", "rms", "largest", "uncorrected", "unit", "left out", NULL};
     static const char *const details[] = {"pairs", "MSE", "MSE at the sensor's instants", "readings", "rejected"};
     tl_show_table table;
     if (page->summary.match_count == 0) {
         return TL_OK;
     }
     print_heading(page, "Error: simulated minus measured");
-    begin_table(&table, page, page->request->verbose ? "llrrlrrrrrr" : "llrrlr", names);
+    begin_table(&table, page, page->request->verbose ? "llrrrlrrrrrr" : "llrrrlr", names);
     for (size_t i = 0; page->request->verbose && i < sizeof details / sizeof details[0]; i++) {
         tl_show_table_add(&table, "%s", details[i]);
     }
@@ -272,6 +272,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
         tl_show_table_add(&table, "%s", signal->to == NULL ? "" : signal->to);
         tl_show_table_add(&table, "%s", number_text(sqrt(tl_run_figures_mse(figures, i)), false));
         tl_show_table_add(&table, "%s", number_text(tl_run_figures_maximum(figures, i), false));
+        tl_show_table_add(&table, "%s", number_text(sqrt(tl_run_figures_mse_released(figures, i)), false));
         tl_show_table_add(&table, "%s", unit_of(signal));
         tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
         if (page->request->verbose) {
