@@ -205,7 +205,7 @@ static void test_the_page(void) {
     expect_line("recorded|1600 samples|1600 steps|1 events");
     /* 0.25 and 0.36, each times 1600/1599 */
     expect_row("motor.omega plant.omega 0.50016 0.5 - rad/s 0 1600 0.25016 0.36023 1600 100\n");
-    expect_row("motor.i plant.torque 2.0025 2 A 1200 400 4.01 - 0 0\n");
+    expect_row("motor.i plant.torque 2.0025 2 - A 1200 400 4.01 - 0 0\n");
     expect_row("motor.d +0.003125 0.00501 0.00799 0.006125 0.00499 0.00801 N.m.s/rad\n");
     expect_row("drive.u 0 24 24 24 24 24 V\n");
     expect_line("motor.d|10.00 s|+0.002 -> +0.005 N.m.s/rad");
