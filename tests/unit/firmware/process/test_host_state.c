@@ -225,12 +225,12 @@ static void the_timer_slack_is_put_back(void) {
 
 static void set_limit(int resource, rlim_t soft, rlim_t hard) {
     const struct rlimit limit = {soft, hard};
-    TEST_ASSERT_EQUAL_INT(0, setrlimit(resource, &limit));
+    TEST_ASSERT_EQUAL_INT(0, setrlimit((__rlimit_resource_t)resource, &limit));
 }
 
 static void expect_limit(int resource, rlim_t soft, rlim_t hard) {
     struct rlimit now;
-    TEST_ASSERT_EQUAL_INT(0, getrlimit(resource, &now));
+    TEST_ASSERT_EQUAL_INT(0, getrlimit((__rlimit_resource_t)resource, &now));
     TEST_ASSERT_EQUAL_UINT64(soft, now.rlim_cur);
     TEST_ASSERT_EQUAL_UINT64(hard, now.rlim_max);
 }

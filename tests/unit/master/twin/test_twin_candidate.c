@@ -49,7 +49,7 @@ static double output(void) {
             return found.value;
         }
     }
-    return NAN;
+    return (double)NAN;
 }
 
 void setUp(void) {
@@ -123,7 +123,7 @@ static void test_a_component_that_cannot_be_restored_ends_the_twin(void) {
                                         .call = TL_TEST_SET_STATE,
                                         .first = fmu.calls[TL_TEST_SET_STATE] + 1,
                                         .last = NEVER,
-                                        .above = INFINITY};
+                                        .above = (double)INFINITY};
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, try_value(2.0));
     TEST_ASSERT_EQUAL_INT(TL_OK, failure.status);
     expect_ended(TL_FMU_FAILED);
