@@ -526,8 +526,8 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
     return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
 }
 
-/* Checks the required lock. A run is not judged if it starts again, or if a signal has ended it
- * before its first window. `summary`: NULL if the run has ended without a twin. */
+/* Checks the required lock. A run that a signal has ended before its first window is not judged,
+ * nor is one that starts again. `summary`: NULL if the run has ended without a twin. */
 static tl_status require_lock(const tl_process_tree *self, const tl_summary *summary, tl_error *error) {
     bool is_judged = self->stopped == 0 || (summary != NULL ? summary->lock.windows != 0 : self->had_twin);
     double percent = self->settings->require_lock;
