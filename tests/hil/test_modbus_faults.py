@@ -10,7 +10,7 @@ import time
 from faulty_device import FaultyDevice
 from live_test import (GOOD, NO_LINK, check_database, check_free_run, check_replay, check_rows, events, expect_events,
                        expect_in_order, last_step, qualities, wait_for_lock, wait_for_quality, wait_for_steps)
-from supervised import Supervised, end_orderly, wait_for_run
+from supervised import Supervised, end_orderly
 from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, has_line, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -56,7 +56,7 @@ def test_campaign():
     with FaultyDevice(OMEGA) as device:
         config, database = live_config(device)
         with Supervised(config) as live:
-            wait_for_run(live, database, 1)
+            live.wait_for("lock: locked")
             for fault in TOLD:
                 connections, seconds = bear(fault, device, live, database)
                 print(f"    {fault}: {connections} connections in {seconds:.1f} s")

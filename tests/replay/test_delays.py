@@ -206,7 +206,7 @@ def test_a_synchronised_twin_is_matched_with_the_shifted_measurement():
 
 
 def test_mode_ahead_waits_for_no_reading_and_check_warns():
-    changes = {"compare": None, "synchronise": {"adjust": {"wire.T": {"step": 0.01}}, "horizon": {"measurements": "ahead"},
+    changes = {"compare": None, "synchronise": {"adjust": {"wire.T": {"step": 0.01, "min": -10, "max": 10}}, "horizon": {"measurements": "ahead"},
                                                 "match": {"wire.y": {"to": "plant.y", "tolerance": 1}}}}
     page = run_well(["check", edited_config(config(delays(output=-12, inputs=30)), changes)])
     expect("\n  delays: " in page, page)

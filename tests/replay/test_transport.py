@@ -4,7 +4,7 @@
 Tests the deviation of the twin, the number of evaluations, and that everything repeats to the bit."""
 import filecmp
 
-from twinlock_test import (SOURCE, at_least, at_most, edited_config, expect, expect_line, main, read_table, replay_csv, replay_json,
+from twinlock_test import (NOT_LOCKED, SOURCE, at_least, at_most, edited_config, expect, expect_line, main, read_table, replay_csv, replay_json,
                            run_well, scratch, within)
 
 STEP_S = 0.05
@@ -161,7 +161,7 @@ def test_inputs_that_are_no_booleans():
     rows = (FOLDER / "slow_recording.csv").read_text().splitlines()
     words.write_text("\n".join(line[:-1] + "true" if line.endswith("1") else line for line in rows) + "\n")
     config = FOLDER / "slow.json"
-    told = run_well(["replay", config, "--recording", words])
+    told = run_well(["replay", config, "--recording", words], wells=(0, NOT_LOCKED))
     expect_line(told, "plant.enabled2|102 of 163 samples")
     bad = replay_json("transport/slow.json", "--recording", words)["plant"]
     expect(bad["enabled1"]["not_good"] == 0 < bad["enabled2"]["not_good"] < bad["enabled2"]["samples"], f"{bad}")

@@ -4,7 +4,7 @@
 import json
 
 import brakes
-from twinlock_test import PROGRAM, at_most, config_path, edited_config, expect, main, read_table, run_well, scratch
+from twinlock_test import NOT_LOCKED, PROGRAM, at_most, config_path, edited_config, expect, main, read_table, run_well, scratch
 
 STEP_S = 0.01
 TRUE = 0.6  # (rad/s)²: twice the error of a measurement that is held for 25 to 40 ms
@@ -30,7 +30,8 @@ def locked(recording, prediction, algorithm):
     edits = {"plant": {"omega": {"stale_s": 0.015}},
              "synchronise": {"horizon": {"prediction": prediction, "shape": "dynamic"}, "algorithm": algorithm}}
     csv = scratch() / "steps.csv"
-    told = json.loads(run_well(["replay", edited_config("motor/lock.json", edits), "--recording", recording, "--json", "--csv", csv]))
+    told = json.loads(run_well(["replay", edited_config("motor/lock.json", edits), "--recording", recording, "--json", "--csv", csv],
+                               wells=(0, NOT_LOCKED)))
     return told["match"]["motor.omega"], told["lock"], by_tick(read_table(csv), "time", "motor.omega")
 
 
