@@ -15,7 +15,7 @@ import time
 
 from live_test import FIRST_GUESS, OPTIMISED, Program, check_replay, check_rows, check_summary, end_well, number, wait_for_steps, wait_until
 from python_fmu import LIBRARY, export
-from twinlock_test import expect, expect_line, expect_no_line, main, merge, scratch, write_config
+from twinlock_test import IN_LOCK, expect, expect_line, expect_no_line, main, merge, scratch, write_config
 
 GAIN = 1.3  # of the plant; the twin starts with 1
 SECONDS = float(os.environ.get("TL_LIVE_SECONDS", "6"))
@@ -121,7 +121,7 @@ FOUND = f"""SELECT avg(adjustments.applied) FROM steps JOIN adjustments USING (r
 
 def is_locked(log):
     """Only changes are logged, and the first state is locked."""
-    return (re.findall(r"lock: (\w+)", log) or ["locked"])[-1] == "locked"
+    return (re.findall(r"lock: (\w+)", log) or ["locked"])[-1] in IN_LOCK
 
 
 def lock_live(fmus):

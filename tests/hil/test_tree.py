@@ -26,7 +26,7 @@ from tree import FOLLOWED, OMEGA, Campaign, Tree, configuration, descriptors, ex
 from twinlock_test import BUILD, at_least, at_most, expect, expect_line, expect_no_line, has_line, main, run_well, scratch
 
 SEED = 1
-JOBS_KIB = 64
+JOBS_KIB = 160
 
 
 def remote_ports(pid):

@@ -8,7 +8,7 @@ from retuned import Retuned, match, tolerance
 from served import MOTOR, Box, tag
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import expect, has_line, main, scratch
+from twinlock_test import IN_LOCK, expect, has_line, main, scratch
 
 JUDGED = 500  # ticks; the lock monitor judges once a second
 
@@ -39,7 +39,7 @@ class RealBox(Box):
         return self.ask("GET", MOTOR, "read").lines[0]
 
     def expect_locked(self):
-        wait_until(lambda: self.state().get("lock") == "locked", "its lock", self.live.log, every=0.2)
+        wait_until(lambda: self.state().get("lock") in IN_LOCK, "its lock", self.live.log, every=0.2)
 
 
 def expect_end(answer, result, *parts):

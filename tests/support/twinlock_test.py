@@ -30,6 +30,7 @@ PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everythi
 SANITIZER = os.environ.get("TL_SANITIZER", "")
 BAD_USAGE = 2
 NOT_LOCKED = 3
+IN_LOCK = ("locked", "corrected")  # states of the lock
 BAD_DATA = 65
 PLANT_DOWN = 69
 FORBIDDEN = 77  # of reload: firmware/retune/control.h
