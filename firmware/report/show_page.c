@@ -254,7 +254,8 @@ static const char *unit_of(const tl_recorder_signal *signal) {
 }
 
 static tl_status print_match(const show_page *page, tl_error *error) {
-    static const char *const names[] = {"simulated", "measured", "rms", "largest", "uncorrected", "unit", "left out", NULL};
+    static const char *const names[] = {"simulated",   "measured", "rms",      "largest",
+                                        "uncorrected", "unit",     "left out", NULL};
     static const char *const details[] = {"pairs", "MSE", "MSE at the sensor's instants", "readings", "rejected"};
     tl_show_table table;
     if (page->summary.match_count == 0) {

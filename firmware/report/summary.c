@@ -488,11 +488,10 @@ static void print_free_twin(const printing *page) {
 static void print_released(const printing *page) {
     const tl_account *account = page->account;
     if (account->released_state == TL_RELEASED_ON) {
-        print_line(page, "released", "%" PRIu64 " releases, %" PRIu64 " further executions",
-                   account->released.releases, account->released.executions);
+        print_line(page, "released", "%" PRIu64 " releases, %" PRIu64 " further executions", account->released.releases,
+                   account->released.executions);
     } else if (account->released_state != TL_RELEASED_OFF) {
-        print_line(page, "released", "none: %s",
-                   tl_released_state_text((tl_released_state)account->released_state));
+        print_line(page, "released", "none: %s", tl_released_state_text((tl_released_state)account->released_state));
     }
 }
 
