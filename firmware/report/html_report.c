@@ -472,11 +472,11 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
     const tl_html_settings *settings = &report->settings;
     begin_table(
         file, "Error: simulated minus measured",
-        "<th>simulated y</th><th>measured ŷ</th><th class=\"n\">mean square</th><th class=\"unit\">unit</th>"
+        "<th>simulated y</th><th>measured ŷ</th><th class=\"n\">mean square</th>"
+        "<th class=\"n\">without corrections</th><th class=\"unit\">unit</th>"
         "<th class=\"n\">largest</th><th class=\"n\">tolerance</th><th class=\"unit\">unit</th><th class=\"n\">pairs</th>"
         "<th class=\"n\">left out</th><th class=\"n\">mean square at the sensor's instants</th>"
-        "<th class=\"n\">readings</th><th class=\"n\">rejected</th>"
-        "<th class=\"n\">mean square without corrections</th>");
+        "<th class=\"n\">readings</th><th class=\"n\">rejected</th>");
     for (size_t i = 0; i < settings->match_count; i++) {
         const tl_metrics *metrics = &figures->match[i];
         const tl_recorder_signal *signal = &settings->match[i];
@@ -484,6 +484,7 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
         put_name_cell(file, signal->name);
         put_name_cell(file, signal->to);
         put_value_cell(file, "match", i, "mse", tl_run_figures_mse(figures, i), false);
+        put_value_cell(file, "match", i, "mse_released", tl_run_figures_mse_released(figures, i), false);
         put_square(file, tl_show_unit(signal->unit));
         put_value_cell(file, "match", i, "max", tl_run_figures_maximum(figures, i), false);
         put_value_cell(file, "match", i, "tolerance",
@@ -494,7 +495,6 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
         put_value_cell(file, "match", i, "mse_readings", tl_run_figures_mse_readings(figures, i), false);
         put_count_cell(file, "match", i, "readings", figures->readings[i].pairs);
         put_count_cell(file, "match", i, "rejected", figures->readings[i].left_out);
-        put_value_cell(file, "match", i, "mse_released", tl_run_figures_mse_released(figures, i), false);
         (void)fputs("</tr>\n", file);
     }
     end_table(file);
