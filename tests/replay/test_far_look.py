@@ -65,7 +65,8 @@ def test_an_fmu_fails_at_a_bound():
     """The search never gets there, because the first steps of `check` move u by 0.1."""
     where = "synchronise.adjust.keeper0.u|20|bound|keeper0"
     expect_warning(warnings(keeper_fmu.make_limits(LIMIT=LIMIT)), f"{where}|y|NaN")
-    for status, name in ((2, "fmi2Discard"), (3, "fmi2Error"), (4, "fmi2Fatal")):
+    fatal = () if SANITIZER else ((4, "fmi2Fatal"),)  # by FMI, such an instance is never freed: a sanitizer finds the leak
+    for status, name in ((2, "fmi2Discard"), (3, "fmi2Error"), *fatal):
         expect_warning(warnings(keeper_fmu.make_limits(LIMIT=LIMIT, REFUSES=status)), f"{where}|fmi2DoStep|{name}")
 
 
