@@ -80,7 +80,6 @@ typedef struct tl_release_check {
     size_t worst;               /* the output with the largest error of the released twin */
     double worst_error;         /* this error, in tolerances */
     double mean[TL_MAX_ADJUST]; /* of Δu */
-    bool is_known;              /* there was a block */
     bool is_off;                /* the released twin is off */
     bool is_corrected;          /* the state that lasts */
     int64_t corrected_at;       /* the last step with is_off, a standing correction, or u at a bound */
@@ -94,8 +93,9 @@ typedef struct tl_release_check {
  *
  * Purpose:    the only code that assesses a run, live or replayed. Inputs: the error of each
  *             committed step in tolerances, Δu, the bounds, the qualities of the plant's signals,
- *             and inexact rollbacks of FMUs. A replay gives the same states, because there are no
- *             other inputs.
+ *             inexact rollbacks of FMUs, and the outputs of released twins. A replay gives the same
+ *             states, because there are no other inputs; but a run without time for released twins
+ *             is `corrected` less often.
  * Window:     single steps prove nothing: a lost twin can be within tolerance at every second step.
  *             So the state depends on shares of the steps in a window, and on the size of the
  *             error. The window has ten parts. A part is 0.1 s long, or two steps if these are

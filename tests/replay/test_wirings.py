@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
-"""A signal that is miswired: nothing bounds the correction, so the twin agrees with the plant. It must not read plainly locked."""
+"""A signal that is miswired: nothing bounds the correction, so the twin agrees with the plant. It must not read plainly locked.
+
+What released twins found is in the results and in the database; if there are none, the reason is."""
 import csv
 import json
 import random
+import sqlite3
+from contextlib import closing
 
 from brakes import hand
-from twinlock_test import at_most, edited_config, expect, main, run, run_well, scratch
+from twinlock_test import at_most, edited_config, expect, expect_line, expect_no_line, main, run, run_well, scratch
 
 SECONDS, SAMPLE_S = 40, 0.02
 OMEGA, TORQUE = 1, 2  # columns of a recording
@@ -86,6 +90,31 @@ def test_none_is_plainly_locked():
         code, lock = lock_of([header, *change(rows)])
         print(f"    {what}: exit code {code}, {lock['state']}, {lock['percent']:.4g} % in lock, {lock['steps']['corrected']} steps corrected")
         expect(lock["state"] != "locked" and code in (0, 3), f"{what}: {code}, {lock}")
+
+
+def test_the_database_has_the_same_error():
+    database = scratch() / "run.db"
+    out = run_well(["replay", edited_config("motor/lock.json"), "--json", "--db", database])
+    told = json.loads(out)
+    with closing(sqlite3.connect(database)) as opened:
+        (pairs, squares), = opened.execute("SELECT count(*), sum((released - measured) * (released - measured)) FROM v_outputs"
+                                           " WHERE quality = 'good'")
+        (ages,), = opened.execute("SELECT max(release_age) FROM steps")
+    mse = told["match"]["motor.omega"]["mse_released"]
+    expect(abs(squares / (pairs - 1) / mse - 1) < 1e-9 and ages == told["released"]["steps"] == 600, f"{squares}, {pairs}, {ages}: {told}")
+    expect(json.loads(run_well(["show", database, "--json"]))["match"]["motor.omega"]["mse_released"] == mse, "show has another error")
+
+
+def test_why_there_are_none():
+    for edits, parts in (({"components": {"motor": {"rollback": "replay"}}}, "released|none|repeat"),
+                         ({"components": {"motor": {"keep": "outputs"}}}, "released|none|keep|outputs")):
+        config = edited_config("motor/lock.json", edits)
+        expect_line(run_well(["check", config]), parts)
+        expect_line(run_well(["replay", config, "--verbose"]), parts)
+        expect_no_line(run_well(["replay", config]), "without corrections")
+    config = edited_config("motor/lock.json", {"synchronise": {"release_s": 0}})
+    expect_no_line(run_well(["check", config]), "released")
+    expect("released" not in json.loads(run_well(["replay", config, "--json"])), "not wanted, but in the results")
 
 
 if __name__ == "__main__":
