@@ -31,9 +31,9 @@ typedef struct tl_arrivals {
     uint64_t reported;              /* bit of each signal that was reported */
 } tl_arrivals;
 
-/* Call it at each tick. `now`: CLOCK_MONOTONIC. Reports a signal if fewer than three quarters of its
- * readings have come since its last check. The event has no tick, because a replay cannot repeat
- * it. */
+/* Call it at each tick. `now`: CLOCK_MONOTONIC. Reports a signal if fewer than three quarters of
+ * its readings have come since its last check. The event has no tick, because a replay cannot
+ * repeat it. */
 void tl_arrivals_check(tl_arrivals *self, const tl_plant_input *input, const tl_config *config, tl_journal *journal,
                        tl_time now);
 
