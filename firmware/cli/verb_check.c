@@ -2,6 +2,7 @@
 #include <inttypes.h>
 #include <limits.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
@@ -11,6 +12,7 @@
 #include "firmware/monitor/survey.h"
 #include "firmware/plant/recording.h"
 #include "firmware/twin/check_trials.h"
+#include "firmware/twin/horizon_trials.h"
 
 /* ---- two instances ---- */
 
@@ -121,12 +123,39 @@ static tl_status check_readings(const tl_config *config, const char *path, const
     return TL_OK;
 }
 
+/* The proposed settings as a merge patch. The caller frees the text, even after an error. */
+static tl_status write_patch(const tl_proposal_page *page, char **patch, tl_error *error) {
+    size_t size = 0;
+    FILE *file = open_memstream(patch, &size);
+    tl_status status = file != NULL ? tl_proposal_print_patch(page, file, error) : TL_TRY_AGAIN;
+    if (file == NULL || fclose(file) != 0) {
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the proposal");
+    }
+    return status;
+}
+
+static tl_status try_horizons(tl_verb_job *job, const tl_proposal_page *page, tl_horizon_choice *choice,
+                              tl_error *error) {
+    char *patch = NULL;
+    tl_status status = write_patch(page, &patch, error);
+    if (status == TL_OK) {
+        const tl_twin_child_settings child = tl_verb_job_settings(job, NULL);
+        const tl_horizon_trials_settings settings = {
+            .child = &child, .recording = page->recording, .run = (int64_t)job->options->run, .patch = patch};
+        status = tl_horizon_trials_run(&settings, choice, error);
+    }
+    free(patch);
+    return status;
+}
+
 static tl_status check_recording(tl_verb_job *job) {
     const tl_config *config = &job->config;
     tl_error *error = &job->error;
     char path[PATH_MAX];
     tl_survey survey = {.count = 0};
     tl_proposal proposal;
+    tl_horizon_choice choice;
+    tl_proposal_page page = {.config = config, .recording = path, .survey = &survey, .proposal = &proposal};
     tl_recording *recording = NULL;
     job->config.recording_run = (int64_t)job->options->run;
     tl_status status = tl_options_find_recording(job->options, config, path, error);
@@ -137,9 +166,11 @@ static tl_status check_recording(tl_verb_job *job) {
         tl_proposal_make(config, &survey, &proposal);
         status = check_readings(config, path, &survey, &proposal, error);
     }
+    status = status == TL_OK ? try_horizons(job, &page, &choice, error) : status;
     if (status == TL_OK) {
-        status = job->options->json ? tl_proposal_print_json(config, path, &survey, &proposal, job->output, error)
-                                    : tl_proposal_print_page(config, path, &survey, &proposal, job->output, error);
+        page.choice = &choice;
+        status = job->options->json ? tl_proposal_print_json(&page, job->output, error)
+                                    : tl_proposal_print_page(&page, job->output, error);
     }
     tl_survey_free(&survey);
     return status;

@@ -190,3 +190,54 @@ tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_rep
     *root = tree;
     return report->count == before ? TL_OK : TL_BAD_DATA;
 }
+
+/* ---- merge patch ---- */
+
+/* The member that the patch changes recursively; an item of another type is replaced by an empty
+ * object. NULL: memory is out. */
+static cJSON *find_merged(cJSON *target, const char *key) {
+    cJSON *member = cJSON_GetObjectItemCaseSensitive(target, key);
+    if (member != NULL && cJSON_IsObject(member)) {
+        return member;
+    }
+    cJSON_DeleteItemFromObjectCaseSensitive(target, key);
+    return cJSON_AddObjectToObject(target, key);
+}
+
+/* Removes a member, or replaces it by a copy of the item. */
+static bool replace_member(cJSON *target, const cJSON *item) {
+    cJSON_DeleteItemFromObjectCaseSensitive(target, item->string);
+    return cJSON_IsNull(item) || cJSON_AddItemToObject(target, item->string, cJSON_Duplicate(item, 1)) != 0;
+}
+
+bool tl_json_merge(cJSON *target, const cJSON *patch) {
+    struct {
+        cJSON *target;
+        const cJSON *item;
+    } levels[TL_JSON_MAX_DEPTH]; /* objects around, outermost first, with their next item */
+    size_t depth = 1;
+    levels[0].target = target;
+    levels[0].item = patch->child;
+    while (depth > 0) {
+        const cJSON *item = levels[depth - 1].item;
+        cJSON *around = levels[depth - 1].target;
+        if (item == NULL) {
+            depth--;
+            continue;
+        }
+        levels[depth - 1].item = item->next;
+        if (!cJSON_IsObject(item)) {
+            if (!replace_member(around, item)) {
+                return false;
+            }
+        } else {
+            cJSON *member = depth < TL_JSON_MAX_DEPTH ? find_merged(around, item->string) : NULL;
+            if (member == NULL) {
+                return false;
+            }
+            levels[depth].target = member;
+            levels[depth++].item = item->child;
+        }
+    }
+    return true;
+}

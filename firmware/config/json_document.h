@@ -6,6 +6,7 @@
 #define TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
 
 #include <cjson/cJSON.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/base/json.h"
@@ -66,6 +67,10 @@ void tl_json_steps_path(char *path, const tl_json_step *way, size_t depth);
  *         *root is NULL then. TL_BAD_DATA also if an object has a key twice; all such keys are
  *         reported. *root is set in this case, so that the caller can report further problems. */
 tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root);
+
+/* Applies a merge patch (RFC 7396) to an object; the items of `patch` are copied. Returns false if
+ * memory is out, or the patch is deeper than TL_JSON_MAX_DEPTH. */
+bool tl_json_merge(cJSON *target, const cJSON *patch);
 
 /* Returns the members of an object, sorted by key, equal keys by `valueint`. The caller frees the
  * array. Returns NULL if memory is out. */

@@ -402,38 +402,58 @@ static void add_condition(tl_json_writer *json, const tl_condition *condition, b
     tl_json_close(json);
 }
 
-static void add_matches(tl_json_writer *json, const tl_config *config, const tl_proposal *proposal, bool nulls) {
-    if (config->synchronise) {
-        tl_json_open_object(json, "synchronise");
+static void add_match(tl_json_writer *json, const tl_proposal_page *page, size_t index, bool nulls) {
+    const tl_proposal_match *match = &page->proposal->match[index];
+    tl_json_open_object(json, page->config->match[index].variable);
+    tl_json_add_text(json, "between", BETWEEN[match->between]);
+    if (page->config->synchronise) {
+        add_condition(json, &match->condition, nulls);
     }
-    tl_json_open_object(json, config->synchronise ? "match" : "compare");
-    for (size_t i = 0; i < proposal->match_count; i++) {
-        const tl_proposal_match *match = &proposal->match[i];
-        tl_json_open_object(json, config->match[i].variable);
-        tl_json_add_text(json, "between", BETWEEN[match->between]);
-        if (config->synchronise) {
-            add_condition(json, &match->condition, nulls);
-        }
-        if (match->tolerance > 0.0 && !config->has_epsilon) {
-            tl_json_add_number(json, "tolerance", match->tolerance);
-        }
-        tl_json_close(json);
+    if (match->tolerance > 0.0 && !page->config->has_epsilon) {
+        tl_json_add_number(json, "tolerance", match->tolerance);
     }
     tl_json_close(json);
-    if (config->synchronise) {
+}
+
+static void add_horizon(tl_json_writer *json, const tl_proposal_page *page) {
+    const tl_horizon_choice *choice = page->choice;
+    if (choice == NULL || choice->chosen == SIZE_MAX) {
+        return;
+    }
+    const tl_horizon_trial *chosen = &choice->trial[choice->chosen];
+    tl_json_open_object(json, "horizon");
+    tl_json_add_count(json, "prediction", chosen->prediction);
+    tl_json_close(json);
+    if (chosen->rests != page->config->free_twin) {
+        tl_json_add_truth(json, "free_twin", chosen->rests);
+    }
+}
+
+static void add_matches(tl_json_writer *json, const tl_proposal_page *page, bool nulls) {
+    bool synchronise = page->config->synchronise;
+    if (synchronise) {
+        tl_json_open_object(json, "synchronise");
+    }
+    tl_json_open_object(json, synchronise ? "match" : "compare");
+    for (size_t i = 0; i < page->proposal->match_count; i++) {
+        add_match(json, page, i, nulls);
+    }
+    tl_json_close(json);
+    if (synchronise) {
+        add_horizon(json, page);
         tl_json_close(json);
     }
 }
 
-static void add_proposal(tl_json_writer *json, const tl_config *config, const tl_survey *survey,
-                         const tl_proposal *proposal, bool nulls) {
+static void add_proposal(tl_json_writer *json, const tl_proposal_page *page, bool nulls) {
+    const tl_proposal *proposal = page->proposal;
     tl_json_open_object(json, "plant");
-    for (size_t i = 0; i < survey->count; i++) {
-        bool is_input = config->signals[i].feeds;
+    for (size_t i = 0; i < page->survey->count; i++) {
+        bool is_input = page->config->signals[i].feeds;
         if (!is_input && proposal->every[i] == 0) {
             continue;
         }
-        tl_json_open_object(json, config->signals[i].plan.name);
+        tl_json_open_object(json, page->config->signals[i].plan.name);
         if (is_input) {
             tl_json_add_text(json, "between", BETWEEN[proposal->inputs[i].between]);
         }
@@ -444,15 +464,88 @@ static void add_proposal(tl_json_writer *json, const tl_config *config, const tl
     }
     tl_json_close(json);
     if (proposal->match_count > 0) {
-        add_matches(json, config, proposal, nulls);
+        add_matches(json, page, nulls);
     }
 }
 
-tl_status tl_proposal_print_page(const tl_config *config, const char *recording, const tl_survey *survey,
-                                 const tl_proposal *proposal, FILE *file, tl_error *error) {
-    char clean[PATH_MAX];
+static tl_status print_patch(const tl_proposal_page *page, bool nulls, FILE *file, tl_error *error) {
     tl_json_writer json;
-    (void)tl_clean_text(recording, strlen(recording), clean, sizeof clean);
+    tl_json_writer_begin(&json);
+    add_proposal(&json, page, nulls);
+    tl_status status = tl_json_writer_print(&json, file, error);
+    tl_json_writer_free(&json);
+    return status;
+}
+
+tl_status tl_proposal_print_patch(const tl_proposal_page *page, FILE *file, tl_error *error) {
+    return print_patch(page, true, file, error);
+}
+
+/* ---- horizons ---- */
+
+static void print_trial(const tl_horizon_trial *trial, bool is_chosen, FILE *file) {
+    char ratio[64] = "not compared";
+    if (!isnan(trial->regret) && trial->age == 0) {
+        (void)snprintf(ratio, sizeof ratio, "%.3g in lock", trial->regret);
+    } else if (!isnan(trial->regret)) {
+        (void)snprintf(ratio, sizeof ratio, "%.3g after %.3g s", trial->regret, tl_seconds(trial->age));
+    }
+    (void)fprintf(file, "  %10" PRIu32 "%-10s %7.3g  %8.3g  %-19s %5.0f %%  %7.0f%s\n", trial->prediction,
+                  trial->rests ? " free_twin" : "", trial->locked, trial->error, ratio,
+                  100.0 * (double)trial->corrected / fmax((double)trial->steps, 1.0), (double)trial->time / 1e3,
+                  is_chosen ? " *" : "");
+}
+
+static void print_horizons(const tl_proposal_page *page, FILE *file) {
+    const tl_horizon_choice *choice = page->choice;
+    if (choice == NULL) {
+        return;
+    }
+    (void)fputs("horizons\n", file);
+    if (choice->chosen != SIZE_MAX) {
+        print_line(
+            file, INDENT,
+            "each replayed %.4g s, with twins released for %.4g s. Errors in tolerances, root mean square. Ratio: of "
+            "mean squares, to the best horizon, where it is largest",
+            tl_seconds(choice->length), tl_seconds(page->config->step * (tl_time)choice->released_steps));
+        (void)fputs("  prediction          in lock  released  ratio            corrected  us/step\n", file);
+        for (size_t i = 0; i < choice->count; i++) {
+            if (choice->trial[i].fault[0] == '\0') {
+                print_trial(&choice->trial[i], i == choice->chosen, file);
+            }
+        }
+    }
+    if (choice->note[0] != '\0') {
+        print_line(file, INDENT, "%s%s", choice->chosen == SIZE_MAX ? "not tried: " : "", choice->note);
+    }
+}
+
+static const char *find_horizon_reason(const tl_horizon_choice *choice) {
+    const tl_horizon_trial *chosen = &choice->trial[choice->chosen];
+    return (double)chosen->corrected < TL_HORIZON_CORRECTS * (double)chosen->steps
+               ? "no horizon was better, but nothing had to be corrected: repeat this with a recording in which the plant "
+                 "differs from the model"
+           : chosen->rests
+               ? "with it the released twins are nearest to the plant"
+               : "the shortest horizon that corrects and whose released twins are as near to the plant as the "
+                 "best ones";
+}
+
+static void print_horizon(const tl_proposal_page *page, FILE *file) {
+    const tl_horizon_choice *choice = page->choice;
+    if (choice != NULL && choice->chosen != SIZE_MAX) {
+        const tl_horizon_trial *chosen = &choice->trial[choice->chosen];
+        (void)fputs("  horizon\n", file);
+        print_line(file, DEEPER, "prediction %" PRIu32 "%s: %s", chosen->prediction, chosen->rests ? ", free_twin" : "",
+                   find_horizon_reason(choice));
+    }
+}
+
+tl_status tl_proposal_print_page(const tl_proposal_page *page, FILE *file, tl_error *error) {
+    const tl_config *config = page->config;
+    const tl_survey *survey = page->survey;
+    char clean[PATH_MAX];
+    (void)tl_clean_text(page->recording, strlen(page->recording), clean, sizeof clean);
     (void)fprintf(file, "%s: %s\nrecording %s: %.4g s\n", config->path, config->name, clean,
                   tl_seconds(survey->length));
     for (size_t i = 0; i < survey->count; i++) {
@@ -461,24 +554,22 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
             print_noise(&config->signals[i], &survey->signals[i], file);
         }
     }
+    print_horizons(page, file);
     (void)fputs("proposed\n", file);
-    for (size_t i = 0; i < proposal->match_count; i++) {
-        print_match(config, i, &proposal->match[i], file);
+    for (size_t i = 0; i < page->proposal->match_count; i++) {
+        print_match(config, i, &page->proposal->match[i], file);
     }
     for (size_t i = 0; i < survey->count; i++) {
-        const tl_proposal_input *input = &proposal->inputs[i];
+        const tl_proposal_input *input = &page->proposal->inputs[i];
         if (config->signals[i].feeds) {
             (void)fprintf(file, "  input plant.%s\n", config->signals[i].plan.name);
             print_line(file, DEEPER, "between \"%s\": %s", BETWEEN[input->between], input->why.text);
         }
     }
-    print_warnings(config, survey, proposal, file);
+    print_horizon(page, file);
+    print_warnings(config, survey, page->proposal, file);
     (void)fputs("add to the configuration\n", file);
-    tl_json_writer_begin(&json);
-    add_proposal(&json, config, survey, proposal, false);
-    tl_status status = tl_json_writer_print(&json, file, error);
-    tl_json_writer_free(&json);
-    return status;
+    return print_patch(page, false, file, error);
 }
 
 /* ---- JSON output ---- */
@@ -529,22 +620,56 @@ static void add_reasons(tl_json_writer *json, const tl_config *config, const tl_
     tl_json_close(json);
 }
 
-tl_status tl_proposal_print_json(const tl_config *config, const char *recording, const tl_survey *survey,
-                                 const tl_proposal *proposal, FILE *file, tl_error *error) {
+static void add_trial(tl_json_writer *json, const tl_horizon_trial *trial) {
+    tl_json_open_object(json, NULL);
+    tl_json_add_count(json, "prediction", trial->prediction);
+    tl_json_add_truth(json, "free_twin", trial->rests);
+    tl_json_add_text(json, "fault", trial->fault[0] != '\0' ? trial->fault : NULL);
+    tl_json_add_number(json, "error_locked", trial->locked);
+    tl_json_add_number(json, "error_released", trial->error);
+    tl_json_add_number(json, "ratio", trial->regret);
+    tl_json_add_number(json, "age_s", tl_seconds(trial->age));
+    tl_json_add_count(json, "steps", trial->steps);
+    tl_json_add_count(json, "corrected", trial->corrected);
+    tl_json_add_count(json, "evaluations", trial->evaluations);
+    tl_json_add_number(json, "step_time_s", tl_seconds(trial->time));
+    tl_json_close(json);
+}
+
+static void add_horizons(tl_json_writer *json, const tl_proposal_page *page) {
+    const tl_horizon_choice *choice = page->choice;
+    if (choice == NULL) {
+        return;
+    }
+    tl_json_open_object(json, "horizons");
+    tl_json_add_text(json, "note", choice->note[0] != '\0' ? choice->note : NULL);
+    tl_json_add_number(json, "length_s", tl_seconds(choice->length));
+    tl_json_add_number(json, "release_s", tl_seconds(page->config->step * (tl_time)choice->released_steps));
+    tl_json_open_array(json, "trials");
+    for (size_t i = 0; i < choice->count; i++) {
+        add_trial(json, &choice->trial[i]);
+    }
+    tl_json_close(json);
+    tl_json_close(json);
+}
+
+tl_status tl_proposal_print_json(const tl_proposal_page *page, FILE *file, tl_error *error) {
+    const tl_survey *survey = page->survey;
     tl_json_writer json;
     tl_json_writer_begin(&json);
-    tl_json_add_text(&json, "configuration", config->path);
-    tl_json_add_text(&json, "recording", recording);
+    tl_json_add_text(&json, "configuration", page->config->path);
+    tl_json_add_text(&json, "recording", page->recording);
     tl_json_add_number(&json, "length_s", tl_seconds(survey->length));
     tl_json_open_object(&json, "signals");
     for (size_t i = 0; i < survey->count; i++) {
-        add_signal(&json, config->signals[i].plan.name, &survey->signals[i]);
+        add_signal(&json, page->config->signals[i].plan.name, &survey->signals[i]);
     }
     tl_json_close(&json);
+    add_horizons(&json, page);
     tl_json_open_object(&json, "proposal");
-    add_proposal(&json, config, survey, proposal, true);
+    add_proposal(&json, page, true);
     tl_json_close(&json);
-    add_reasons(&json, config, survey, proposal);
+    add_reasons(&json, page->config, survey, page->proposal);
     tl_status status = tl_json_writer_print(&json, file, error);
     tl_json_writer_free(&json);
     return status;

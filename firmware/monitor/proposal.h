@@ -11,6 +11,7 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
+#include "firmware/monitor/horizon_choice.h"
 #include "firmware/monitor/survey.h"
 
 /* ---- Proposes `between`, `condition` and `tolerance` of each match and `between` of each input,
@@ -72,11 +73,20 @@ void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_propo
  * Thread:  the caller's.
  */
 
-/* `recording`: the path as given. Errors: TL_TRY_AGAIN if memory is out. */
-tl_status tl_proposal_print_page(const tl_config *config, const char *recording, const tl_survey *survey,
-                                 const tl_proposal *proposal, FILE *file, tl_error *error);
+/* What is printed. `recording`: the path as given. `choice` NULL: no horizons. */
+typedef struct tl_proposal_page {
+    const tl_config *config;
+    const char *recording;
+    const tl_survey *survey;
+    const tl_proposal *proposal;
+    const tl_horizon_choice *choice;
+} tl_proposal_page;
 
-tl_status tl_proposal_print_json(const tl_config *config, const char *recording, const tl_survey *survey,
-                                 const tl_proposal *proposal, FILE *file, tl_error *error);
+/* Errors: TL_TRY_AGAIN if memory is out. */
+tl_status tl_proposal_print_page(const tl_proposal_page *page, FILE *file, tl_error *error);
+tl_status tl_proposal_print_json(const tl_proposal_page *page, FILE *file, tl_error *error);
+
+/* The merge patch alone. */
+tl_status tl_proposal_print_patch(const tl_proposal_page *page, FILE *file, tl_error *error);
 
 #endif

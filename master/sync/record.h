@@ -168,10 +168,19 @@ enum { TL_RELEASED_STATES = TL_RELEASED_SLOW + 1 };
 /* For messages: "on", or the reason. */
 const char *tl_released_state_text(tl_released_state state);
 
-/* Effort of released twins. */
+/* Ages of released twins by powers of two: index k stands for 2^k … 2^(k+1) − 1 steps, the last one
+ * also for more. */
+enum { TL_RELEASED_AGES = 16 };
+
+/* Largest square of an error in tolerances that is added up, so that one outlier cannot decide. */
+#define TL_RELEASED_MOST 1e4
+
+/* Effort of released twins, and the errors of both by their age. */
 typedef struct tl_released_counts {
     uint64_t executions; /* of FMUs and of the plant; no other count includes them */
     uint64_t releases;
+    double squares[TL_RELEASED_AGES]; /* sum of Σ weight·((y − ŷ)/tolerance)² over steps */
+    uint64_t steps[TL_RELEASED_AGES]; /* with at least one good ŷ */
 } tl_released_counts;
 
 /* Effort and effect of a free-running twin (free_twin.h). */

@@ -1,6 +1,7 @@
 /* Released twins: see released_twin.h. */
 #include "master/sync/released_twin.h"
 
+#include <math.h>
 #include <string.h>
 
 /* Of each component: those of the two released twins, and the twin's own. */
@@ -47,28 +48,66 @@ tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error) {
     return release(twin, &twin->release[0], error);
 }
 
+/* A y that is not finite counts as the largest error. */
+static double square_error(const tl_objective_term *term, double y, double measured) {
+    double error = (y - measured) / term->tolerance;
+    return error * error < TL_RELEASED_MOST ? error * error : TL_RELEASED_MOST;
+}
+
+static size_t find_age(uint32_t age) {
+    size_t index = 0;
+    for (; age > 1 && index < TL_RELEASED_AGES - 1; age /= 2) {
+        index++;
+    }
+    return index;
+}
+
+/* Reads the outputs, and returns their error as in tl_released_counts; a negative one if there is no
+ * good measurement. */
+static double read_outputs(const tl_objective *objective, const tl_record *record, double *y) {
+    double sum = -1.0;
+    for (size_t i = 0; i < objective->term_count; i++) {
+        const tl_objective_term *term = &objective->terms[i];
+        y[i] = tl_objective_y(objective, i);
+        if (term->weight > 0.0 && record->measured_quality[i] == TL_GOOD) {
+            sum = fmax(sum, 0.0) + term->weight * square_error(term, y[i], record->measured[i]);
+        }
+    }
+    return sum;
+}
+
+static void add_error(tl_released_counts *counts, uint32_t age, double error) {
+    if (error >= 0.0) {
+        size_t index = find_age(age);
+        counts->squares[index] += error;
+        counts->steps[index]++;
+    }
+}
+
 /* Executes the record's step of one of the two. */
-static tl_status execute(tl_released_twin *twin, tl_release *one, int64_t step, double *y, tl_error *error) {
+static tl_status execute(tl_released_twin *twin, tl_release *one, const tl_record *record, double *y, tl_error *error) {
     if (!one->runs) {
         return TL_OK;
     }
-    tl_status status = tl_side_twin_step(&twin->side, &one->state, step, error);
-    for (size_t i = 0; i < twin->objective->term_count; i++) {
-        y[i] = tl_objective_y(twin->objective, i);
-    }
+    tl_status status = tl_side_twin_step(&twin->side, &one->state, record->step, error);
+    double squares = read_outputs(twin->objective, record, y);
     status = status == TL_OK ? tl_snapshot_take(&one->state, error) : status;
     one->runs = status == TL_OK;
     one->age++;
+    if (one->runs) {
+        add_error(&twin->counts, one->age, squares);
+    }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
 /* Executes both from the twin's state and restores it. */
-static tl_status execute_both(tl_released_twin *twin, int64_t step, double y[2][TL_MAX_MATCH], tl_error *error) {
+static tl_status execute_both(tl_released_twin *twin, const tl_record *record, double y[2][TL_MAX_MATCH],
+                              tl_error *error) {
     tl_exchange *exchange = twin->side.exchange;
     uint64_t before = twin->side.count;
-    tl_status status = tl_exchange_take(exchange, step + 1, error);
+    tl_status status = tl_exchange_take(exchange, record->step + 1, error);
     for (int i = 0; i < 2 && status == TL_OK; i++) {
-        status = execute(twin, &twin->release[i], step, y[i], error);
+        status = execute(twin, &twin->release[i], record, y[i], error);
     }
     twin->counts.executions += twin->side.count - before;
     return status == TL_OK ? tl_exchange_return(exchange, error) : status;
@@ -108,7 +147,7 @@ tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_
         return TL_OK;
     }
     tl_time started_at = now != NULL ? now(context) : 0;
-    tl_status status = execute_both(twin, record->step, y, error);
+    tl_status status = execute_both(twin, record, y, error);
     if (status != TL_OK) {
         return status;
     }

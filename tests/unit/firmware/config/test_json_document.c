@@ -171,6 +171,31 @@ static void test_paths_are_cut(void) {
     TEST_ASSERT_EQUAL_STRING("kk…", path + TL_JSON_PATH - 1 - 5);
 }
 
+/* ---- merge patch ---- */
+
+static void expect_merged(const char *target, const char *patch, const char *wanted) {
+    cJSON *object = cJSON_Parse(target);
+    cJSON *change = cJSON_Parse(patch);
+    TEST_ASSERT_TRUE(tl_json_merge(object, change));
+    char *text = cJSON_PrintUnformatted(object);
+    TEST_ASSERT_EQUAL_STRING(wanted, text);
+    cJSON_free(text);
+    cJSON_Delete(object);
+    cJSON_Delete(change);
+}
+
+/* Cases as in the examples of RFC 7396. */
+static void test_merge_patch(void) {
+    expect_merged("{\"a\":1}", "{\"a\":2}", "{\"a\":2}");
+    expect_merged("{\"a\":1}", "{\"b\":2.5}", "{\"a\":1,\"b\":2.5}");
+    expect_merged("{\"a\":1,\"b\":2}", "{\"a\":null}", "{\"b\":2}");
+    expect_merged("{}", "{\"a\":null}", "{}");
+    expect_merged("{\"a\":[1]}", "{\"a\":[2,null]}", "{\"a\":[2,null]}");
+    expect_merged("{\"a\":{\"b\":1,\"c\":2}}", "{\"a\":{\"b\":3,\"c\":null,\"d\":4}}", "{\"a\":{\"b\":3,\"d\":4}}");
+    expect_merged("{\"a\":\"text\"}", "{\"a\":{\"b\":{\"c\":null}}}", "{\"a\":{\"b\":{}}}");
+    expect_merged("{\"A\":1}", "{\"a\":2}", "{\"A\":1,\"a\":2}");
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_syntax_error);
@@ -183,5 +208,6 @@ int main(void) {
     RUN_TEST(test_lines_of_missing_paths);
     RUN_TEST(test_making_paths);
     RUN_TEST(test_paths_are_cut);
+    RUN_TEST(test_merge_patch);
     return UNITY_END();
 }

@@ -132,6 +132,47 @@ static void with_a_right_model_it_stays_at_the_plant(void) {
     }
 }
 
+/* ---- errors by age ---- */
+
+/* Both twins count. The gear is only compared, so it does not. */
+static void errors_are_added_by_age(void) {
+    begin(&with);
+    lead(&with, TICKS, 2.0);
+    const tl_released_counts counts = facts().released;
+    uint64_t total = 0;
+    for (size_t age = 0; age < TL_RELEASED_AGES; age++) {
+        double square = counts.squares[age] / (double)counts.steps[age];
+        total += counts.steps[age];
+        if (age <= 4) { /* a tolerance is 1e-6: each error counts as the largest one */
+            TEST_ASSERT_DOUBLE_WITHIN(0.01 * TL_RELEASED_MOST, TL_RELEASED_MOST, square);
+        } else {
+            TEST_ASSERT_EQUAL_UINT64(0, counts.steps[age]);
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT64(2 * with.count - STEPS / 2, total);
+    tearDown();
+    setUp();
+    plan.match[0].tolerance = 1.0;
+    plan.match[0].weight = 4.0;
+    begin(&with);
+    lead(&with, TICKS, 2.0);
+    for (size_t age = 0; age <= 4; age++) {
+        double least = 2.0 * (1.0 - pow(1.0 - PART, pow(2.0, (double)age)));
+        double square = facts().released.squares[age] / (double)facts().released.steps[age] / 4.0;
+        TEST_ASSERT_TRUE(square > 0.3 * least * least && square < 4.0);
+    }
+}
+
+static void without_a_measurement_no_error_counts(void) {
+    begin(&with);
+    for (int i = 0; i < 40; i++) {
+        run.sample.quality[1] = TL_STALE;
+        tick(2.0, &with);
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, facts().released.steps[0]);
+    TEST_ASSERT_TRUE(facts().released.executions > 0);
+}
+
 /* ---- cost and effect ---- */
 
 static void run_with_and_without(double more) {
@@ -321,6 +362,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_released_twin_returns_to_the_uncorrected_model);
     RUN_TEST(with_a_right_model_it_stays_at_the_plant);
+    RUN_TEST(errors_are_added_by_age);
+    RUN_TEST(without_a_measurement_no_error_counts);
     RUN_TEST(the_twin_is_the_same_to_the_bit);
     RUN_TEST(with_caches_of_each_kind_and_each_pairing);
     RUN_TEST(two_steps_are_the_fewest);
