@@ -169,8 +169,8 @@ enum {
 static const tl_option OPTIONS[] = {
     {CHECK, "variables", NULL, tl_option_switch, SETS(variables), .help = "list all variables of the FMUs"},
     {CHECK, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "instead, measure noise and message times of a recording, and "
-             "propose \"between\", \"condition\" and tolerances; loads no FMU"},
+     .help = "instead, measure noise and message times of a recording, replay it with several horizons, and propose "
+             "\"between\", \"condition\", tolerances and the horizon; this takes a minute or more"},
     {REPLAY, "recording", "FILE", tl_option_text, SETS(recording),
      .help = "a CSV file, or a database that `twinlock run` wrote; default: that of CONFIG"},
     {PLANT, "recording", "FILE", tl_option_text, SETS(recording),

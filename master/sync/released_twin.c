@@ -62,7 +62,7 @@ static size_t find_age(uint32_t age) {
     return index;
 }
 
-/* Reads the outputs, and returns their error as in tl_released_counts; a negative one if there is no
+/* Reads the outputs. Returns their error as in tl_released_counts; a negative one if there is no
  * good measurement. */
 static double read_outputs(const tl_objective *objective, const tl_record *record, double *y) {
     double sum = -1.0;
