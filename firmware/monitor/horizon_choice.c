@@ -81,23 +81,27 @@ static bool has_corrected(const tl_horizon_trial *trial) {
 
 /* Of two trials that are equally good. Trials are in the order of T_P. */
 static bool is_preferred(const tl_horizon_trial *trial, const tl_horizon_trial *to) {
-    bool is_cheaper = trial->prediction == to->prediction && !trial->rests;
-    return has_corrected(trial) == has_corrected(to) ? is_cheaper : has_corrected(trial);
+    return trial->prediction == to->prediction && !trial->rests;
 }
 
 void tl_horizon_choose(tl_horizon_choice *choice, tl_time step, tl_time budget) {
     double least = HUGE_VAL;
+    double least_corrected = HUGE_VAL;
     choice->chosen = SIZE_MAX;
     for (size_t i = 0; i < choice->count; i++) {
         find_errors(&choice->trial[i]);
     }
     find_regrets(choice, step, budget);
     for (size_t i = 0; i < choice->count; i++) {
-        least = fmin(least, choice->trial[i].regret);
+        const tl_horizon_trial *trial = &choice->trial[i];
+        least = fmin(least, trial->regret);
+        least_corrected = has_corrected(trial) ? fmin(least_corrected, trial->regret) : least_corrected;
     }
+    bool corrects = least_corrected <= TL_HORIZON_QUIET * least;
     for (size_t i = 0; i < choice->count; i++) {
         const tl_horizon_trial *trial = &choice->trial[i];
-        bool is_good = trial->regret <= (1.0 + TL_HORIZON_MARGIN) * least;
+        bool is_good = corrects ? has_corrected(trial) && trial->regret <= TL_HORIZON_EQUAL * least_corrected
+                                : trial->regret <= TL_HORIZON_EQUAL * least;
         bool is_better = choice->chosen == SIZE_MAX || is_preferred(trial, &choice->trial[choice->chosen]);
         choice->chosen = is_good && is_better ? i : choice->chosen;
     }

@@ -10,9 +10,10 @@
  *            not compared: the corrections have used the measurements of this time.
  *            The same ratio of the locked twin counts too, because a long horizon smooths a fast
  *            change of u. There the square of the noise (a third of a tolerance) is added to both.
- * Choice:    of the trials whose regret is at most TL_HORIZON_MARGIN above the smallest one, the
- *            shortest horizon that has corrected anything. A horizon that never corrects can be as
- *            good in a quiet recording, but cannot follow a change.
+ * Choice:    the shortest horizon whose regret is at most TL_HORIZON_EQUAL times the smallest one.
+ *            Only horizons that have corrected something count, unless all of them are worse by
+ *            TL_HORIZON_QUIET. A horizon that never corrects can be as good in a quiet recording,
+ *            but cannot follow a change.
  * Left out:  a trial that failed, or whose steps take longer than the time budget.
  * Thread:    pure functions on plain data.
  */
@@ -27,11 +28,10 @@
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
-/* Trials at most. A regret this much above the smallest one is as good. Share of steps with Δu ≠ 0
- * from which a trial has corrected something. */
-enum { TL_HORIZON_TRIALS = 12 };
-#define TL_HORIZON_MARGIN 0.05
-#define TL_HORIZON_CORRECTS 0.01
+enum { TL_HORIZON_TRIALS = 12 }; /* most trials */
+#define TL_HORIZON_EQUAL 1.02
+#define TL_HORIZON_QUIET 1.25
+#define TL_HORIZON_CORRECTS 0.01 /* share of steps with Δu ≠ 0 from which a trial has corrected something */
 
 typedef struct tl_horizon_trial {
     uint32_t prediction;       /* T_P, steps */

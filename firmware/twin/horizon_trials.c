@@ -233,7 +233,7 @@ static void find_end(tl_horizon_choice *choice, uint32_t next, tl_time budget, t
     }
 }
 
-/* Replays so much of the recording; R is a quarter of it. */
+/* Replays so much of the recording; R is an eighth of it. */
 static tl_status measure_recording(const tl_horizon_trials_settings *settings, tl_horizon_choice *choice,
                                    tl_error *error) {
     tl_config config = *settings->child->config;
@@ -246,7 +246,7 @@ static tl_status measure_recording(const tl_horizon_trials_settings *settings, t
         steps = configured < steps ? configured : steps;
         steps = steps < TL_HORIZON_STEPS ? steps : TL_HORIZON_STEPS;
         choice->length = tl_time_of_step(0, config.step, steps);
-        choice->released_steps = (uint32_t)(steps / 8 * 2);
+        choice->released_steps = (uint32_t)(steps / 16 * 2);
     }
     tl_recording_close(recording);
     return status;

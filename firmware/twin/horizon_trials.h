@@ -2,7 +2,7 @@
  *
  * Purpose: measures what horizon_choice.h compares. Each trial is a replay in a process of its own.
  *          Its configuration has the proposed settings, one T_P, and released twins of the same
- *          duration R, a quarter of the recording.
+ *          duration R, an eighth of the recording.
  * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P. The next one is
  *          not tried if the last trial took TL_HORIZON_LONGEST, if its steps exceeded the time
  *          budget, or if the recording has fewer than TL_HORIZON_PARTS horizons. The chosen T_P is

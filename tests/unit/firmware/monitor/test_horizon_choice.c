@@ -51,12 +51,12 @@ void tearDown(void) {}
 
 static void test_the_shortest_of_equal_ones(void) {
     add(1, 4.0);
-    add(2, 1.04);
+    add(2, 1.015);
     add(5, 1.0);
     add(10, 1.2);
     const tl_horizon_trial *chosen = expect(2);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.04, chosen->regret);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, sqrt(1.04), chosen->error);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.015, chosen->regret);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, sqrt(1.015), chosen->error);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.1, chosen->locked);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 4.0, choice.trial[0].regret);
 }
@@ -91,10 +91,16 @@ static void test_an_age_with_few_steps_is_not_compared(void) {
 static void test_a_horizon_that_corrects_is_preferred(void) {
     add(1, 1.0)->corrected = 0;
     add(2, 1.0)->corrected = STEPS / 100 - 1;
-    add(5, 1.04)->corrected = STEPS / 100;
-    add(10, 1.0);
+    add(5, 1.2)->corrected = STEPS / 100;
+    add(10, 1.19);
     expect(5);
     choice.trial[2].corrected = choice.trial[3].corrected = 0;
+    expect(1);
+}
+
+static void test_but_not_if_it_is_much_worse(void) {
+    add(1, 1.0)->corrected = 0;
+    add(2, 1.3);
     expect(1);
 }
 
@@ -125,7 +131,7 @@ static void test_what_failed_or_is_too_slow_is_left_out(void) {
 
 static void test_resting_must_be_better(void) {
     add(5, 1.0);
-    tl_horizon_trial *rests = add(5, 0.96);
+    tl_horizon_trial *rests = add(5, 0.99);
     rests->rests = true; /* within the margin */
     TEST_ASSERT_FALSE(expect(5)->rests);
     for (size_t age = 0; age < AGES; age++) {
@@ -166,6 +172,7 @@ int main(void) {
     RUN_TEST(test_ages_below_the_horizon_are_not_compared);
     RUN_TEST(test_an_age_with_few_steps_is_not_compared);
     RUN_TEST(test_a_horizon_that_corrects_is_preferred);
+    RUN_TEST(test_but_not_if_it_is_much_worse);
     RUN_TEST(test_the_error_in_lock_counts);
     RUN_TEST(test_errors_in_lock_within_the_noise_are_equal);
     RUN_TEST(test_what_failed_or_is_too_slow_is_left_out);
