@@ -260,6 +260,7 @@ void tl_config_retune(tl_config *config, const tl_tuning *tuning) {
         adjust->nominal = now->has_nominal != 0 ? now->nominal : adjust->nominal;
         adjust->lower = now->lower;
         adjust->upper = now->upper;
+        adjust->approved = now->approved;
         adjust->deviation_penalty = now->deviation_penalty;
         adjust->rate_penalty = now->rate_penalty;
     }

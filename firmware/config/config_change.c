@@ -282,6 +282,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.adjust.*.nominal", IN_PLACE, needs_of_presence},
     {"synchronise.adjust.*.min", IN_PLACE, NULL},
     {"synchronise.adjust.*.max", IN_PLACE, NULL},
+    {"synchronise.adjust.*.approved", IN_PLACE, NULL},
     {"synchronise.adjust.*.penalty", IN_PLACE, NULL},
     {"synchronise.adjust.*.penalty.deviation", IN_PLACE, NULL},
     {"synchronise.adjust.*.penalty.rate", IN_PLACE, NULL},

@@ -202,6 +202,19 @@ static void read_bounds(tl_config_object *entry, tl_plan_adjust *adjust) {
     }
 }
 
+/* If û comes from the FMU or a connection, û + approved is limited to the bounds later. */
+static void read_approved(tl_config_object *entry, tl_plan_adjust *adjust) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
+    (void)tl_config_get_number(entry, "approved", &any, &adjust->approved);
+    double u = adjust->nominal + adjust->approved;
+    bool counts = (adjust->approved < 0.0 || adjust->approved > 0.0) && adjust->has_nominal;
+    if (counts && adjust->lower < adjust->upper && (u < adjust->lower || u > adjust->upper)) {
+        char expected[96];
+        (void)snprintf(expected, sizeof expected, "nominal + approved, which is %.15g, within min and max", u);
+        tl_config_wrong(entry, "approved", NULL, expected, NULL);
+    }
+}
+
 static void read_penalty(tl_config_object *entry, tl_plan_adjust *adjust) {
     static const tl_config_number rule = {.maximum = HUGE_VAL, .example = "0.01"};
     tl_config_object penalty;
@@ -224,6 +237,7 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
     (void)tl_config_get_number(&entry, "step", &step, &adjust->step);
     read_nominal(&entry, adjust);
     read_bounds(&entry, adjust);
+    read_approved(&entry, adjust);
     read_penalty(&entry, adjust);
     (void)tl_config_get_duration(&entry, "dwell_s", TL_CONFIG_OPTIONAL, "0.5", &adjust->dwell);
     tl_config_done(&entry);

@@ -141,6 +141,10 @@ static const double NEGLIGIBLE = 0.1;
 /* Steps of a block without released twins, and strokes of a block. Blocks in a release. */
 enum { BLOCK_STEPS = 150, BLOCK_STROKES = 10, BLOCKS = 4 };
 
+/* Least change of a reason's value that is reported, as a part of it. Time between two reports. */
+static const double UPDATED = 0.1;
+static const tl_time UPDATE_AFTER = 3600 * TL_SECOND;
+
 /* Shortest time for which a state `corrected` lasts. */
 static const tl_time CORRECTED_FOR = 60 * TL_SECOND;
 
@@ -190,6 +194,12 @@ void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, con
     *monitor = (tl_lock_monitor){.config = config};
     monitor->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
     memcpy(monitor->adjust, account->adjust, sizeof monitor->adjust);
+    for (size_t i = 0; i < config->match_count; i++) {
+        (void)snprintf(monitor->unit[i], TL_LOCK_UNIT, "%.*s", TL_LOCK_UNIT - 1, account->match[i].unit);
+    }
+    for (size_t v = 0; v < config->adjust_count; v++) {
+        monitor->approved[v] = config->adjust[v].approved;
+    }
     monitor->release.block = has_strokes(config)                              ? (uint32_t)BLOCK_STROKES
                              : config->released_steps >= (uint32_t)BLOCKS * 2 ? config->released_steps / BLOCKS
                                                                               : (uint32_t)BLOCK_STEPS;
@@ -203,9 +213,18 @@ static struct tl_lock_measure current_measure(const tl_lock_monitor *monitor, si
     return monitor->tolerances != NULL ? monitor->tolerances->match[i] : measure_of(monitor->config, i);
 }
 
+static void clear_release(tl_lock_monitor *monitor) {
+    monitor->release = (tl_release_check){.block = monitor->release.block};
+}
+
 void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning) {
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
         tl_account_adjust *adjust = &monitor->adjust[v];
+        double approved = tuning->adjust[v].approved;
+        if (approved < monitor->approved[v] || approved > monitor->approved[v]) {
+            monitor->approved[v] = approved;
+            clear_release(monitor);
+        }
         if (is_real(monitor, v)) {
             adjust->lower = fmax(tuning->adjust[v].lower, adjust->least);
             adjust->upper = fmin(tuning->adjust[v].upper, adjust->most);
@@ -222,7 +241,7 @@ static void clear_window(tl_lock_monitor *monitor) {
     monitor->at = 0;
     monitor->u_count = 0;
     monitor->inexact_component = false;
-    monitor->release = (tl_release_check){.block = monitor->release.block};
+    clear_release(monitor);
 }
 
 /* ---- collecting ---- */
@@ -405,6 +424,7 @@ static double square_of(double error) {
 static void add_release(tl_lock_monitor *monitor, const tl_record *record) {
     tl_release_check *release = &monitor->release;
     bool is_old = record->release_age >= release->block;
+    release->first = release->steps == 0 ? record->step : release->first;
     release->steps++;
     release->released += is_old ? 1 : 0;
     for (size_t i = 0; i < monitor->config->match_count && is_old; i++) {
@@ -416,7 +436,10 @@ static void add_release(tl_lock_monitor *monitor, const tl_record *record) {
         }
     }
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
+        const tl_account_adjust *adjust = &monitor->adjust[v];
         release->correction[v] += record->u[v] - record->nominal[v];
+        release->excess[v] +=
+            record->u[v] - tl_approved_u(record->nominal[v], monitor->approved[v], adjust->lower, adjust->upper);
     }
 }
 
@@ -441,15 +464,17 @@ static void find_release_errors(tl_lock_monitor *monitor) {
     release->error[1] = sqrt(sum[1] / fmax(weights, 1.0));
 }
 
-/* Largest mean Δu of the block, in steps of the search. */
-static double find_correction(tl_lock_monitor *monitor) {
+/* Largest mean excess of the block, in steps of the search. */
+static double find_excess(tl_lock_monitor *monitor) {
     tl_release_check *release = &monitor->release;
     double most = 0.0;
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
-        release->mean[v] = release->correction[v] / release->steps;
         bool counts = is_real(monitor, v) && monitor->adjust[v].step > 0.0;
-        most = counts ? fmax(most, fabs(release->mean[v]) / monitor->adjust[v].step) : most;
+        double excess = counts ? fabs(release->excess[v]) / release->steps / monitor->adjust[v].step : 0.0;
+        release->strongest = excess > most ? v : release->strongest;
+        most = fmax(most, excess);
     }
+    release->mean = release->correction[release->strongest] / release->steps;
     return most;
 }
 
@@ -469,10 +494,48 @@ static tl_time corrected_for(const tl_lock_monitor *monitor) {
     return release > CORRECTED_FOR ? release : CORRECTED_FOR;
 }
 
+/* `reason`: with its value. */
+static void begin_corrected(tl_lock_monitor *monitor, const tl_lock_standing *reason, const char *variable,
+                            const char *unit) {
+    tl_release_check *release = &monitor->release;
+    release->since = release->is_corrected ? release->since : release->first;
+    release->is_corrected = true;
+    release->corrected_at = release->last_step;
+    release->standing = *reason;
+    (void)snprintf(release->standing.variable, TL_LOCK_VARIABLE, "%.*s", TL_LOCK_VARIABLE - 1, variable);
+    (void)snprintf(release->standing.unit, TL_LOCK_UNIT, "%.*s", TL_LOCK_UNIT - 1, unit);
+}
+
+/* A standing correction is the reason that a person can approve, so it comes first. */
+static void begin_corrected_block(tl_lock_monitor *monitor) {
+    const tl_release_check *release = &monitor->release;
+    size_t v = release->strongest;
+    size_t i = release->worst;
+    if (release->has_excess) {
+        const tl_lock_standing reason = {.reason = TL_LOCK_REASON_CORRECTION, .value = release->mean};
+        begin_corrected(monitor, &reason, monitor->config->adjust[v].variable, monitor->adjust[v].unit);
+    } else {
+        const tl_lock_standing reason = {.reason = TL_LOCK_REASON_RELEASED,
+                                         .value = release->worst_error * current_measure(monitor, i).tolerance};
+        begin_corrected(monitor, &reason, monitor->config->match[i].variable, monitor->unit[i]);
+    }
+}
+
+static double seconds_of_step(const tl_lock_monitor *monitor, int64_t step) {
+    return tl_seconds(tl_time_of_step(0, monitor->config->step, step));
+}
+
+static void find_standing(const tl_lock_monitor *monitor, tl_lock_standing *standing) {
+    *standing = monitor->release.standing;
+    standing->since_s = seconds_of_step(monitor, monitor->release.since);
+    standing->now_s = seconds_of_step(monitor, monitor->release.last_step);
+    standing->started = monitor->started;
+}
+
 /* At least half of the block had an old released twin: its errors count. */
 static void close_block(tl_lock_monitor *monitor, int64_t step) {
     tl_release_check *release = &monitor->release;
-    double correction = find_correction(monitor);
+    double excess = find_excess(monitor);
     bool is_released = 2 * release->released >= release->steps;
     release->is_off = false;
     if (is_released) {
@@ -481,15 +544,16 @@ static void close_block(tl_lock_monitor *monitor, int64_t step) {
         assess_harm(release);
     }
     tl_time lasted = tl_time_of_step(0, monitor->config->step, step - release->corrected_at);
-    if (release->is_off || is_beyond(correction, &CORRECTED, release->is_corrected)) {
-        release->is_corrected = true;
-        release->corrected_at = step;
+    release->has_excess = is_beyond(excess, &CORRECTED, release->is_corrected);
+    if (release->is_off || release->has_excess) {
+        begin_corrected_block(monitor);
     } else if (lasted >= corrected_for(monitor)) {
         release->is_corrected = false;
     }
     memset(release->squares, 0, sizeof release->squares);
     memset(release->counted, 0, sizeof release->counted);
     memset(release->correction, 0, sizeof release->correction);
+    memset(release->excess, 0, sizeof release->excess);
     release->steps = 0;
     release->released = 0;
 }
@@ -651,47 +715,38 @@ static bool assess_degraded(const tl_lock_monitor *monitor, const window *all, c
     return false;
 }
 
-/* Names the largest error of the released twin, or the first standing correction; and each Real
- * variable that is corrected by more than a negligible value. */
-static void write_release(const tl_lock_monitor *monitor, char *cause) {
-    const tl_release_check *release = &monitor->release;
-    if (release->is_off) {
-        double tolerance = current_measure(monitor, release->worst).tolerance;
-        write_cause(cause, "without corrections %.60s would be off by %.3g rms (tolerance %.3g)",
-                    monitor->config->match[release->worst].variable, release->worst_error * tolerance, tolerance);
-    }
-    const char *before = release->is_off ? "; " : "";
-    for (size_t v = 0; v < monitor->config->adjust_count; v++) {
-        if (is_real(monitor, v) && fabs(release->mean[v]) > NEGLIGIBLE * monitor->adjust[v].step) {
-            write_cause(cause, "%s%.60s corrected by %+.3g on average", before, monitor->config->adjust[v].variable,
-                        release->mean[v]);
-            before = ", ";
-        }
-    }
-    if (cause != NULL && cause[0] == '\0') {
-        write_cause(cause, "corrections were needed within the last %.3g s", tl_seconds(corrected_for(monitor)));
-    }
-}
-
-/* A variable at a bound counts for as long as the other causes, so that the state does not change
+/* A variable at a bound counts for as long as the other reasons, so that the state does not change
  * with each stay. */
-static bool assess_corrected(tl_lock_monitor *monitor, const window *all, char *cause) {
+static bool assess_corrected(tl_lock_monitor *monitor, const window *all) {
     bool inside = is_in(monitor, TL_LOCK_CORRECTED);
     for (size_t v = 0; v < monitor->config->adjust_count; v++) {
-        double at_bound = share_of(all->at_bound[v], all->steps);
-        if (is_real(monitor, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
-            write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
-                        monitor->config->adjust[v].variable, HUNDRED * at_bound, (unsigned)all->steps,
-                        unit_name(monitor), HUNDRED * AT_BOUND.enter);
-            monitor->release.is_corrected = true;
-            monitor->release.corrected_at = monitor->release.last_step;
-            return true;
+        if (is_real(monitor, v) && is_beyond(share_of(all->at_bound[v], all->steps), &AT_BOUND, inside)) {
+            const tl_account_adjust *adjust = &monitor->adjust[v];
+            bool is_lower = monitor->u[0][v] - adjust->lower < adjust->upper - monitor->u[0][v];
+            const tl_lock_standing reason = {.reason = TL_LOCK_REASON_BOUND,
+                                             .value = is_lower ? adjust->lower : adjust->upper};
+            begin_corrected(monitor, &reason, monitor->config->adjust[v].variable, adjust->unit);
+            break;
         }
     }
-    if (monitor->release.is_corrected) {
-        write_release(monitor, cause);
-    }
     return monitor->release.is_corrected;
+}
+
+/* The reason, how to approve it, and what the corrections hide. */
+static void write_corrected(const tl_lock_monitor *monitor, char *cause) {
+    const tl_release_check *release = &monitor->release;
+    tl_lock_standing standing;
+    char text[TL_LOCK_CLAUSE];
+    find_standing(monitor, &standing);
+    tl_lock_standing_write(&standing, true, text);
+    write_cause(cause, "%s", text);
+    tl_lock_standing_write_remedy(&standing, text);
+    write_cause(cause, "%s%s", text[0] == '\0' ? "" : "; ", text);
+    if (release->is_off && standing.reason != TL_LOCK_REASON_RELEASED) {
+        write_cause(cause, "; without it %.40s is %.3g %s off", monitor->config->match[release->worst].variable,
+                    release->worst_error * current_measure(monitor, release->worst).tolerance,
+                    monitor->unit[release->worst]);
+    }
 }
 
 static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, char *cause) {
@@ -706,7 +761,10 @@ static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, 
     if (assess_degraded(monitor, all, cause)) {
         return TL_LOCK_DEGRADED;
     }
-    if (assess_corrected(monitor, all, cause)) {
+    if (assess_corrected(monitor, all)) {
+        if (cause != NULL) {
+            write_corrected(monitor, cause);
+        }
         return TL_LOCK_CORRECTED;
     }
     write_cause(cause, "%.0f %% of the last %u %s are within tolerance",
@@ -716,8 +774,33 @@ static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, 
 
 /* ---- over the run ---- */
 
+/* Returns true if the reason has another kind, another variable, or a value that differs by more
+ * than a tenth. */
+static bool is_other_reason(const tl_lock_standing *now, const tl_lock_standing *before) {
+    return now->reason != before->reason || strcmp(now->variable, before->variable) != 0 ||
+           fabs(now->value - before->value) > UPDATED * fabs(before->value);
+}
+
+/* Returns true if an update is to be reported. A first block may have begun before the correction.
+ */
+static bool needs_update(tl_lock_monitor *monitor, tl_lock_state state, bool changed) {
+    const tl_lock_standing *now = &monitor->tally.standing;
+    int64_t step = monitor->release.last_step;
+    int64_t hour = UPDATE_AFTER / monitor->config->step;
+    bool is_corrected = state == TL_LOCK_CORRECTED;
+    bool is_update =
+        is_corrected && !changed && step >= monitor->update_from && is_other_reason(now, &monitor->reported);
+    if (is_corrected && (changed || step >= monitor->update_from)) {
+        monitor->update_from = step + (changed ? (int64_t)monitor->release.block : hour);
+    }
+    if (is_update || changed) {
+        monitor->reported = *now;
+    }
+    return is_update;
+}
+
 /* Determines the state of the window and counts the steps since the last time in it. Returns true
- * if the state has changed. */
+ * if the state has changed, or an update is to be reported. */
 static bool assess_now(tl_lock_monitor *monitor) {
     window all;
     tl_lock_state before = monitor->tally.state;
@@ -725,7 +808,12 @@ static bool assess_now(tl_lock_monitor *monitor) {
     add_window(monitor, &all);
     tl_lock_state state = assess_window(monitor, &all, NULL);
     bool changed = first || state != before;
-    if (changed) { /* formatted only after a change, because this is the thread of the cycle */
+    monitor->tally.standing = (tl_lock_standing){.reason = TL_LOCK_REASON_NONE};
+    if (state == TL_LOCK_CORRECTED) {
+        find_standing(monitor, &monitor->tally.standing);
+    }
+    monitor->change.is_update = needs_update(monitor, state, changed);
+    if (changed || monitor->change.is_update) { /* formatted only then, because this is the thread of the cycle */
         monitor->change.cause[0] = '\0';
         monitor->change.to = assess_window(monitor, &all, monitor->change.cause);
     }
@@ -735,7 +823,7 @@ static bool assess_now(tl_lock_monitor *monitor) {
     monitor->judged = true;
     monitor->tally.changes += changed && !first ? 1 : 0;
     monitor->tally.losses += changed && state == TL_LOCK_LOST ? 1 : 0;
-    return changed;
+    return changed || monitor->change.is_update;
 }
 
 static bool has_window(const tl_lock_monitor *monitor) {

@@ -54,8 +54,8 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *            the corrections hide.
  * Block:     R/4 steps whose released twin is at least R/4 old. Without released twins 150 steps,
  *            with an event horizon ten strokes. At its end each error is a root mean square.
- * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable is
- *            at least its `step`.
+ * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable
+ *            differs from the approved correction by at least its `step`.
  * Worse:     in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the
  *            released one. Then the corrections do harm: the horizon is too short for the plant, or
  *            the twin follows noise.
@@ -75,16 +75,22 @@ typedef struct tl_release_check {
     double squares[2][TL_MAX_MATCH]; /* sums of squared errors, in tolerances: locked, released */
     uint32_t counted[TL_MAX_MATCH];
     double correction[TL_MAX_ADJUST]; /* sums of Δu */
+    double excess[TL_MAX_ADJUST];     /* sums of Δu minus the approved correction within the bounds */
+    int64_t first;                    /* first step of the block */
     /* of the last block: */
-    double error[2];            /* locked, released: as the error of a step, in tolerances */
-    size_t worst;               /* the output with the largest error of the released twin */
-    double worst_error;         /* this error, in tolerances */
-    double mean[TL_MAX_ADJUST]; /* of Δu */
-    bool is_off;                /* the released twin is off */
-    bool is_corrected;          /* the state that lasts */
-    int64_t corrected_at;       /* the last step with is_off, a standing correction, or u at a bound */
+    double error[2];      /* locked, released: as the error of a step, in tolerances */
+    size_t worst;         /* the output with the largest error of the released twin */
+    double worst_error;   /* this error, in tolerances */
+    size_t strongest;     /* the variable with the largest mean excess, in its steps */
+    double mean;          /* its mean Δu */
+    bool is_off;          /* the released twin is off */
+    bool has_excess;      /* a correction stands */
+    bool is_corrected;    /* the state that lasts */
+    int64_t since;        /* first step of the block in which this state began */
+    int64_t corrected_at; /* the last step with is_off, has_excess, or u at a bound */
     int64_t last_step;
-    uint32_t in_a_row; /* blocks in a row that contradict is_worse */
+    tl_lock_standing standing; /* the last reason, without its times */
+    uint32_t in_a_row;         /* blocks in a row that contradict is_worse */
     bool is_worse;
     tl_release_turn turn; /* set by the last step */
 } tl_release_check;
@@ -114,7 +120,8 @@ typedef struct tl_release_check {
  *             does not oscillate between two states.
  * Corrected:  the twin is in lock, but without corrections it would leave the plant: see the
  *             release check above, or u is at a bound. The state stays for at least one release and
- *             a minute.
+ *             a minute. If its reason changes by more than a tenth, this is reported: after the
+ *             first block, then at most once an hour. A new approved correction ends the state.
  * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
  *             of another configuration.
  * Thread:     plain data; one thread at a time.
@@ -150,18 +157,22 @@ typedef struct tl_lock_part {
     tl_lock_range u[TL_MAX_ADJUST];                       /* range of u */
 } tl_lock_part;
 
-/* A change of the state, reported once. */
+/* A change of the state, reported once; or an update of the reason of `corrected`. */
 typedef struct tl_lock_change {
     tl_lock_state to;
+    bool is_update;
     char cause[TL_LOCK_CAUSE]; /* sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private, except `tolerances`, `stay`, `release` and `inexact_component`. */
+/* Fields are private, except `tolerances`, `started`, `stay`, `release` and `inexact_component`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
         *tolerances; /* NULL: those of the configuration; may be set between two steps; must outlive the monitor */
-    tl_account_adjust adjust[TL_MAX_ADJUST]; /* types, steps and bounds of the adjusted variables */
+    int64_t started; /* start of the run in UTC, ms; 0: a replay; may be set between two steps */
+    tl_account_adjust adjust[TL_MAX_ADJUST]; /* units, types, steps and bounds of the adjusted variables */
+    char unit[TL_MAX_MATCH][TL_LOCK_UNIT];   /* of the matched outputs */
+    double approved[TL_MAX_ADJUST];          /* corrections */
     uint32_t part_steps;
     uint32_t parts; /* complete parts, at most TL_LOCK_PARTS */
     uint32_t at;    /* index of the current part */
@@ -177,6 +188,8 @@ typedef struct tl_lock_monitor {
     uint64_t pending;       /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;
+    tl_lock_standing reported; /* the reason of `corrected` that was reported last */
+    int64_t update_from;       /* step from which an update may be reported */
 } tl_lock_monitor;
 
 /* Length of the run until the first state is known. */
@@ -187,12 +200,13 @@ typedef struct tl_lock_window {
 
 tl_lock_window tl_lock_monitor_window(const tl_config *config);
 
-/* Initialises the monitor. `account`: types, steps and bounds of the adjusted variables; they are
- * copied. `config` must outlive the monitor. */
+/* Initialises the monitor. `account`: units, types, steps and bounds; they are copied. `config`
+ * must outlive the monitor. */
 void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, const tl_account *account);
 
 /* Call it after a new tuning was applied to the twin and to the configuration (tl_config_retune()).
- * It applies from the next step on; the window stays. */
+ * It applies from the next step on; the window stays. After a new approved correction the release
+ * check starts again. */
 void tl_lock_monitor_retune(tl_lock_monitor *monitor, const tl_tuning *tuning);
 
 /* Adds a sample of the twin. */
@@ -200,7 +214,7 @@ void tl_lock_monitor_sample(tl_lock_monitor *monitor, const tl_sample *sample);
 
 /* Adds a step of this run. Steps of an earlier run that this run resumes are ignored. A step with
  * TL_FLAG_RESET (the FMUs were reset before) starts a new window. Returns the change if the state
- * has changed, valid until the next change; else NULL. */
+ * has changed, or an update; valid until the next one. Else returns NULL. */
 const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_record *record);
 
 /* Returns the tally so far. The state is determined from the steps so far in two cases: the run was

@@ -23,6 +23,26 @@ typedef enum tl_lock_state {
 
 enum { TL_LOCK_STATES = TL_LOCK_LOST + 1, TL_LOCK_SENTENCE = 256 };
 
+typedef enum tl_lock_reason {
+    TL_LOCK_REASON_NONE,       /* not corrected, or not known */
+    TL_LOCK_REASON_CORRECTION, /* u − û differs from the approved correction */
+    TL_LOCK_REASON_BOUND,      /* u is at a bound */
+    TL_LOCK_REASON_RELEASED    /* an output of the released twin is off */
+} tl_lock_reason;
+
+enum { TL_LOCK_VARIABLE = 64, TL_LOCK_UNIT = 24, TL_LOCK_CLAUSE = 192, TL_LOCK_INSTANT = 64 };
+
+/* Why a twin in lock is corrected, and since when. Zeroed: it is not. Texts are cut. */
+typedef struct tl_lock_standing {
+    tl_lock_reason reason;
+    char variable[TL_LOCK_VARIABLE]; /* adjusted; RELEASED: matched */
+    char unit[TL_LOCK_UNIT];         /* of `value`; "": none */
+    double value;                    /* mean u − û; BOUND: u; RELEASED: rms error */
+    double since_s;                  /* beginning of the corrected period, s since the start of the run */
+    double now_s;                    /* newest step, likewise */
+    int64_t started;                 /* start of the run in UTC, ms; 0: a replay, which has no calendar time */
+} tl_lock_standing;
+
 /* Zeroed initially. */
 typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
@@ -31,6 +51,7 @@ typedef struct tl_lock_tally {
     uint64_t changes;               /* number of changes of the state */
     uint64_t losses;                /* number of changes to lost */
     uint64_t ran_away;              /* steps in which an output or J ran away (lock_monitor.h) */
+    tl_lock_standing standing;      /* in state CORRECTED; else zeroed */
 } tl_lock_tally;
 
 /* Tolerance and weight of each matched output, in the order of the configuration's `match`. Weight
@@ -55,6 +76,26 @@ uint64_t tl_lock_tally_total(const tl_lock_tally *tally);
 
 /* Returns the percentage of steps that are locked or corrected, 0 … 100; 0 if there was no step. */
 double tl_lock_tally_percent(const tl_lock_tally *tally);
+
+/* Returns an instant of a live run in UTC, ms. The arguments are as in tl_lock_standing, but may
+ * come from another process: the result is 0 if they cannot be true. */
+int64_t tl_lock_utc(double instant_s, int64_t started);
+
+/* Writes an instant: "05:00:06 UTC", on another day than `now_s` "2026-11-28 05:00 UTC"; in a
+ * replay "t = 18006 s". `is_event`: both, because `show` reads t. */
+void tl_lock_instant_write(double instant_s, double now_s, int64_t started, bool is_event, char text[TL_LOCK_INSTANT]);
+
+/* Writes the state with its reason: "locked, corrected: heater.Q +5 W since 05:00:06 UTC". For
+ * RELEASED: "locked, but 3.2 degC off without corrections since …". `is_event`: see above; also the
+ * output. The text is empty without a reason. */
+void tl_lock_standing_write(const tl_lock_standing *standing, bool is_event, char text[TL_LOCK_CLAUSE]);
+
+/* Writes the line of configuration that approves a correction; empty for another reason. */
+void tl_lock_standing_write_remedy(const tl_lock_standing *standing, char text[TL_LOCK_CLAUSE]);
+
+/* Reads the text of an event. Returns false for another text; then the reason is NONE. Sets neither
+ * `now_s` nor `started`. */
+bool tl_lock_standing_parse(const char *text, tl_lock_standing *standing);
 
 /* Writes the text that follows "in lock" in the summary, without a full stop. `unit` of the counts:
  * "steps" or "strokes". */

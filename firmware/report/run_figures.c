@@ -4,6 +4,8 @@
 #include <inttypes.h>
 #include <math.h>
 
+#include "firmware/base/text.h"
+
 /* ---- run figures ---- */
 
 void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *step, tl_time period) {
@@ -170,6 +172,27 @@ void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *r
     tl_json_close(json);
 }
 
+static void add_standing(tl_json_writer *json, const tl_lock_standing *standing) {
+    static const char *const reasons[] = {[TL_LOCK_REASON_CORRECTION] = "correction",
+                                          [TL_LOCK_REASON_BOUND] = "bound",
+                                          [TL_LOCK_REASON_RELEASED] = "released"};
+    unsigned reason = standing->reason;
+    if (reason == TL_LOCK_REASON_NONE || reason >= sizeof reasons / sizeof reasons[0]) {
+        tl_json_add_text(json, "corrected", NULL);
+        return;
+    }
+    char utc[TL_UTC_TEXT];
+    tl_utc_text(tl_lock_utc(standing->since_s, standing->started), utc);
+    tl_json_open_object(json, "corrected");
+    tl_json_add_text(json, "reason", reasons[reason]);
+    tl_json_add_text(json, "variable", standing->variable);
+    tl_json_add_number(json, "value", standing->value);
+    tl_json_add_text(json, "unit", standing->unit);
+    tl_json_add_number(json, "since_s", standing->since_s);
+    tl_json_add_text(json, "since", standing->started != 0 ? utc : NULL);
+    tl_json_close(json);
+}
+
 void tl_figures_json_add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
     tl_json_add_text(json, "state", tl_lock_state_name(lock->state));
     tl_json_add_number(json, "percent", tl_lock_tally_percent(lock));
@@ -180,4 +203,5 @@ void tl_figures_json_add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
     tl_json_close(json);
     tl_json_add_count(json, "changes", lock->changes);
     tl_json_add_count(json, "losses", lock->losses);
+    add_standing(json, &lock->standing);
 }

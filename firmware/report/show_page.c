@@ -218,6 +218,18 @@ static void print_recorded(const show_page *page) {
     }
 }
 
+static void print_standing(const show_page *page) {
+    char text[TL_LOCK_CLAUSE];
+    tl_lock_standing_write(&page->summary.lock.standing, false, text);
+    if (text[0] != '\0') {
+        (void)fprintf(page->file, "                 %s\n", clean_line(page, text));
+    }
+    tl_lock_standing_write_remedy(&page->summary.lock.standing, text);
+    if (text[0] != '\0') {
+        (void)fprintf(page->file, "                 %s\n", clean_line(page, text));
+    }
+}
+
 static void print_run(const show_page *page) {
     const tl_history_run *run = page->request->run;
     print_heading(page, "Run %lld: %s", (long long)run->run, clean_line(page, run->name));
@@ -230,6 +242,7 @@ static void print_run(const show_page *page) {
         tl_lock_tally_write(&page->summary.lock, page->summary.figures.outcomes[TL_HELD] > 0 ? "strokes" : "steps",
                             text);
         (void)fprintf(page->file, "  in lock        %s\n", text);
+        print_standing(page);
     }
     if (page->request->verbose) {
         print_ledger(page);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "firmware/monitor/lock_tally.h"
+#include "firmware/report/show.h"
 #include "firmware/store/history.h"
 
 /* ---- Number of steps in each lock state, computed from the events of its changes.
@@ -28,7 +29,8 @@ typedef struct lock_course {
     tl_lock_tally *tally;
 } lock_course;
 
-/* Parses for example "locked: …". Other events of this source contain no state. */
+/* Parses for example "locked: …", or "locked, corrected: …". Other events of this source contain no
+ * state. */
 static bool find_state(const char *text, tl_lock_state *state) {
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         const char *name = tl_lock_state_name((tl_lock_state)i);
@@ -39,7 +41,8 @@ static bool find_state(const char *text, tl_lock_state *state) {
         }
     }
     *state = TL_LOCK_CORRECTED;
-    return strncmp(text, "tracking:", strlen("tracking:")) == 0; /* its name in earlier programs */
+    return strncmp(text, "locked, ", strlen("locked, ")) == 0 ||
+           strncmp(text, "tracking:", strlen("tracking:")) == 0; /* its name in earlier programs */
 }
 
 /* Counts the steps since the last change and before `until` that are within the range. */
@@ -61,12 +64,13 @@ static void take_event(void *context, const tl_history_event *event) {
     bool is_within = step >= course->range[0] && step <= course->range[1];
     if (course->is_known) {
         count_until(course, step);
-        course->tally->changes += is_within ? 1 : 0;
+        course->tally->changes += is_within && state != course->tally->state ? 1 : 0; /* else an update */
         course->tally->losses += is_within && state == TL_LOCK_LOST ? 1 : 0;
         course->since = step;
     }
     if (step <= course->range[1] || !course->is_known) {
         course->tally->state = state;
+        (void)tl_lock_standing_parse(event->text, &course->tally->standing);
     }
     course->is_known = true;
 }
@@ -81,6 +85,8 @@ static tl_status tl_show_lock(tl_history *history, const tl_history_run *run, co
     tl_status status = tl_history_events(history, run, "", -1, &visitor, error);
     if (status == TL_OK && course.is_known) {
         count_until(&course, range[1] + 1);
+        tally->standing.now_s = tl_seconds(tl_time_of_step(0, run->step, range[1]));
+        tally->standing.started = tl_show_is_live(run) ? tl_show_instant(run, 0) : 0;
     }
     return status;
 }
@@ -185,6 +191,20 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
 }
 
+/* An event may be older than the present correction: takes the mean of the last window, or of the
+ * last point if the correction began within that window. */
+static void renew_standing(tl_show_summary *summary) {
+    tl_lock_standing *standing = &summary->lock.standing;
+    double window_s = (double)tl_show_window_start(summary, summary->windows - 1) * tl_seconds(summary->period);
+    for (size_t v = 0; v < summary->adjust_count && standing->reason == TL_LOCK_REASON_CORRECTION; v++) {
+        const tl_show_adjust *detail = &summary->detail[v];
+        double mean = tl_show_part_mean(window_s >= standing->since_s ? &detail->windows[summary->windows - 1]
+                                                                      : &detail->points[summary->points - 1]);
+        bool is_own = strncmp(summary->adjust[v].name, standing->variable, TL_LOCK_VARIABLE - 1) == 0;
+        standing->value = is_own && isfinite(mean) ? mean : standing->value;
+    }
+}
+
 tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
                             tl_error *error) {
     memset(summary, 0, sizeof *summary);
@@ -220,5 +240,7 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     };
     status = tl_history_rows(history, run, summary->range, &visitor, error);
     summary->figures.skipped = summary->figures.outcomes[TL_CAUGHT_UP];
-    return status == TL_OK ? tl_show_lock(history, run, summary->range, summary->own, &summary->lock, error) : status;
+    status = status == TL_OK ? tl_show_lock(history, run, summary->range, summary->own, &summary->lock, error) : status;
+    renew_standing(summary);
+    return status;
 }

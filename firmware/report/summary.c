@@ -535,6 +535,18 @@ static void print_details(const printing *page) {
     }
 }
 
+static void print_standing(const printing *page) {
+    char text[TL_LOCK_CLAUSE];
+    tl_lock_standing_write(&page->summary->lock.standing, false, text);
+    if (text[0] != '\0') {
+        print_line(page, "", "%s", text);
+    }
+    tl_lock_standing_write_remedy(&page->summary->lock.standing, text);
+    if (text[0] != '\0') {
+        print_line(page, "", "%s", text);
+    }
+}
+
 static void print_lock(const printing *page) {
     char text[TL_LOCK_SENTENCE];
     if (page->config->adjust_count == 0) {
@@ -543,6 +555,7 @@ static void print_lock(const printing *page) {
     } else {
         tl_lock_tally_write(&page->summary->lock, page->figures.outcomes[TL_HELD] > 0 ? "strokes" : "steps", text);
         print_line(page, "in lock", "%s", text);
+        print_standing(page);
     }
 }
 

@@ -2,6 +2,7 @@
 #include "firmware/report/watch.h"
 
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -14,9 +15,59 @@ void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal
     watch->journal = journal;
     watch->skipped_since = TL_TIME_NEVER;
     tl_noise_watch_init(&watch->noise, config);
+    watch->fallback.cause = TL_WATCH_FALLBACK;
+    watch->stagnation.cause = TL_WATCH_STAGNATION;
+    for (unsigned v = 0; v < TL_MAX_ADJUST; v++) {
+        watch->held[v].cause = TL_WATCH_HELD + v;
+    }
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         watch->rejected[i] = (tl_watch_rejected){.stamp = TL_TIME_NEVER, .accepted = (double)NAN};
     }
+}
+
+/* ---- repeated warnings ---- */
+
+static const tl_time HOUR = 3600 * TL_SECOND;
+enum { HOURS = 24, COUNT = 96 };
+
+/* Returns true if the cause was reported within its pause. Else writes the count of the notices
+ * since then. The pause of an error stays an hour. */
+static bool is_repeat(tl_watch *watch, int64_t tick, unsigned cause, tl_severity severity, char text[COUNT]) {
+    tl_watch_repeats *repeats = &watch->repeats[cause];
+    const int64_t hour = HOUR / watch->config->step;
+    const double step_s = tl_seconds(watch->config->step);
+    if (repeats->pause != 0 && tick - repeats->since < repeats->pause) {
+        repeats->count++;
+        return true;
+    }
+    if (repeats->count != 0) {
+        char since[TL_LOCK_INSTANT];
+        tl_lock_instant_write((double)repeats->since * step_s, (double)tick * step_s, watch->started, false, since);
+        (void)snprintf(text, COUNT, " (%llu more since %s)", (unsigned long long)repeats->count, since);
+    }
+    int64_t longer = 2 * repeats->pause < HOURS * hour ? 2 * repeats->pause : HOURS * hour;
+    bool is_lasting = tick - repeats->since < 2 * repeats->pause && severity == TL_EVENT_WARNING;
+    repeats->pause = is_lasting ? longer : hour;
+    repeats->since = tick;
+    repeats->count = 0;
+    return false;
+}
+
+/* Reports a warning or an error; a repeat of its cause is a notice. */
+static void warn(tl_watch *watch, int64_t tick, unsigned cause, tl_severity severity, const char *source,
+                 const char *format, ...) TL_PRINTF(6, 7);
+
+static void warn(tl_watch *watch, int64_t tick, unsigned cause, tl_severity severity, const char *source,
+                 const char *format, ...) {
+    char text[TL_JOURNAL_TEXT];
+    char repeats[COUNT] = "";
+    va_list arguments;
+    bool is_notice = severity != TL_EVENT_INFO && is_repeat(watch, tick, cause, severity, repeats);
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    tl_journal_event(watch->journal, tick, is_notice ? TL_EVENT_INFO : severity, source, "%.*s%s",
+                     (int)(sizeof text - 1 - strlen(repeats)), text, repeats);
 }
 
 /* ---- rejected readings ---- */
@@ -62,8 +113,8 @@ static void watch_noise(tl_watch *watch, const tl_sample *sample, size_t index) 
     double sigma = 0.0;
     switch (tl_noise_watch_sample(&watch->noise, sample, index, &sigma)) {
     case TL_NOISE_IS_LARGE:
-        tl_journal_event(
-            watch->journal, sample->tick, TL_EVENT_WARNING, "twin",
+        warn(
+            watch, sample->tick, TL_WATCH_NOISE + (unsigned)index, TL_EVENT_WARNING, "twin",
             "%s: tolerance %.6g is below three times the noise of the readings (%.3g): the twin follows the noise; raise it to "
             "%.3g",
             match->variable, match->tolerance, sigma, 3.0 * sigma);
@@ -177,16 +228,15 @@ static void watch_output(tl_watch *watch, int64_t tick, const tl_record *record,
 }
 
 /* With an event horizon, a reset without this cause is reported with the stroke. */
-static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
+static void watch_reset(tl_watch *watch, int64_t tick, const tl_record *record) {
     char why[96] = "";
     if (watch->bad_steps >= TL_NOT_FINITE_STEPS) {
         (void)snprintf(why, sizeof why, " because an output was not finite in %u steps in a row",
                        (unsigned)watch->bad_steps);
     }
     if ((record->flags & TL_FLAG_RESET) != 0 && (why[0] != '\0' || watch->config->event.start.signal == NULL)) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
-                         "FMUs were reset to their start values before step %lld%s; u is nominal",
-                         (long long)record->step, why);
+        warn(watch, tick, TL_WATCH_RESET, TL_EVENT_WARNING, "lock",
+             "FMUs were reset to their start values before step %lld%s; u is nominal", (long long)record->step, why);
     }
 }
 
@@ -235,9 +285,8 @@ static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *recor
         return;
     }
     watch->free_run = free_run;
-    tl_journal_event(watch->journal, tick, free_run ? TL_EVENT_WARNING : TL_EVENT_INFO, "twin",
-                     free_run ? "no matched signal is good: u is nominal"
-                              : "matched signals are good: synchronising again");
+    warn(watch, tick, TL_WATCH_FREE_RUN, free_run ? TL_EVENT_WARNING : TL_EVENT_INFO, "twin", "%s",
+         free_run ? "no matched signal is good: u is nominal" : "matched signals are good: synchronising again");
 }
 
 /* Writes J of a step out of tolerance. J is missing if there was no time, or if it overflowed. */
@@ -293,12 +342,11 @@ static const trouble_texts STAGNATION = {
     {"searches make progress again; searches that were ended", ""},
 };
 
-static void watch_trouble(const tl_watch *watch, int64_t tick, const tl_record *record, tl_watch_trouble *trouble,
-                          bool has, const char *name, const trouble_texts *texts) {
+static void watch_trouble(tl_watch *watch, int64_t tick, const tl_record *record, tl_watch_trouble *trouble, bool has,
+                          const char *name, const trouble_texts *texts) {
     const turn now = follow_trouble(watch, trouble, record, has);
     if (now == BEGUN) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "%s%s%s", texts->begun[0], name,
-                         texts->begun[1]);
+        warn(watch, tick, trouble->cause, TL_EVENT_WARNING, "twin", "%s%s%s", texts->begun[0], name, texts->begun[1]);
     } else if (now == ENDED) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", texts->over[0], name,
                          texts->over[1], (unsigned long long)trouble->count);
@@ -324,11 +372,10 @@ static void watch_alike(tl_watch *watch, int64_t tick, const tl_record *record, 
     char names[TL_EVENT_TEXT / 2];
     write_alike(watch->config, alike, names, sizeof names);
     if (now == BEGUN) {
-        tl_journal_event(
-            watch->journal, tick, TL_EVENT_WARNING, "lock",
-            "since t = %.9g s %s act alike and share one correction: match another output, adjust only one, or "
-            "lengthen horizon.prediction",
-            tl_seconds(tl_time_of_step(0, watch->config->step, found->since)), names);
+        warn(watch, tick, TL_WATCH_ALIKE, TL_EVENT_WARNING, "lock",
+             "since t = %.9g s %s act alike and share one correction: match another output, adjust only one, or "
+             "lengthen horizon.prediction",
+             tl_seconds(tl_time_of_step(0, watch->config->step, found->since)), names);
     } else if (now == ENDED) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "lock",
                          "no adjusted variables act alike any more; steps in which they did: %llu",
@@ -348,12 +395,12 @@ static void report_stroke(tl_watch *watch, int64_t tick, const tl_record *record
     char objective[32];
     write_objective(record, objective, sizeof objective);
     if (has_moved(watch, record)) {
-        tl_journal_event(watch->journal, tick, severity, "twin",
-                         "stroke: %s from %.6g to %.6g (%s, %s, %llu evaluations)", name, watch->stroke_u, record->u[0],
-                         tl_outcome_name(record->outcome), objective, (unsigned long long)watch->stroke_evaluations);
+        warn(watch, tick, TL_WATCH_STROKE, severity, "twin", "stroke: %s from %.6g to %.6g (%s, %s, %llu evaluations)",
+             name, watch->stroke_u, record->u[0], tl_outcome_name(record->outcome), objective,
+             (unsigned long long)watch->stroke_evaluations);
     } else if (out != watch->out_of_tolerance) {
-        tl_journal_event(watch->journal, tick, severity, "twin", "stroke: %s with %s at %.6g (%s)",
-                         out ? "out of tolerance" : "within tolerance again", name, record->u[0], objective);
+        warn(watch, tick, TL_WATCH_STROKE, severity, "twin", "stroke: %s with %s at %.6g (%s)",
+             out ? "out of tolerance" : "within tolerance again", name, record->u[0], objective);
     }
     watch->out_of_tolerance = out;
 }
@@ -362,11 +409,10 @@ static void report_stroke(tl_watch *watch, int64_t tick, const tl_record *record
 static void report_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool reset = (record->flags & TL_FLAG_RESET) != 0;
     if (watch->abandoned++ == 0) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "stroke: its search was not completed: %s",
-                         reset
-                             ? "the FMUs were reset"
-                             : "it lasted too long, an edge fell into a gap of the measurements, the next stroke came "
-                               "too soon, or its result failed");
+        warn(watch, tick, TL_WATCH_ABANDONED, TL_EVENT_WARNING, "twin", "stroke: its search was not completed: %s",
+             reset ? "the FMUs were reset"
+                   : "it lasted too long, an edge fell into a gap of the measurements, the next stroke came "
+                     "too soon, or its result failed");
     }
     if (has_moved(watch, record) && !reset) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
@@ -477,20 +523,21 @@ void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved) {
     }
 }
 
-void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
+void tl_watch_lock(tl_watch *watch, int64_t tick, const tl_lock_change *change) {
     static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
                                                            [TL_LOCK_LOCKED] = TL_EVENT_INFO,
-                                                           [TL_LOCK_CORRECTED] = TL_EVENT_INFO,
+                                                           [TL_LOCK_CORRECTED] = TL_EVENT_WARNING,
                                                            [TL_LOCK_DEGRADED] = TL_EVENT_WARNING,
                                                            [TL_LOCK_LOST] = TL_EVENT_ERROR};
-    tl_journal_event(watch->journal, tick, severities[change->to], "lock", "%s: %s", tl_lock_state_name(change->to),
-                     change->cause);
+    bool has_name = change->to == TL_LOCK_CORRECTED; /* its cause begins with the state */
+    warn(watch, tick, TL_WATCH_STATE + (unsigned)change->to, change->is_update ? TL_EVENT_INFO : severities[change->to],
+         "lock", "%s%s%s", has_name ? "" : tl_lock_state_name(change->to), has_name ? "" : ": ", change->cause);
 }
 
-static void report_harm(const tl_watch *watch, int64_t tick, const tl_release_check *release) {
+static void report_harm(tl_watch *watch, int64_t tick, const tl_release_check *release) {
     if (release->turn == TL_RELEASE_WORSE) {
-        tl_journal_event(
-            watch->journal, tick, TL_EVENT_WARNING, "twin",
+        warn(
+            watch, tick, TL_WATCH_HARM, TL_EVENT_WARNING, "twin",
             "the corrections do harm: the twin is off by %.3g tolerances rms, and by %.3g without corrections; lengthen "
             "horizon.prediction, or widen the tolerances (check --recording proposes both)",
             release->error[0], release->error[1]);
@@ -501,14 +548,14 @@ static void report_harm(const tl_watch *watch, int64_t tick, const tl_release_ch
     }
 }
 
-void tl_watch_monitor(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
+void tl_watch_monitor(tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
     report_harm(watch, tick, &monitor->release);
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
         const tl_bound_stay *stay = &monitor->stay[v];
         const char *name = watch->config->adjust[v].variable;
         if (stay->turn == TL_BOUND_REACHED) {
-            tl_journal_event(
-                watch->journal, tick, TL_EVENT_WARNING, "twin",
+            warn(
+                watch, tick, TL_WATCH_BOUND + (unsigned)v, TL_EVENT_WARNING, "twin",
                 "%s was at a bound in %.0f %% of the last minute: it cannot correct more; check the plant, or widen the "
                 "bound",
                 name, 100.0 * stay->share);

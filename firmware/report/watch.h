@@ -4,6 +4,9 @@
  *          Examples: a signal became bad or good, the twin runs free, the lock state changed.
  *          Others: a variable is not identifiable, the fallback solver was used, a stroke changed u
  *          (event horizon), ticks were missed.
+ * Repeats: a warning or error about the lock or the search is one only if the same cause was none
+ *          within the last hour of plant time; else it is a notice. If a warning returns within two
+ *          hours, both times double, up to a day. The next one has the count of the notices.
  * Thread:  the one that steps the twin.
  * Memory:  all inside the struct.
  */
@@ -29,6 +32,7 @@ enum { TL_WATCH_STEPS = 20 };
 /* Intermittent condition: it may be absent in some steps. Only its beginning and its end are
  * reported. */
 typedef struct tl_watch_trouble {
+    unsigned cause;    /* of its warnings, a tl_watch_cause and an index; not used by all */
     bool was_reported; /* the beginning was reported */
     uint32_t without;  /* searches since `last`, all without it */
     uint64_t count;    /* number of steps with it */
@@ -46,6 +50,30 @@ typedef struct tl_watch_rejected {
     int64_t since;   /* first tick of the present minute */
     uint64_t count;  /* rejected in this minute */
 } tl_watch_rejected;
+
+/* Causes of which repeats are notices; some have one entry for each variable. */
+typedef enum tl_watch_cause {
+    TL_WATCH_STATE, /* + tl_lock_state */
+    TL_WATCH_HARM = TL_WATCH_STATE + TL_LOCK_STATES,
+    TL_WATCH_ALIKE,
+    TL_WATCH_FALLBACK,
+    TL_WATCH_STAGNATION,
+    TL_WATCH_FREE_RUN,
+    TL_WATCH_RESET,
+    TL_WATCH_STROKE,
+    TL_WATCH_ABANDONED,
+    TL_WATCH_BOUND,                                 /* + adjusted variable */
+    TL_WATCH_HELD = TL_WATCH_BOUND + TL_MAX_ADJUST, /* + adjusted variable */
+    TL_WATCH_NOISE = TL_WATCH_HELD + TL_MAX_ADJUST, /* + match */
+    TL_WATCH_CAUSES = TL_WATCH_NOISE + TL_MAX_MATCH
+} tl_watch_cause;
+
+/* Of one cause. */
+typedef struct tl_watch_repeats {
+    int64_t since;  /* tick of the last warning */
+    int64_t pause;  /* ticks for which repeats are notices; 0: no warning yet */
+    uint64_t count; /* notices since then */
+} tl_watch_repeats;
 
 typedef struct tl_watch {
     const tl_config *config;
@@ -75,6 +103,8 @@ typedef struct tl_watch {
     uint64_t skipped;                        /* missed ticks not reported yet */
     tl_time skipped_since;                   /* `now` of the last report; TL_TIME_NEVER: none */
     tl_noise_watch noise;                    /* of the matched outputs */
+    int64_t started;                         /* public: start of the run in UTC, ms; 0: a replay */
+    tl_watch_repeats repeats[TL_WATCH_CAUSES];
 } tl_watch;
 
 /* Both must outlive the watch. */
@@ -92,12 +122,12 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record,
  * a replay can repeat it. `unsaved` as in tl_twin_unsaved(). */
 void tl_watch_keep(tl_watch *watch, int64_t tick, uint64_t unsaved);
 
-/* Reports a new state of the lock monitor (lock_monitor.h), found with the record that was complete
- * at this tick. */
-void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
+/* Reports a change or an update of the lock monitor (lock_monitor.h), found with the record that
+ * was complete at this tick. */
+void tl_watch_lock(tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
 /* Call it after each record: reports if u is at its bounds, and if the corrections do harm. */
-void tl_watch_monitor(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor);
+void tl_watch_monitor(tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor);
 
 /* Reports that the twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);

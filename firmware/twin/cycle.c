@@ -154,6 +154,14 @@ static void poll_tolerances(tl_cycle *cycle) {
     cycle->second.tolerances = tl_lock_tolerances_is_there(&found) ? &cycle->tolerances : NULL;
 }
 
+/* For the times in events and in the status line. */
+static void set_started(tl_cycle *cycle) {
+    int64_t started = cycle->settings.slot_index.started;
+    cycle->watch.started = started;
+    cycle->recovery.lock_monitor.started = started;
+    cycle->second.started = started;
+}
+
 static void init_monitors(tl_cycle *cycle, const tl_account *account) {
     tl_recovery_init(&cycle->recovery, &cycle->settings.assembly->config, account);
     tl_lock_monitor_init(&cycle->second, &cycle->settings.assembly->config, account);
@@ -231,6 +239,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
     }
     tl_account_take(settings->assembly->twin, &start.account);
     init_monitors(cycle, &start.account);
+    set_started(cycle);
     cycle->resumption = (tl_resumption){
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the run before */
@@ -267,6 +276,7 @@ static void become_live(tl_cycle *cycle) {
     cycle->is_behind = false;
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
+    set_started(cycle);
     reset_counts(cycle);
     tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "handover",
                      "this twin is live from tick %" PRId64 " on%s", cycle->resumption.tick,
@@ -617,6 +627,10 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
         tl_twin_recorder_start(settings->queue, settings->assembly->twin, started->start);
     } /* else it began when it followed the earlier run */
+    if (started->has_run) {
+        started->settings.slot_index.started = tl_record_queue_beginning(settings->queue)->started;
+    }
+    set_started(started);
     started->tuned = tl_record_queue_tuning(settings->queue)
                          ->number; /* a failed resume may have left a tuning, which does not apply */
     tl_fmu_thread_begin(settings->thread, run_cycle, started);
@@ -659,13 +673,27 @@ static void add_part(char line[TL_STATUS_LINE], const char *format, ...) {
     }
 }
 
+static void add_state(char line[TL_STATUS_LINE], const tl_config *config, const tl_lock_tally *lock) {
+    char clause[TL_LOCK_CLAUSE];
+    tl_lock_standing_write(&lock->standing, false, clause);
+    size_t length = strlen(line);
+    add_part(line, "  %s",
+             clause[0] != '\0'           ? clause
+             : config->adjust_count != 0 ? tl_lock_state_name(lock->state)
+                                         : "free-running");
+    if (line[length] == '\0') { /* the clause is too long */
+        char since[TL_LOCK_INSTANT];
+        tl_lock_instant_write(lock->standing.since_s, lock->standing.now_s, lock->standing.started, false, since);
+        add_part(line, "  locked, corrected since %s", since);
+    }
+}
+
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
-    bool is_adjusted = config->adjust_count != 0;
     line[0] = '\0';
-    add_part(line, "%8.2f s  %s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)),
-             is_adjusted ? tl_lock_state_name(status->lock.state) : "free-running");
+    add_part(line, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
+    add_state(line, config, &status->lock);
     if (status->skipped != 0) {
         add_part(line, "  %llu ticks missed", (unsigned long long)status->skipped);
     }

@@ -164,6 +164,10 @@ static void check_adjust(const tl_plan_adjust *adjust, tl_report *report) {
         tl_report_add(report, TL_BAD_DATA, adjust->where, "\"nominal\": found %g, expected a finite number",
                       adjust->nominal);
     }
+    if (!isfinite(adjust->approved)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"approved\": found %g, expected a finite number",
+                      adjust->approved);
+    }
     if (isnan(adjust->lower) || isnan(adjust->upper)) {
         tl_report_add(report, TL_BAD_DATA, adjust->where, "a bound is not a number");
     }

@@ -148,10 +148,11 @@ typedef struct tl_plan_adjust {
     const char *where;
     const char *variable; /* required */
     bool has_nominal;
-    double nominal;           /* û if no connection delivers it; default: the start value; Boolean: 0 or 1 */
-    double step;              /* first step of the search, in the variable's unit; > 0; required for a Real */
-    double lower;             /* default: −infinity, no bound; the declared minimum of the variable applies as well */
-    double upper;             /* default: +infinity, no bound; the declared maximum of the variable applies as well */
+    double nominal;  /* û if no connection delivers it; default: the start value; Boolean: 0 or 1 */
+    double step;     /* first step of the search, in the variable's unit; > 0; required for a Real */
+    double lower;    /* default: −infinity, no bound; the declared minimum of the variable applies as well */
+    double upper;    /* default: +infinity, no bound; the declared maximum of the variable applies as well */
+    double approved; /* accepted u − û, finite: released twins run with û + this, within the bounds; default: 0 */
     double deviation_penalty; /* ≥ 0: for each unknown, J grows by this times ((u − û)/step)² */
     double rate_penalty;      /* ≥ 0: J grows by this times ((u − u of the step before)/step)² */
     tl_time dwell;            /* Boolean: shortest time between two changes; ns, 0: no limit */

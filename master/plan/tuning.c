@@ -24,6 +24,7 @@ void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning) {
             .nominal = adjust->has_nominal ? adjust->nominal : 0.0,
             .lower = adjust->lower,
             .upper = adjust->upper,
+            .approved = adjust->approved,
             .deviation_penalty = adjust->deviation_penalty,
             .rate_penalty = adjust->rate_penalty,
         };
@@ -54,6 +55,10 @@ static tl_status check_adjust(const tl_tuning_adjust *adjust, unsigned index, tl
     if (adjust->has_nominal > 1 || !isfinite(adjust->nominal)) {
         return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: nominal %g, expected a finite number", index,
                        adjust->nominal);
+    }
+    if (!isfinite(adjust->approved)) {
+        return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: approved %g, expected a finite number", index,
+                       adjust->approved);
     }
     if (!(adjust->lower < adjust->upper)) {
         return tl_fail(error, TL_BAD_DATA, "adjusted variable %u: no range is left between the bounds %g and %g", index,

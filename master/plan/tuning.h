@@ -12,6 +12,8 @@
 #ifndef TL_MASTER_PLAN_TUNING_H
 #define TL_MASTER_PLAN_TUNING_H
 
+#include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/signal.h"
@@ -36,6 +38,7 @@ typedef struct tl_tuning_adjust {
     double nominal;       /* û, in the variable's unit; Boolean: 0 or 1 */
     double lower;         /* −infinity: no bound; the declared minimum of the variable applies as well */
     double upper;         /* +infinity: no bound; the declared maximum applies as well */
+    double approved;      /* u − û */
     double deviation_penalty;
     double rate_penalty;
 } tl_tuning_adjust;
@@ -61,6 +64,13 @@ tl_status tl_tuning_check(const tl_tuning *tuning, tl_error *error);
 /* Evaluations that a twin built for `evaluations` has room for. */
 static inline uint64_t tl_tuning_room(uint64_t evaluations) {
     return evaluations > TL_TUNING_ROOM ? evaluations : TL_TUNING_ROOM;
+}
+
+/* Returns u with an approved correction: nominal + `approved`, within the bounds. Without one it is
+ * nominal, also outside of the bounds. */
+static inline double tl_approved_u(double nominal, double approved, double lower, double upper) {
+    bool has_any = approved < 0.0 || approved > 0.0;
+    return has_any ? fmin(fmax(nominal + approved, lower), upper) : nominal;
 }
 
 /* Checks that a twin that was built with `built` can use the tuning. Both must have passed

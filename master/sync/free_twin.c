@@ -366,7 +366,7 @@ bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchang
     }
     twin->free_run_check.guard = guard;
     exchange->extra_states += STATES;
-    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables) &&
+    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables, NULL) &&
            tl_side_twin_init_state(&twin->free, arena, exchange) &&
            tl_side_twin_init_state(&twin->predicted, arena, exchange);
 }

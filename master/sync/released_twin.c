@@ -11,14 +11,15 @@ enum { STATES = 3 };
 static const tl_time PARTS_OF_STEP = 10;
 
 bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange *exchange,
-                           const tl_objective *objective, uint32_t steps, tl_released_state state) {
+                           const tl_objective *objective, const tl_adjusted *adjusted, uint32_t steps,
+                           tl_released_state state) {
     *twin = (tl_released_twin){.objective = objective, .steps = steps + steps % 2, .state = state};
     if (steps == 0 || state != TL_RELEASED_ON) {
         twin->state = steps == 0 ? TL_RELEASED_OFF : state;
         return true;
     }
     exchange->optional_states = STATES;
-    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables) &&
+    return tl_side_twin_init(&twin->side, arena, exchange, objective->horizon->variables, adjusted) &&
            tl_side_twin_init_state(&twin->release[0].state, arena, exchange) &&
            tl_side_twin_init_state(&twin->release[1].state, arena, exchange);
 }
@@ -159,9 +160,14 @@ tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_
     return status;
 }
 
+void tl_released_twin_end(tl_released_twin *twin) {
+    twin->release[0].runs = false;
+    twin->release[1].runs = false;
+}
+
 void tl_released_twin_end_component(tl_released_twin *twin, size_t component) {
+    tl_released_twin_end(twin);
     for (int i = 0; i < 2; i++) {
         tl_snapshot_forget(&twin->release[i].state, component);
-        twin->release[i].runs = false;
     }
 }

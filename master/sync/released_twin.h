@@ -2,8 +2,9 @@
  *
  * Purpose: in lock, y agrees with ŷ even if the model is wrong, because u is corrected until it
  *          does. A released twin starts from the state of the locked twin and then runs with
- *          nominal u. Its error shows how far the model without corrections is from the plant. It
- *          also shows whether the states without a sensor were right at the release.
+ *          nominal u, plus the approved correction, within the bounds. Its error shows how far the
+ *          model without other corrections is from the plant. It also shows whether the states
+ *          without a sensor were right at the release.
  * Method:  a release lasts R steps. Two released twins take turns, R/2 steps apart. So after the
  *          first R/2 steps one of them is at least R/2 old. Its outputs are recorded. R should be
  *          longer than the longest reaction of an output. Then the measurements from before the
@@ -52,11 +53,12 @@ typedef struct tl_released_twin {
 /* Number of follows whose fastest decides whether there is time for released twins. */
 enum { TL_RELEASED_TIMED = 8 };
 
-/* For an exchange that is initialised. `steps`: R, ≥ 2, an odd one is rounded up; 0: no released
- * twins. `state`: TL_RELEASED_ON, or the reason why there are none. Returns false if memory is out.
- */
+/* For an exchange that is initialised. `adjusted` must outlive the twin. `steps`: R, ≥ 2, an odd
+ * one is rounded up; 0: no released twins. `state`: TL_RELEASED_ON, or the reason why there are
+ * none. Returns false if memory is out. */
 bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange *exchange,
-                           const tl_objective *objective, uint32_t steps, tl_released_state state);
+                           const tl_objective *objective, const tl_adjusted *adjusted, uint32_t steps,
+                           tl_released_state state);
 
 /* Releases the first twin at the committed instant. Also call it after a reset of the FMUs, or if
  * their states have become invalid. */
@@ -69,6 +71,10 @@ tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */
 tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_time (*now)(void *context),
                                   void *context, tl_error *error);
+
+/* Ends both until their next turn. Call it after a change of an approved correction, because both
+ * have run without it. */
+void tl_released_twin_end(tl_released_twin *twin);
 
 /* Frees a component's states. Call it before the component is freed, or if its states have become
  * invalid. tl_released_twin_begin() creates new ones. */

@@ -1,8 +1,11 @@
 /* Side twin: see side_twin.h. */
 #include "master/sync/side_twin.h"
 
-bool tl_side_twin_init(tl_side_twin *twin, tl_arena *arena, tl_exchange *exchange, size_t variables) {
-    *twin = (tl_side_twin){.exchange = exchange, .variables = variables};
+#include "master/plan/tuning.h"
+
+bool tl_side_twin_init(tl_side_twin *twin, tl_arena *arena, tl_exchange *exchange, size_t variables,
+                       const tl_adjusted *adjusted) {
+    *twin = (tl_side_twin){.exchange = exchange, .variables = variables, .adjusted = adjusted};
     twin->executions = tl_arena_take(arena, exchange->component_count, sizeof *twin->executions);
     return twin->executions != NULL;
 }
@@ -20,14 +23,20 @@ bool tl_side_twin_is_possible(const tl_exchange *exchange) {
     return !has_replay;
 }
 
-/* Executes all components with nominal u; their counts stay. */
+static double find_u(const tl_side_twin *twin, size_t v) {
+    double nominal = tl_exchange_nominal(twin->exchange, v);
+    const tl_adjusted *adjusted = twin->adjusted != NULL ? &twin->adjusted[v] : NULL;
+    return adjusted == NULL ? nominal : tl_approved_u(nominal, adjusted->approved, adjusted->lower, adjusted->upper);
+}
+
+/* Executes all components; their counts stay. */
 static tl_status execute(tl_side_twin *twin, int64_t step, tl_error *error) {
     tl_exchange *exchange = twin->exchange;
     for (size_t i = 0; i < exchange->component_count; i++) {
         twin->executions[i] = exchange->components[i].executions;
     }
     for (size_t v = 0; v < twin->variables; v++) {
-        tl_exchange_set_adjusted(exchange, v, tl_exchange_nominal(exchange, v));
+        tl_exchange_set_adjusted(exchange, v, find_u(twin, v));
     }
     tl_status status = tl_exchange_step(exchange, step, error);
     for (size_t i = 0; i < exchange->component_count; i++) {

@@ -1,4 +1,4 @@
-/* Side twin: the same co-simulation beside the twin, with nominal u.
+/* Side twin: the same co-simulation beside the twin, with nominal or approved u.
  *
  * Purpose: free_twin.h and released_twin.h compare the twin with twins that are not corrected.
  *          These have no FMUs of their own: the FMUs are set to a saved state, execute the step
@@ -18,17 +18,21 @@
 #include "master/base/status.h"
 #include "master/graph/exchange.h"
 #include "master/graph/snapshot.h"
+#include "master/sync/synchroniser_state.h"
 
 /* Fields are private, except `count`. */
 typedef struct tl_side_twin {
     tl_exchange *exchange;
-    size_t variables;     /* number of adjusted variables */
-    uint64_t *executions; /* of each component: its count, saved during executions that do not count */
-    uint64_t count;       /* executions of FMUs and of the plant */
+    size_t variables;            /* number of adjusted variables */
+    const tl_adjusted *adjusted; /* NULL: u is nominal */
+    uint64_t *executions;        /* of each component: its count, saved during executions that do not count */
+    uint64_t count;              /* executions of FMUs and of the plant */
 } tl_side_twin;
 
-/* Returns false if memory is out. */
-bool tl_side_twin_init(tl_side_twin *twin, tl_arena *arena, tl_exchange *exchange, size_t variables);
+/* `adjusted`: u is nominal plus the approved correction, within the bounds; must outlive the twin.
+ * NULL: u is nominal. Returns false if memory is out. */
+bool tl_side_twin_init(tl_side_twin *twin, tl_arena *arena, tl_exchange *exchange, size_t variables,
+                       const tl_adjusted *adjusted);
 
 /* Initialises a snapshot of the exchange. Returns false if memory is out. */
 bool tl_side_twin_init_state(tl_snapshot *state, tl_arena *arena, const tl_exchange *exchange);
@@ -36,7 +40,7 @@ bool tl_side_twin_init_state(tl_snapshot *state, tl_arena *arena, const tl_excha
 /* After the initialisation of the FMUs: false if one of them is rolled back by replay. */
 bool tl_side_twin_is_possible(const tl_exchange *exchange);
 
-/* Restores `state` and executes macro step `step` with nominal u. The ports have the values of its
+/* Restores `state` and executes macro step `step` with this u. The ports have the values of its
  * end. Errors: TL_FMU_FAILED or TL_FMU_FATAL. */
 tl_status tl_side_twin_step(tl_side_twin *twin, const tl_snapshot *state, int64_t step, tl_error *error);
 

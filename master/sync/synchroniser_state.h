@@ -37,6 +37,7 @@ typedef struct tl_adjusted {
     double step; /* first step of a search, > 0, in the variable's unit like the bounds */
     double lower;
     double upper;
+    double approved; /* u − û that released twins get; Boolean: 0 */
     uint32_t dwell;  /* Boolean: macro steps for which a changed value stays; else 0 */
     bool is_boolean; /* else Real */
 } tl_adjusted;

@@ -379,10 +379,27 @@ static void apply_tuning(tl_twin *twin, const tl_tuning *tuning) {
     }
 }
 
+/* The released twins have run without the new correction, so they end. The twin stays as it is. */
+static void apply_approved(tl_twin *twin, const tl_tuning *tuning) {
+    for (size_t v = 0; v < tuning->adjusts; v++) {
+        tl_adjusted *adjusted = &twin->synchroniser.adjusted[v];
+        double approved = tuning->adjust[v].approved;
+        twin->tuning.adjust[v].approved = approved;
+        if (!adjusted->is_boolean && (approved < adjusted->approved || approved > adjusted->approved)) {
+            adjusted->approved = approved;
+            tl_released_twin_end(&twin->released_twin);
+        }
+    }
+}
+
 tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error) {
     tl_tuning wanted = *tuning;
     tl_status status = check_tuning(twin, &wanted, error);
-    if (status == TL_OK && memcmp(&twin->tuning, tuning, sizeof *tuning) != 0) {
+    if (status != TL_OK) {
+        return status;
+    }
+    apply_approved(twin, tuning);
+    if (memcmp(&twin->tuning, tuning, sizeof *tuning) != 0) {
         apply_tuning(twin, &wanted);
         twin->tuning = *tuning;
     }

@@ -42,6 +42,7 @@ static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, cons
     adjusted->step = adjust->step;
     adjusted->lower = fmax(adjust->lower, variable->minimum);
     adjusted->upper = fmin(adjust->upper, variable->maximum);
+    adjusted->approved = adjust->approved;
     if (!(adjust->step > 0.0)) {
         tl_report_add(report, TL_BAD_DATA, adjust->where,
                       "\"step\" is missing: %s is Real, and its search needs a first step above 0", adjust->variable);
@@ -458,7 +459,8 @@ static bool create_released_twin(tl_twin *twin, const tl_plan *plan) {
         state = plan->components[i].keep == TL_KEEP_OUTPUTS ? TL_RELEASED_OUTPUTS : state;
     }
     return tl_released_twin_init(&twin->released_twin, &twin->arena, &twin->exchange, &twin->synchroniser.objective,
-                                 plan->adjust_count != 0 ? plan->released_steps : 0, state);
+                                 twin->synchroniser.adjusted, plan->adjust_count != 0 ? plan->released_steps : 0,
+                                 state);
 }
 
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,

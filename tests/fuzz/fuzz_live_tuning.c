@@ -43,7 +43,8 @@ static void check_numbers(const tl_tuning *tuning) {
     for (uint32_t v = 0; v < tuning->adjusts; v++) {
         const tl_tuning_adjust *adjust = &tuning->adjust[v];
         tl_fuzz_hold(isfinite(adjust->nominal) && adjust->lower < adjust->upper && adjust->has_nominal <= 1);
-        tl_fuzz_hold(isfinite(adjust->deviation_penalty) && isfinite(adjust->rate_penalty));
+        tl_fuzz_hold(isfinite(adjust->deviation_penalty) && isfinite(adjust->rate_penalty) &&
+                     isfinite(adjust->approved));
     }
 }
 

@@ -41,7 +41,7 @@ def lock_events(database):
 
 def resets(events):
     """The lock events that are no change of state: the monitor has reset the twin."""
-    return [(tick, text) for tick, _, text in events if text.split(":")[0] not in STATES]
+    return [(tick, text) for tick, _, text in events if text.split(":")[0].split(",")[0] not in STATES]
 
 
 def miss(database, steps):

@@ -72,10 +72,11 @@ def test_events_of_a_replay():
     with sqlite3.connect(database) as connection:
         (first, last), = connection.execute("SELECT min(tick), max(tick) FROM v_samples WHERE quality <> 'good' AND"
                                             " name = 'plant.omega'")
-    wanted = [(102, "info", "lock", "locked"), (302, "info", "lock", "corrected"),
+    wanted = [(102, "info", "lock", "locked"), (302, "warning", "lock", "locked, but motor.omega|off without corrections since t = 1.5 s"),
               (first, "warning", "plant", "plant.omega|not a number"), (first + 2, "warning", "twin", "matched"),
               (382, "warning", "lock", "free|54 %"), (last + 1, "info", "plant", "plant.omega"), (last + 1, "info", "twin", "matched"),
-              (572, "info", "lock", "corrected")]
+              (572, "info", "lock", "locked, but|since t = 1.5 s"),
+              (722, "info", "lock", "locked, but|since t = 1.5 s")]
     expect([event[:3] for event in told] == [event[:3] for event in wanted], f"{first} to {last}: {told}")
     expect(all(has_line(event[3], one[3]) for event, one in zip(told, wanted)), f"{told}")
     run_well(["replay", config, "--recording", database, "--db", again])

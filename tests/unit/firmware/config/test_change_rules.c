@@ -186,6 +186,7 @@ static void test_keys_changed_in_place(void) {
                                            "synchronise.adjust.*.nominal",
                                            "synchronise.adjust.*.min",
                                            "synchronise.adjust.*.max",
+                                           "synchronise.adjust.*.approved",
                                            "synchronise.adjust.*.penalty",
                                            "synchronise.adjust.*.penalty.deviation",
                                            "synchronise.adjust.*.penalty.rate",

@@ -318,6 +318,7 @@ static void test_adjust(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.05, config->adjust[0].step);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[0].lower);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->adjust[0].upper);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->adjust[0].approved);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, config->adjust[0].deviation_penalty);
     TEST_ASSERT_EQUAL_DOUBLE(0.125, config->adjust[0].rate_penalty);
     TEST_ASSERT_EQUAL_INT64(0, config->adjust[0].dwell);
@@ -325,6 +326,7 @@ static void test_adjust(void) {
     TEST_ASSERT_FALSE(config->adjust[1].has_nominal);
     TEST_ASSERT_TRUE(isinf(config->adjust[1].lower) && config->adjust[1].lower < 0);
     TEST_ASSERT_TRUE(isinf(config->adjust[1].upper) && config->adjust[1].upper > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].approved);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].deviation_penalty);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].rate_penalty);
 }
@@ -1041,6 +1043,7 @@ static void test_tuning(void) {
     TEST_ASSERT_EQUAL_INT(config->adjust[0].has_nominal, tuning.adjust[0].has_nominal);
     TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].lower, tuning.adjust[0].lower);
     TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].upper, tuning.adjust[0].upper);
+    TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].approved, tuning.adjust[0].approved);
     TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].deviation_penalty, tuning.adjust[0].deviation_penalty);
     TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].rate_penalty, tuning.adjust[0].rate_penalty);
     TEST_ASSERT_EQUAL_DOUBLE(config->margin, tuning.margin);
@@ -1055,6 +1058,7 @@ static void test_tuning(void) {
         adjust->nominal = adjust->has_nominal != 0 ? 1.5 + v : 0.0;
         adjust->lower = -3.0 - v;
         adjust->upper = 9.0 + v;
+        adjust->approved = -0.75 - v;
         adjust->deviation_penalty = 0.25 + v;
         adjust->rate_penalty = 0.125 + v;
     }

@@ -88,6 +88,8 @@ static void test_values_changed_in_place(void) {
         {"\"nominal\": 0", "\"nominal\": 1.5", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.nominal: 0 > 1.5"},
         {"\"max\": 5", "\"max\": 4", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE, "synchronise.adjust.motor.load.max: 5 > 4"},
+        {"\"max\": 5", "\"max\": 5, \"approved\": 0.5", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
+         "synchronise.adjust.motor.load.approved:  > 0.5"},
         {"\"max\": 5", "\"max\": 5, \"penalty\": {\"rate\": 1}", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.penalty:  > {\"rate\":1}"},
         {"\"evaluations\": 100", "\"evaluations\": 40", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,

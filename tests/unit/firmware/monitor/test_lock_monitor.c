@@ -23,6 +23,7 @@ static tl_record record;
 static tl_sample sample;
 static tl_lock_change was_reported; /* the last change */
 static int changes;                 /* since the last look */
+static int updates;                 /* of the reason, likewise */
 
 void setUp(void) {
     memset(&record, 0, sizeof record);
@@ -30,9 +31,10 @@ void setUp(void) {
     memset(&config, 0, sizeof config);
     memset(&was_reported, 0, sizeof was_reported);
     changes = 0;
+    updates = 0;
     signals[0].plan.name = "torque";
     signals[1].plan.name = "omega";
-    adjust[0].variable = "motor.d";
+    adjust[0] = (tl_plan_adjust){.variable = "motor.d"};
     adjust[1].variable = "valve.open";
     match[0] = (tl_plan_match){.variable = "motor.omega", .to = "plant.omega", .tolerance = 2, .weight = 1};
     config.signals = signals;
@@ -42,7 +44,8 @@ void setUp(void) {
     config.match = match;
     config.match_count = 1;
     config.step = TL_SECOND / 100;
-    account.adjust[0] = (tl_account_adjust){.type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
+    account.match[0] = (tl_account_match){.unit = "rad/s"};
+    account.adjust[0] = (tl_account_adjust){.unit = "N.m", .type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
     account.adjust[1] = (tl_account_adjust){.type = TL_BOOLEAN};
     tl_lock_monitor_init(&lock_monitor, &config, &account);
 }
@@ -54,7 +57,8 @@ static void step(void) {
     const tl_lock_change *change = tl_lock_monitor_step(&lock_monitor, &record);
     if (change != NULL) {
         was_reported = *change;
-        changes++;
+        changes += change->is_update ? 0 : 1;
+        updates += change->is_update ? 1 : 0;
     }
     record.step++;
 }
@@ -486,7 +490,7 @@ static void test_a_released_twin_that_leaves_the_plant(void) {
     record.nominal[0] = 0.5;
     record.u[0] = 0.52;
     released(3.1, WITHIN, BLOCK);
-    expect_change(TL_LOCK_CORRECTED, "without corrections motor.omega|6.2 rms|tolerance 2|motor.d|+0.02");
+    expect_change(TL_LOCK_CORRECTED, "locked, but motor.omega 6.2 rad/s off without corrections since t = 11 s");
     record.u[0] = 0.5;
     released(0.8, WITHIN, 2 * LASTS); /* below the limit to enter it, but not below that to leave it */
     expect_no_change();
@@ -508,7 +512,7 @@ static void test_a_young_released_twin_shows_nothing(void) {
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
     record.release_age = BLOCK;
     many(WITHIN, BLOCK);
-    expect_change(TL_LOCK_CORRECTED, "motor.omega|100 rms");
+    expect_change(TL_LOCK_CORRECTED, "motor.omega 100 rad/s off|t = 10 s");
 }
 
 /* A value that is not finite is far off. A measurement that is not good is not compared. */
@@ -534,11 +538,109 @@ static void test_a_standing_correction(void) {
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
     record.u[0] = 0.5 - 0.11;
     many(WITHIN, 150);
-    expect_change(TL_LOCK_CORRECTED, "motor.d corrected by -0.11");
+    expect_change(TL_LOCK_CORRECTED, "locked, corrected: motor.d -0.11 N.m since t = 6 s|"
+                                     "\"approved\": -0.11 in synchronise.adjust.motor.d");
     record.u[0] = 0.5;
     record.u[1] = 1; /* a Boolean has no step */
     many(WITHIN, LASTS + 200);
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
+}
+
+static void expect_update(const char *cause) {
+    TEST_ASSERT_EQUAL_INT(1, updates);
+    TL_EXPECT_PARTS(cause, was_reported.cause);
+    updates = 0;
+}
+
+/* The correction begins within a block, so the next block has another mean. Later updates come once
+ * an hour, if the mean has changed by a tenth. */
+static void test_a_correction_that_grows(void) {
+    enum { HOUR = 360000, STEPS = 150 };
+    lock();
+    record.u[0] = 0.5;
+    many(WITHIN, 50);
+    expect_change(TL_LOCK_CORRECTED, "motor.d +0.167 N.m since t = 0 s");
+    many(WITHIN, STEPS);
+    expect_update("motor.d +0.5 N.m since t = 0 s");
+    record.u[0] = 0.54;
+    many(WITHIN, HOUR);
+    TEST_ASSERT_EQUAL_INT(0, updates);
+    record.u[0] = 0.6;
+    many(WITHIN, HOUR);
+    expect_update("motor.d +0.6 N.m since t = 0 s");
+    record.u[0] = 2.0;
+    many(WITHIN, HOUR);
+    expect_update("motor.d at bound 2 N.m since t = 0 s");
+    expect_no_change();
+    const tl_lock_standing standing = tally().standing;
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_REASON_BOUND, standing.reason);
+    TEST_ASSERT_DOUBLE_WITHIN(3.0, 3.0 * HOUR / 100, standing.now_s);
+}
+
+/* The last reason stays while the state does. A later correction is a new period. */
+static void test_the_beginning_of_a_correction(void) {
+    lock_monitor.started = 1000;
+    lock();
+    many(WITHIN, 50);
+    record.u[0] = -0.3;
+    many(WITHIN, 150);
+    expect_change(TL_LOCK_CORRECTED, "motor.d -0.3 N.m since 00:00:02 UTC (t = 1.5 s)");
+    record.u[0] = 0;
+    many(WITHIN, 300);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_REASON_CORRECTION, tally().standing.reason);
+    many(WITHIN, LASTS);
+    expect_change(TL_LOCK_LOCKED, "100 %");
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_REASON_NONE, tally().standing.reason);
+    record.u[0] = 0.3;
+    many(WITHIN, 300);
+    expect_change(TL_LOCK_CORRECTED, "motor.d +0.3 N.m since 00:01:07 UTC (t = 66 s)");
+    TEST_ASSERT_EQUAL_DOUBLE(66.0, tally().standing.since_s);
+    TEST_ASSERT_EQUAL_INT64(1000, tally().standing.started);
+}
+
+/* An approved correction is not one, a missing one is; beyond the bounds the bound is approved. */
+static void test_an_approved_correction(void) {
+    adjust[0].approved = 0.5;
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
+    record.u[0] = 0.55;
+    many(WITHIN, 600);
+    expect_change(TL_LOCK_LOCKED, "100 %");
+    record.u[0] = 0.39;
+    many(WITHIN, 150);
+    expect_change(TL_LOCK_CORRECTED, "motor.d +0.39 N.m since t = 6 s|\"approved\": 0.39 in");
+    adjust[0].approved = -5.0;
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
+    record.u[0] = -0.95;
+    many(WITHIN, 600);
+    expect_change(TL_LOCK_LOCKED, "100 %");
+}
+
+/* The period ends when its correction is approved, and begins again if the value was wrong. */
+static void test_a_correction_that_is_approved(void) {
+    tl_tuning tuning;
+    account.adjust[0].least = -1;
+    account.adjust[0].most = 2;
+    tl_lock_monitor_init(&lock_monitor, &config, &account);
+    record.u[0] = 0.5;
+    many(WITHIN, 150);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_CORRECTED, was_reported.to);
+    changes = 0;
+    tl_config_tuning(&config, &tuning);
+    tuning.adjust[0].lower = -1;
+    tuning.adjust[0].upper = 2;
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
+    many(WITHIN, 150);
+    expect_no_change();
+    tuning.adjust[0].approved = 0.5;
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
+    many(WITHIN, PART);
+    expect_change(TL_LOCK_LOCKED, "100 %");
+    many(WITHIN, LASTS);
+    expect_no_change();
+    tuning.adjust[0].approved = 0.7;
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
+    many(WITHIN, 150);
+    expect_change(TL_LOCK_CORRECTED, "motor.d +0.5 N.m since");
 }
 
 static void test_corrections_that_do_harm(void) {
@@ -564,7 +666,7 @@ static void test_at_a_bound(void) {
     lock();
     record.u[0] = 2;
     many(WITHIN, WINDOW / 2);
-    expect_change(TL_LOCK_CORRECTED, "motor.d|bound|50 %|100 steps");
+    expect_change(TL_LOCK_CORRECTED, "locked, corrected: motor.d at bound 2 N.m since t = 0 s");
     record.u[0] = 0;
     record.u[1] = 1; /* a Boolean is always at a bound */
     many(WITHIN, LASTS + 2 * WINDOW);
@@ -733,6 +835,10 @@ int main(void) {
     RUN_TEST(test_a_young_released_twin_shows_nothing);
     RUN_TEST(test_a_released_twin_without_a_value);
     RUN_TEST(test_a_standing_correction);
+    RUN_TEST(test_a_correction_that_grows);
+    RUN_TEST(test_the_beginning_of_a_correction);
+    RUN_TEST(test_an_approved_correction);
+    RUN_TEST(test_a_correction_that_is_approved);
     RUN_TEST(test_corrections_that_do_harm);
     RUN_TEST(test_at_a_bound);
     RUN_TEST(test_a_slow_twin);

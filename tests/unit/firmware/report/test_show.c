@@ -276,13 +276,45 @@ static void test_the_shares_of_the_lock(void) {
     char *lock = cJSON_PrintUnformatted(cJSON_GetObjectItemCaseSensitive(json, "lock"));
     TEST_ASSERT_EQUAL_STRING(
         "{\"state\":\"locked\",\"percent\":75,\"steps\":{\"free\":0,\"locked\":800,\"corrected\":400,\"degraded\":0,"
-        "\"lost\":400},\"changes\":3,\"losses\":1}",
+        "\"lost\":400},\"changes\":3,\"losses\":1,\"corrected\":null}",
         lock);
     cJSON_free(lock);
     cJSON_Delete(json);
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "8s"));
     expect_line("in lock|100.0 %|corrected 50.0 %");
     expect_not_shown("% lost");
+}
+
+/* The last event of the state counts, also if it is an update; the mean is that of the last steps. */
+static void test_a_standing_correction(void) {
+    record_known("run");
+    tl_sql_execute(
+        path, "INSERT INTO events (run, at, tick, severity, source, text) SELECT 1, (SELECT max(at) FROM events), "
+              "column1 + coalesce((SELECT lead FROM runs), 0), 1, 'lock', column2 FROM (VALUES (99, 'locked: 100 %'), "
+              "(800, 'locked, corrected: gear.d +2 N.m since t = 7.5 s; to accept it: \"approved\"'), "
+              "(900, 'locked, corrected: gear.d +5 N.m since 10:00:07 UTC (t = 7.5 s)'))");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_line("in lock|100.0 %|at the end corrected|corrected 50.0 %");
+    expect_line("   locked, corrected: gear.d +5 N.m since |UTC");
+    expect_line("   to accept it: \"approved\": 5 in synchronise.adjust.gear.d");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
+    cJSON *json = cJSON_Parse(output);
+    const cJSON *lock = cJSON_GetObjectItemCaseSensitive(json, "lock");
+    TEST_ASSERT_EQUAL_DOUBLE(1, cJSON_GetObjectItemCaseSensitive(lock, "changes")->valuedouble);
+    char *corrected = cJSON_PrintUnformatted(cJSON_GetObjectItemCaseSensitive(lock, "corrected"));
+    static const char start[] = "{\"reason\":\"correction\",\"variable\":\"gear.d\",\"value\":5,\"unit\":\"N.m\","
+                                "\"since_s\":7.5,\"since\":\"2";
+    TEST_ASSERT_EQUAL_STRING_LEN(start, corrected, sizeof start - 1);
+    cJSON_free(corrected);
+    cJSON_Delete(json);
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "8s"));
+    expect_line("   locked, corrected: gear.d +5 N.m since |UTC");
+    tl_sql_execute(path, "UPDATE events SET text = replace(text, 'gear.d', 'motor.d')");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_line("   locked, corrected: motor.d +0.005 N.m since |UTC");
+    tl_sql_execute(path, "UPDATE events SET text = replace(text, '7.5 s', '15.9 s')");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_line("   locked, corrected: motor.d +0.005 N.m since |UTC");
 }
 
 static void test_the_run_can_be_chosen(void) {
@@ -815,6 +847,7 @@ int main(void) {
     RUN_TEST(test_a_live_run_has_dates);
     RUN_TEST(test_since_counts_back_from_the_end);
     RUN_TEST(test_the_shares_of_the_lock);
+    RUN_TEST(test_a_standing_correction);
     RUN_TEST(test_the_run_can_be_chosen);
     RUN_TEST(test_many_runs_and_events);
     RUN_TEST(test_removed_and_lost_entries);

@@ -1,5 +1,6 @@
 /* The watch reports changes, not states. */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -193,7 +194,7 @@ static void test_a_variable_that_does_not_matter(void) {
     searches(0, 2 * MINUTE);
     expect_nothing();
     searches(1, 1);
-    expect_told(HELD);
+    expect_told("notice|twin|motor.d|do not react"); /* within an hour */
     searches(0, MINUTE);
     expect_told("notice|twin|motor.d|1");
 }
@@ -372,10 +373,8 @@ static void test_the_state_of_the_lock(void) {
         tl_lock_state state;
         const char *was_reported;
     } cases[] = {
-        {TL_LOCK_FREE, "warning|lock|free|cause 17"},
-        {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
-        {TL_LOCK_CORRECTED, "notice|lock|corrected|cause 17"},
-        {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
+        {TL_LOCK_FREE, "warning|lock|free|cause 17"},  {TL_LOCK_LOCKED, "notice|lock|locked|cause 17"},
+        {TL_LOCK_CORRECTED, "warning|lock: cause 17"}, {TL_LOCK_DEGRADED, "warning|lock|degraded|cause 17"},
         {TL_LOCK_LOST, "error|lock|lost|cause 17"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
@@ -383,6 +382,69 @@ static void test_the_state_of_the_lock(void) {
         tl_watch_lock(&watch, 5, &change);
         expect_told(cases[i].was_reported);
     }
+}
+
+static void lock_change(int64_t tick, tl_lock_state to, bool is_update) {
+    tl_lock_change change = {.to = to, .is_update = is_update};
+    (void)snprintf(change.cause, sizeof change.cause, "cause %lld", (long long)tick);
+    tl_watch_lock(&watch, tick, &change);
+}
+
+/* Within an hour a cause is a notice. While it returns, the hour doubles, up to a day; after a quiet
+ * time it is an hour again. */
+static void test_repeated_warnings(void) {
+    enum { HOUR = 360000 };
+    int warnings = 0;
+    lock_change(0, TL_LOCK_CORRECTED, false);
+    expect_told("warning|lock|cause 0\n");
+    lock_change(1, TL_LOCK_CORRECTED, true);
+    expect_told("notice|lock|cause 1\n");
+    lock_change(2, TL_LOCK_LOST, false);
+    expect_told("error|lost|cause 2\n");
+    for (int i = 1; i < 4; i++) {
+        lock_change(i * HOUR / 4, TL_LOCK_CORRECTED, false);
+        expect_told("notice|lock|cause");
+    }
+    lock_change(HOUR, TL_LOCK_CORRECTED, false);
+    expect_told("warning|lock|cause 360000 (3 more since t = 0 s)\n");
+    watch.started = 1000;
+    for (int hour = 2; hour < 24; hour++) {
+        lock_change((int64_t)hour * HOUR, TL_LOCK_CORRECTED, false);
+        char *line = told_lines(1);
+        warnings += strstr(line, "warning") != NULL ? 1 : 0;
+        if (hour == 7) {
+            TL_EXPECT_PARTS("warning|(3 more since 03:00:01 UTC)", line);
+        }
+        free(line);
+    }
+    TEST_ASSERT_EQUAL_INT(3, warnings); /* after 3, 7 and 15 hours */
+    lock_change(200 * HOUR, TL_LOCK_CORRECTED, false);
+    expect_told("warning|8 more since");
+    lock_change(201 * HOUR, TL_LOCK_CORRECTED, false);
+    expect_told("warning|cause 72360000\n");
+}
+
+/* The pause of an error stays an hour: a person has to act. */
+static void test_repeated_errors(void) {
+    enum { HOUR = 360000 };
+    for (int i = 0; i < 10; i++) {
+        lock_change(i * HOUR, TL_LOCK_LOST, false);
+        expect_told("error|lock|lost");
+        lock_change(i * HOUR + 100, TL_LOCK_LOST, false);
+        expect_told("notice|lock|lost");
+    }
+}
+
+/* A long text loses its end, not the count. */
+static void test_the_count_after_a_long_text(void) {
+    static tl_lock_change change = {.to = TL_LOCK_CORRECTED};
+    memset(change.cause, 'x', sizeof change.cause - 1);
+    for (int64_t tick = 0; tick <= 360000; tick += 180000) {
+        tl_watch_lock(&watch, tick, &change);
+    }
+    char *lines = told_lines(3);
+    TEST_ASSERT_NOT_NULL(strstr(lines, "x (1 more since t = 0 s)\n"));
+    free(lines);
 }
 
 static void test_missed_ticks_are_told_once_a_second(void) {
@@ -428,7 +490,7 @@ static void test_strokes_are_reported_if_they_change_something(void) {
     stroke(TL_FIRST_GUESS, 0.01, 0.0, 0);
     expect_told("notice|twin|stroke|tolerance|motor.d|0.01|J = 0");
     stroke(TL_BEST_SO_FAR, 0.01, 2.0, 20);
-    expect_told("warning|twin|stroke|tolerance|motor.d|0.01|J = 2");
+    expect_told("notice|twin|stroke|tolerance|motor.d|0.01|J = 2"); /* within an hour */
     record.flags = TL_FLAG_ABANDONED;
     records(TL_HELD, 1);
     expect_told("warning|twin|stroke|gap");
@@ -554,6 +616,9 @@ int main(void) {
     RUN_TEST(test_an_inexact_rollback_is_reported_once);
     RUN_TEST(test_free_running);
     RUN_TEST(test_the_state_of_the_lock);
+    RUN_TEST(test_repeated_warnings);
+    RUN_TEST(test_repeated_errors);
+    RUN_TEST(test_the_count_after_a_long_text);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     RUN_TEST(test_strokes_are_reported_if_they_change_something);
     RUN_TEST(test_a_stroke_that_a_reset_ends);

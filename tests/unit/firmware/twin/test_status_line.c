@@ -43,6 +43,19 @@ static void test_that_u_rests(void) {
     expect_words("  motor.d at nominal  ");
 }
 
+static void test_a_standing_correction(void) {
+    status.skipped = 0;
+    status.lock.state = TL_LOCK_CORRECTED;
+    status.lock.standing = (tl_lock_standing){
+        .reason = TL_LOCK_REASON_CORRECTION, .variable = "motor.d", .unit = "W", .value = 5, .since_s = 18006};
+    expect_words("    1.00 s  locked, corrected: motor.d +5 W since t = 18006 s");
+    status.lock.standing.started = 1;
+    status.lock.standing.now_s = 18006;
+    expect_words("    1.00 s  locked, corrected: motor.d +5 W since 05:00:06 UTC");
+    memset(status.lock.standing.variable, 'a', TL_LOCK_VARIABLE - 1);
+    expect_words("    1.00 s  locked, corrected since 05:00:06 UTC");
+}
+
 static void test_a_measurement_that_is_not_good(void) {
     status.record.measured_quality[0] = TL_NO_LINK;
     status.skipped = 0;
@@ -68,6 +81,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_it_says);
     RUN_TEST(test_that_u_rests);
+    RUN_TEST(test_a_standing_correction);
     RUN_TEST(test_a_measurement_that_is_not_good);
     RUN_TEST(test_a_twin_that_runs_free);
     RUN_TEST(test_names_that_are_longer_than_a_line);

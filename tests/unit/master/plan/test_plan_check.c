@@ -89,6 +89,13 @@ static void a_plan_of_ordinary_numbers_passes(void) {
     expect_none();
 }
 
+static void an_approved_correction_is_finite(void) {
+    adjust[1].approved = -3.5;
+    expect_none();
+    adjust[1].approved = (double)NAN;
+    expect_problem("adjust.second", "\"approved\"|nan");
+}
+
 static void penalties_are_numbers_from_zero(void) {
     expect_from_zero(&adjust[1].deviation_penalty, "adjust.second", "\"penalty\"|deviation");
     expect_from_zero(&adjust[0].rate_penalty, "adjust.first", "\"penalty\"|rate");
@@ -152,6 +159,7 @@ static void every_problem_is_reported(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_plan_of_ordinary_numbers_passes);
+    RUN_TEST(an_approved_correction_is_finite);
     RUN_TEST(penalties_are_numbers_from_zero);
     RUN_TEST(a_dwell_is_a_time_from_zero);
     RUN_TEST(a_huber_limit_is_a_number_from_zero);

@@ -124,6 +124,57 @@ static void a_released_twin_returns_to_the_uncorrected_model(void) {
     TEST_ASSERT_TRUE(tl_metrics_mse(released) > 3.0 && tl_metrics_mse(tl_twin_metrics(run.twin, 0)) < 0.1);
 }
 
+/* The plant has 2 more than nominal. Without the bound, the released twin would follow it. */
+static void an_approved_correction_is_no_error(void) {
+    plan.adjust[0].approved = 2.0;
+    begin(&with);
+    lead(&with, TICKS, 2.0);
+    for (size_t i = 3 * STEPS; i < with.count; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5, with.record[i].measured[0], with.record[i].released[0]);
+    }
+    tl_test_run_end(&run, &plan);
+    plan.adjust[0].upper = 1.5;
+    begin(&with);
+    plant = 0.0;
+    lead(&with, TICKS, 1.0);
+    for (size_t i = 3 * STEPS; i < with.count; i++) {
+        double left = 0.5 * (1.0 - pow(1.0 - PART, with.record[i].release_age));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5, with.record[i].measured[0] + left, with.record[i].released[0]);
+    }
+}
+
+/* Both released twins have run without it, so they end. The twin's bits are those of a twin without
+ * released twins. */
+static void a_correction_that_is_approved_in_place(void) {
+    tl_tuning tuning;
+    begin(&with);
+    lead(&with, TICKS / 2, 2.0);
+    tl_twin_get_tuning(run.twin, &tuning);
+    tuning.adjust[0].approved = 2.0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_retune(run.twin, &tuning, &run.error));
+    size_t first = with.count;
+    lead(&with, TICKS / 2, 2.0);
+    TEST_ASSERT_EQUAL_UINT32(0, with.record[first].release_age);
+    bool is_released = false;
+    for (size_t i = first; i < with.count; i++) {
+        bool has_one = with.record[i].release_age != 0;
+        TEST_ASSERT_TRUE(has_one || !is_released);
+        is_released = has_one;
+        if (has_one) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-5, with.record[i].measured[0], with.record[i].released[0]);
+        }
+    }
+    TEST_ASSERT_TRUE(with.record[first + STEPS / 2].release_age != 0);
+    tl_twin_get_tuning(run.twin, &tuning);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, tuning.adjust[0].approved);
+    tl_test_run_end(&run, &plan);
+    plan.plan.released_steps = 0;
+    begin(&without);
+    plant = 0.0;
+    lead(&without, TICKS, 2.0);
+    expect_same_twin();
+}
+
 static void with_a_right_model_it_stays_at_the_plant(void) {
     begin(&with);
     lead(&with, TICKS, 0.0);
@@ -361,6 +412,8 @@ static void states_that_cannot_be_had_end_the_twin(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_released_twin_returns_to_the_uncorrected_model);
+    RUN_TEST(an_approved_correction_is_no_error);
+    RUN_TEST(a_correction_that_is_approved_in_place);
     RUN_TEST(with_a_right_model_it_stays_at_the_plant);
     RUN_TEST(errors_are_added_by_age);
     RUN_TEST(without_a_measurement_no_error_counts);

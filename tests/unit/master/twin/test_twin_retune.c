@@ -115,6 +115,7 @@ static void change(tl_test_plan *test) {
         test->adjust[v].nominal = flag ? 1.0 : 0.4;
         test->adjust[v].lower = flag ? -HUGE_VAL : 0.2;
         test->adjust[v].upper = flag ? HUGE_VAL : 3.0;
+        test->adjust[v].approved = 0.25;
         test->adjust[v].deviation_penalty = flag ? 0.0 : 1e-3;
         test->adjust[v].rate_penalty = flag ? 0.0 : 1e-4;
     }
@@ -366,6 +367,7 @@ static void numbers_that_cannot_be_are_refused(void) {
     REFUSED(match[0].huber = HUGE_VAL, "match 0|inf");
     REFUSED(adjust[0].has_nominal = 2, "variable 0|nominal");
     REFUSED(adjust[0].nominal = (double)NAN, "variable 0|nominal|nan");
+    REFUSED(adjust[0].approved = (double)NAN, "variable 0|approved|nan");
     REFUSED(adjust[0].lower = HUGE_VAL, "variable 0|bounds|inf");
     REFUSED(adjust[0].upper = (double)NAN, "variable 0|bounds|nan");
     REFUSED(adjust[0].deviation_penalty = -1.0, "variable 0|penalties|-1");
