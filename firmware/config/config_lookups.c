@@ -66,7 +66,8 @@ static void note_uses(tl_config *config) {
     }
 }
 
-/* Rejects outliers of matched Reals. With several matches of a signal, the largest tolerance counts. */
+/* Rejects outliers of matched Reals. With several matches of a signal, the largest tolerance
+ * counts. */
 static void find_leaps(tl_config *config) {
     static const double tolerances = 6.0; /* at least 18 standard deviations of the noise */
     size_t count = config->signal_count;

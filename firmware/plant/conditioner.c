@@ -137,8 +137,8 @@ static bool is_near(const tl_conditioner *self, const tl_reading *one, const tl_
 }
 
 /* Returns true if the reading shows that the pending ones are the plant's. With a gate, all three
- * agree. With a leap, it is a usual move from the last one, or the third that is not near the
- * accepted one. */
+ * agree. With a leap, it is a usual move from the last one, or not clearly nearer to the accepted
+ * one, or the third that leaps. */
 static bool confirms_pending(const tl_conditioner *self, const tl_reading *reading) {
     const tl_reading *pending = self->pending;
     size_t count = self->pending_count;
@@ -147,21 +147,25 @@ static bool confirms_pending(const tl_conditioner *self, const tl_reading *readi
         return is_out && count == PENDING && is_near(self, &pending[0], &pending[1]) &&
                is_near(self, &pending[0], reading) && is_near(self, &pending[1], reading);
     }
-    return count > 0 &&
-           (move_between(&pending[count - 1], reading) <= usual_move(self) || (is_out && count == PENDING));
+    if (count == 0) {
+        return false;
+    }
+    double move = move_between(&pending[count - 1], reading);
+    return move <= usual_move(self) ||
+           (is_out ? count == PENDING : move < 2.0 * move_between(&self->accepted, reading));
 }
 
-/* `growth`: largest growth of the largest move; the first growth is to half of the leap. */
-static void note_move(tl_conditioner *self, double move, double growth) {
-    double most = fmax(self->condition.leap / 2.0, growth * self->largest_move);
+/* The first growth is to half of the leap. */
+static void note_move(tl_conditioner *self, double move) {
+    double most = fmax(self->condition.leap / 2.0, GROWTH * self->largest_move);
     self->largest_move = fmax(fmin(move, most), self->largest_move * (1.0 - 1.0 / TL_CONDITIONER_MOVES));
     self->smallest_move = move > 0.0 ? fmin(move, self->smallest_move) : self->smallest_move;
 }
 
-static void accept_reading(outputs *to, const tl_reading *reading, double growth) {
+static void accept_reading(outputs *to, const tl_reading *reading) {
     tl_conditioner *self = to->conditioner;
     if (self->has_accepted) {
-        note_move(self, move_between(reading, &self->accepted), growth);
+        note_move(self, move_between(reading, &self->accepted));
     }
     filter_reading(to, reading);
     self->accepted = *reading;
@@ -169,13 +173,22 @@ static void accept_reading(outputs *to, const tl_reading *reading, double growth
     self->since = 0;
 }
 
-static void accept_pending(outputs *to, double growth) {
+/* Three moves in a row that leap are the plant's speed. */
+static double slowest_move(const tl_conditioner *self, const tl_reading *reading) {
+    const tl_reading *pending = self->pending;
+    return self->pending_count < PENDING
+               ? 0.0
+               : fmin(move_between(&self->accepted, &pending[0]),
+                      fmin(move_between(&pending[0], &pending[1]), move_between(&pending[1], reading)));
+}
+
+static void accept_pending(outputs *to) {
     tl_conditioner *self = to->conditioner;
     if (self->condition.gate > 0.0) {
         restart_filters(self);
     }
     for (size_t i = 0; i < self->pending_count; i++) {
-        accept_reading(to, &self->pending[i], growth);
+        accept_reading(to, &self->pending[i]);
     }
     self->pending_count = 0;
 }
@@ -185,7 +198,7 @@ static void accept_overdue(outputs *to, tl_time now) {
     if (self->condition.leap > 0.0 && self->pending_count > 0) {
         tl_time interval = self->pending[0].stamp - self->accepted.stamp;
         if ((now - self->pending[self->pending_count - 1].stamp) / TL_CONDITIONER_PATIENCE > interval) {
-            accept_pending(to, GROWTH);
+            accept_pending(to);
         }
     }
 }
@@ -214,21 +227,21 @@ size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *readin
                            tl_conditioned out[TL_CONDITIONER_LEVEL]) {
     outputs to = {.conditioner = conditioner, .out = out};
     bool is_good = reading->quality == TL_GOOD;
-    double growth = GROWTH;
     *is_rejected = false;
     accept_overdue(&to, reading->stamp);
     if (is_good && is_lost(conditioner, reading)) {
         restart_filters(conditioner);
     } else if (is_good && confirms_pending(conditioner, reading)) {
-        growth = conditioner->pending_count == PENDING ? HUGE_VAL : GROWTH; /* the plant moves this fast */
-        accept_pending(&to, growth);
+        double slowest = slowest_move(conditioner, reading);
+        accept_pending(&to);
+        conditioner->largest_move = fmax(conditioner->largest_move, slowest);
     } else if (is_good) {
         *is_rejected = !is_near(conditioner, &conditioner->accepted, reading);
     }
     if (*is_rejected) {
         keep_pending(conditioner, reading);
     } else if (is_good) {
-        accept_reading(&to, reading, growth);
+        accept_reading(&to, reading);
         conditioner->pending_count = 0;
     } else {
         add_output(&to, &(tl_conditioned){.reading = *reading, .smooth = reading->value});

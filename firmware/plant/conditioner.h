@@ -6,18 +6,20 @@
  *           output has no lag; it is only available later (config_lookups.c). The caller
  *           interpolates between two outputs.
  * Order:    leap or gate, then median, then low-pass.
- * Leap:     rejects isolated outliers, without a parameter of the plant. A good reading leaps if it is
- *           further from the last accepted one than `leap` and than twice the usual move. A move is
- *           the difference of two successive accepted readings. The usual move is the largest
- *           recent one, or the smallest one ever (the resolution of a quantised signal) if that is
- *           larger. A reading that leaps waits for the next one. If the next one is a usual move
- *           away from it, the plant has made a step: both are accepted. If the next one does not
- *           leap, the waiting one was an outlier. Otherwise it waits too, and the third reading
- *           decides: if it leaps as well, the plant moves, and all three are accepted. The filters
- *           do not restart. If no reading follows within TL_CONDITIONER_PATIENCE times the
- *           interval before the leap, the waiting ones are accepted.
- *           The largest move decays slowly. It grows by a quarter per reading at most, so that an
- *           outlier that was accepted does not widen the limit for the next one.
+ * Leap:     rejects isolated outliers without a parameter of the plant. A move is the difference of
+ *           two successive accepted readings. The usual move is the largest recent one, or the
+ *           smallest one ever if that is larger (the resolution of a quantised signal). A good
+ *           reading leaps if it is further from the last accepted one than `leap`, and than twice
+ *           the usual move. It waits for the next reading:
+ *           - If the next one is a usual move away from it, both are accepted: a step.
+ *           - If the next one does not leap, the waiting one was an outlier. But it is accepted
+ *             unless the next one is twice as near to the last accepted one as to it.
+ *           - If the next one leaps too, it waits, and the third one decides. If that leaps as
+ *             well, all three are accepted, and the slowest of their moves is a usual one.
+ *           - If no reading follows within TL_CONDITIONER_PATIENCE times the interval before the
+ *             leap, the waiting ones are accepted.
+ *           The filters do not restart. The largest move decays slowly. It grows by a quarter per
+ *           reading at most, so that an outlier that was accepted hides no other one.
  * Gate:     a good reading further than `gate` from the last accepted one is rejected: there is no
  *           output. If three rejected readings in a row agree with each other within the gate, they
  *           are a new level: they are accepted, and the filters restart with them alone. Readings
@@ -71,10 +73,10 @@ typedef struct tl_conditioner {
     bool is_empty;                            /* the low-pass has had no reading since it started */
     tl_conditioned last_smoothed;             /* last reading that entered the low-pass, and its output then */
     bool has_accepted;
-    double largest_move,
-        smallest_move;   /* limits of a leap, in the signal's unit; smallest: infinity if there was no move */
-    tl_reading accepted; /* last accepted reading */
-    uint32_t since;      /* readings since the accepted one */
+    double largest_move;                          /* recent one, in the signal's unit */
+    double smallest_move;                         /* ever, above 0; infinity: none yet */
+    tl_reading accepted;                          /* last accepted reading */
+    uint32_t since;                               /* readings since the accepted one */
     tl_reading pending[TL_CONDITIONER_LEVEL - 1]; /* rejected readings that may be accepted later */
     size_t pending_count;
     tl_time newest; /* stamp of the last output; TL_TIME_NEVER: none */
@@ -85,15 +87,15 @@ typedef struct tl_conditioner {
 void tl_conditioner_init(tl_conditioner *conditioner, const tl_condition *condition, tl_time stale);
 
 /* Adds the next reading; its stamp must be later than the one before, and a good value must be
- * finite. Sets *is_rejected if it is rejected or waits; then it has no output. Returns the number of
- * outputs in `out`, in the order of their stamps. All are later than earlier outputs. Bound:
+ * finite. Sets *is_rejected if it is rejected or waits; then it has no output. Returns the number
+ * of outputs in `out`, in the order of their stamps. All are later than earlier outputs. Bound:
  * O(median). */
 size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *reading, bool *is_rejected,
                            tl_conditioned out[TL_CONDITIONER_LEVEL]);
 
-/* Accepts the readings that wait, if no reading up to the instant `now` has followed in time. Returns
- * the number of outputs in `out`. tl_conditioner_take() does this too, so that the outputs do not
- * depend on how often this is called. */
+/* Accepts the waiting readings if no reading up to the instant `now` has followed in time. Returns
+ * the number of outputs in `out`. tl_conditioner_take() does this too, so the outputs do not depend
+ * on how often this is called. */
 size_t tl_conditioner_wait(tl_conditioner *conditioner, tl_time now, tl_conditioned out[TL_CONDITIONER_LEVEL]);
 
 /* Returns the value of the low-pass at the instant `at`, between two successive outputs `before`

@@ -66,7 +66,7 @@ static void await_next(tl_watch_rejected *rejected, double value) {
     rejected->waiting[rejected->waiting_count++] = value;
 }
 
-/* `value` is good. A step of the plant is nearer to the waiting reading than to the accepted one. */
+/* `value` is good. After a step it is nearer to the waiting reading than to the accepted one. */
 static void report_waiting(tl_watch *watch, int64_t tick, size_t signal, double value) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     size_t count = rejected->waiting_count;

@@ -293,6 +293,18 @@ static void a_step_is_accepted_with_its_second_reading(void) {
     passes(80);
 }
 
+/* A reading in the middle shows a motion, not an outlier. */
+static void a_turn_of_the_plant_is_no_outlier(void) {
+    create((tl_condition){.leap = 6});
+    passes(50);
+    passes(50.5);
+    expect_rejected(57);
+    TEST_ASSERT_EQUAL_size_t(2, take(53));
+    passes(53);
+    expect_rejected(62);
+    passes(54); /* clearly nearer */
+}
+
 /* From rest to 100 times the limit per reading: the third reading shows the motion. */
 static void a_steep_ramp_is_accepted_with_its_third_reading(void) {
     uint32_t seed = 5;
@@ -444,6 +456,7 @@ int main(void) {
     RUN_TEST(isolated_outliers_are_rejected);
     RUN_TEST(two_outliers_in_a_row_are_rejected);
     RUN_TEST(a_step_is_accepted_with_its_second_reading);
+    RUN_TEST(a_turn_of_the_plant_is_no_outlier);
     RUN_TEST(a_steep_ramp_is_accepted_with_its_third_reading);
     RUN_TEST(a_motion_that_grows_passes);
     RUN_TEST(noise_above_the_limit_passes);
