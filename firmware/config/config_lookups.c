@@ -11,6 +11,8 @@
  *            the median's readings, every_s each, and the time constant of a low-pass, which is its
  *            lag. A step waits for this too, except in mode ahead. The low-pass is evaluated
  *            between the readings' stamps, so it is always looked up on the line.
+ * Outliers:  rejected by default, unless a gate or a median does it, or there is no room for the
+ *            further look-ups. With an event horizon, the instant of a reading counts: none there.
  * Names:     a sample has one value per signal. If a signal feeds an input and is matched too, the
  *            sample contains it a second time, after all others, as NAME@match; a user cannot
  *            define such a name. A matched signal that is conditioned or on a line is included once
@@ -19,6 +21,7 @@
 #include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -54,10 +57,30 @@ static void note_uses(tl_config *config) {
         size_t at = tl_config_signal_of(config, config->match[i].to);
         if (at != SIZE_MAX) {
             tl_config_signal *signal = &config->signals[at];
-            bool has_condition = tl_condition_is_needed(&signal->matched_condition);
+            const tl_condition *first = &signal->matched_condition;
+            bool has_condition = tl_condition_is_needed(first) || first->keeps_outliers;
             signal->is_matched = true;
             signal->as_output = signal->as_output != TL_BETWEEN_LAST ? signal->as_output : config->matched_between[i];
             signal->matched_condition = has_condition ? signal->matched_condition : config->conditions[i];
+        }
+    }
+}
+
+/* Rejects outliers of matched Reals. With several matches of a signal, the largest tolerance
+ * counts. */
+static void find_leaps(tl_config *config) {
+    static const double tolerances = 6.0; /* at least 18 standard deviations of the noise */
+    size_t count = config->signal_count;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        count += config->signals[i].is_matched && config->signals[i].feeds ? 1 : 0;
+    }
+    for (size_t i = 0; i < config->match_count && count <= TL_MAX_SIGNALS && config->event.start.signal == NULL; i++) {
+        size_t at = tl_config_signal_of(config, config->match[i].to);
+        bool rejects = at != SIZE_MAX && config->match[i].weight > 0 && config->signals[at].plan.type == TL_REAL;
+        if (rejects) {
+            tl_condition *condition = &config->signals[at].matched_condition;
+            bool is_free = condition->gate <= 0.0 && condition->median <= 1 && !condition->keeps_outliers;
+            condition->leap = is_free ? fmax(condition->leap, tolerances * config->match[i].tolerance) : 0.0;
         }
     }
 }
@@ -180,8 +203,8 @@ static void check_input(const tl_config_object *root, const tl_config *config, c
 
 /* A reading is conditioned once for all its matches. */
 static bool is_same_condition(const tl_condition *one, const tl_condition *other) {
-    return one->median == other->median && one->low_pass == other->low_pass && !(one->gate < other->gate) &&
-           !(one->gate > other->gate);
+    return one->median == other->median && one->low_pass == other->low_pass &&
+           one->keeps_outliers == other->keeps_outliers && !(one->gate < other->gate) && !(one->gate > other->gate);
 }
 
 static tl_time every_of(const tl_config *config, const tl_config_signal *signal) {
@@ -359,10 +382,11 @@ void tl_config_build_lookups(tl_config_object *root, tl_config *config) {
         return;
     }
     note_uses(config);
+    find_leaps(config);
     find_lookups(root, config);
     bool is_unchanged = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0;
-    for (size_t i = 0; i < config->match_count; i++) {
-        is_unchanged = is_unchanged && !tl_condition_is_needed(&config->conditions[i]);
+    for (size_t i = 0; i < config->signal_count; i++) {
+        is_unchanged = is_unchanged && !tl_condition_is_needed(&signals[i].matched_condition);
     }
     if (config->delays == NULL && is_unchanged) {
         return;

@@ -107,6 +107,8 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
     static const tl_config_number median_rule = {
         .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
     static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
+    static const char *const outliers[] = {"reject", "keep", NULL};
+    size_t keeps = 0;
     char expected[96];
     tl_config_object object;
     (void)tl_config_member(entry, "condition", TL_CONFIG_OPTIONAL, "{\"median\": 5}", &object);
@@ -121,6 +123,9 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
         tl_config_wrong(&object, "low_pass_s", NULL, expected, NULL);
     }
     (void)tl_config_get_number(&object, "gate", &gate, &condition->gate);
+    if (tl_config_get_choice(&object, "outliers", TL_CONFIG_OPTIONAL, outliers, &keeps)) {
+        condition->keeps_outliers = keeps == 1;
+    }
     tl_config_done(&object);
 }
 

@@ -5,8 +5,11 @@
 
 enum { PENDING = TL_CONDITIONER_LEVEL - 1 };
 
+static const double GROWTH = 1.25; /* of the largest move, per reading */
+
 void tl_conditioner_init(tl_conditioner *conditioner, const tl_condition *condition, tl_time stale) {
-    *conditioner = (tl_conditioner){.condition = *condition, .stale = stale, .is_empty = true, .newest = TL_TIME_NEVER};
+    *conditioner = (tl_conditioner){
+        .condition = *condition, .stale = stale, .is_empty = true, .smallest_move = HUGE_VAL, .newest = TL_TIME_NEVER};
 }
 
 /* ---- outputs ---- */
@@ -112,17 +115,98 @@ static void filter_reading(outputs *to, const tl_reading *reading) {
     }
 }
 
-/* ---- the gate ---- */
+/* ---- gate and leap ---- */
 
-static bool is_near(const tl_conditioner *self, const tl_reading *one, const tl_reading *other) {
-    return self->condition.gate <= 0.0 || fabs(one->value - other->value) <= self->condition.gate;
+static double move_between(const tl_reading *one, const tl_reading *other) {
+    return fabs(one->value - other->value);
 }
 
-/* Returns true if this is the third rejected reading in a row that agrees with the other two. */
-static bool is_new_level(const tl_conditioner *self, const tl_reading *reading) {
+static double usual_move(const tl_conditioner *self) {
+    return fmax(self->largest_move, self->smallest_move);
+}
+
+static bool is_near(const tl_conditioner *self, const tl_reading *one, const tl_reading *other) {
+    const tl_condition *condition = &self->condition;
+    double limit = HUGE_VAL;
+    if (condition->gate > 0.0) {
+        limit = condition->gate;
+    } else if (condition->leap > 0.0) {
+        limit = fmax(condition->leap, 2.0 * usual_move(self));
+    }
+    return move_between(one, other) <= limit;
+}
+
+/* Returns true if the reading shows that the pending ones are the plant's. With a gate, all three
+ * agree. With a leap, it is a usual move from the last one, or not clearly nearer to the accepted
+ * one, or the third that leaps. */
+static bool confirms_pending(const tl_conditioner *self, const tl_reading *reading) {
     const tl_reading *pending = self->pending;
-    return self->pending_count == PENDING && is_near(self, &pending[0], &pending[1]) &&
-           is_near(self, &pending[0], reading) && is_near(self, &pending[1], reading);
+    size_t count = self->pending_count;
+    bool is_out = !is_near(self, &self->accepted, reading);
+    if (self->condition.gate > 0.0) {
+        return is_out && count == PENDING && is_near(self, &pending[0], &pending[1]) &&
+               is_near(self, &pending[0], reading) && is_near(self, &pending[1], reading);
+    }
+    if (count == 0) {
+        return false;
+    }
+    double move = move_between(&pending[count - 1], reading);
+    return move <= usual_move(self) ||
+           (is_out ? count == PENDING : move < 2.0 * move_between(&self->accepted, reading));
+}
+
+/* The first growth is to half of the leap. */
+static void note_move(tl_conditioner *self, double move) {
+    double most = fmax(self->condition.leap / 2.0, GROWTH * self->largest_move);
+    self->largest_move = fmax(fmin(move, most), self->largest_move * (1.0 - 1.0 / TL_CONDITIONER_MOVES));
+    self->smallest_move = move > 0.0 ? fmin(move, self->smallest_move) : self->smallest_move;
+}
+
+static void accept_reading(outputs *to, const tl_reading *reading) {
+    tl_conditioner *self = to->conditioner;
+    if (self->has_accepted) {
+        note_move(self, move_between(reading, &self->accepted));
+    }
+    filter_reading(to, reading);
+    self->accepted = *reading;
+    self->has_accepted = true;
+    self->since = 0;
+}
+
+/* Three moves in a row that leap are the plant's speed. */
+static double slowest_move(const tl_conditioner *self, const tl_reading *reading) {
+    const tl_reading *pending = self->pending;
+    return self->pending_count < PENDING
+               ? 0.0
+               : fmin(move_between(&self->accepted, &pending[0]),
+                      fmin(move_between(&pending[0], &pending[1]), move_between(&pending[1], reading)));
+}
+
+static void accept_pending(outputs *to) {
+    tl_conditioner *self = to->conditioner;
+    if (self->condition.gate > 0.0) {
+        restart_filters(self);
+    }
+    for (size_t i = 0; i < self->pending_count; i++) {
+        accept_reading(to, &self->pending[i]);
+    }
+    self->pending_count = 0;
+}
+
+static void accept_overdue(outputs *to, tl_time now) {
+    tl_conditioner *self = to->conditioner;
+    if (self->condition.leap > 0.0 && self->pending_count > 0) {
+        tl_time interval = self->pending[0].stamp - self->accepted.stamp;
+        if ((now - self->pending[self->pending_count - 1].stamp) / TL_CONDITIONER_PATIENCE > interval) {
+            accept_pending(to);
+        }
+    }
+}
+
+size_t tl_conditioner_wait(tl_conditioner *conditioner, tl_time now, tl_conditioned out[TL_CONDITIONER_LEVEL]) {
+    outputs to = {.conditioner = conditioner, .out = out};
+    accept_overdue(&to, now);
+    return to.count;
 }
 
 /* Keeps the last PENDING readings. */
@@ -144,27 +228,24 @@ size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *readin
     outputs to = {.conditioner = conditioner, .out = out};
     bool is_good = reading->quality == TL_GOOD;
     *is_rejected = false;
+    accept_overdue(&to, reading->stamp);
     if (is_good && is_lost(conditioner, reading)) {
         restart_filters(conditioner);
-    } else if (is_good && !is_near(conditioner, &conditioner->accepted, reading)) {
-        *is_rejected = !is_new_level(conditioner, reading);
-        if (!*is_rejected) {
-            restart_filters(conditioner);
-            filter_reading(&to, &conditioner->pending[0]);
-            filter_reading(&to, &conditioner->pending[1]);
-        }
+    } else if (is_good && confirms_pending(conditioner, reading)) {
+        double slowest = slowest_move(conditioner, reading);
+        accept_pending(&to);
+        conditioner->largest_move = fmax(conditioner->largest_move, slowest);
+    } else if (is_good) {
+        *is_rejected = !is_near(conditioner, &conditioner->accepted, reading);
     }
     if (*is_rejected) {
         keep_pending(conditioner, reading);
     } else if (is_good) {
-        filter_reading(&to, reading);
-        conditioner->accepted = *reading;
-        conditioner->has_accepted = true;
+        accept_reading(&to, reading);
         conditioner->pending_count = 0;
     } else {
         add_output(&to, &(tl_conditioned){.reading = *reading, .smooth = reading->value});
     }
-    bool is_accepted = is_good && !*is_rejected;
-    conditioner->since = is_accepted ? 0 : conditioner->since + 1;
+    conditioner->since += is_good && !*is_rejected ? 0 : 1;
     return to.count;
 }

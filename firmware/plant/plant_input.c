@@ -80,16 +80,20 @@ static bool next_of_stream(tl_reading_stream *stream, const tl_sample_buffer *bu
     return any;
 }
 
+static void post_outputs(tl_reading_stream *stream, const tl_conditioned *out, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        tl_reading smooth = out[i].reading;
+        smooth.value = out[i].smooth;
+        tl_sample_buffer_post(&stream->out, &out[i].reading);
+        tl_sample_buffer_post(&stream->smooth, &smooth);
+    }
+}
+
 /* Adds a reading with its quality. */
 static void put_into_stream(tl_reading_stream *stream, const tl_reading *reading) {
     tl_conditioned out[TL_CONDITIONER_LEVEL];
     bool is_rejected = false;
-    size_t count = tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out);
-    for (size_t i = 0; i < count; i++) {
-        tl_sample_buffer_post(&stream->out, &out[i].reading);
-        out[i].reading.value = out[i].smooth;
-        tl_sample_buffer_post(&stream->smooth, &out[i].reading);
-    }
+    post_outputs(stream, out, tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out));
     stream->last = *reading;
     if (is_rejected || !stream->has_rejected) {
         stream->shown = *reading;
@@ -331,6 +335,8 @@ static void condition_signal(const tl_plant_input *input, size_t signal, tl_time
             put_into_stream(stream, &reading);
         }
     }
+    tl_conditioned out[TL_CONDITIONER_LEVEL];
+    post_outputs(stream, out, tl_conditioner_wait(&stream->conditioner, until, out));
 }
 
 /* Returns the newest reading of a signal as it came, with its quality. */

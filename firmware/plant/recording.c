@@ -282,6 +282,7 @@ static bool has_same_lookups(const tl_config *config, const tl_config *run) {
         const tl_condition *its = &other->condition;
         same = signal->look_back == other->look_back && signal->next == other->next &&
                signal->between == other->between && own->median == its->median && own->low_pass == its->low_pass &&
+               (own->leap > 0.0) == (its->leap > 0.0) && /* the tolerance may differ */
                !(own->gate < its->gate) && !(own->gate > its->gate);
     }
     return same;

@@ -72,7 +72,17 @@ static void warn(tl_watch *watch, int64_t tick, unsigned cause, tl_severity seve
 
 /* ---- rejected readings ---- */
 
+static const tl_condition *condition_of(const tl_watch *watch, size_t signal) {
+    return &watch->config->signals[watch->config->signals[signal].shows].condition;
+}
+
 static void report_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
+    static const char *const by_gate =
+        "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more "
+        "than its gate of %.6g";
+    static const char *const by_leap =
+        "plant.%s: a reading of %.6g is rejected as an outlier: expected about %.6g, as before and after; %llu so far (if "
+        "the plant can do this: \"condition\": { \"outliers\": \"keep\" } in its match)";
     tl_watch_rejected *rejected = &watch->rejected[signal];
     const tl_config_signal *own = &watch->config->signals[signal];
     const char *name = watch->config->signals[own->of].plan.name;
@@ -86,23 +96,50 @@ static void report_rejected(tl_watch *watch, int64_t tick, size_t signal, double
         rejected->count = 0;
         rejected->since = tick;
     }
-    if (++rejected->count <= TL_WATCH_REJECTED) {
-        tl_journal_event(
-            watch->journal, tick, TL_EVENT_WARNING, "plant",
-            "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more than its "
-            "gate of %.6g",
-            name, value, fabs(value - rejected->accepted), watch->config->signals[own->shows].condition.gate);
+    rejected->total++;
+    if (++rejected->count > TL_WATCH_REJECTED) {
+        return;
     }
+    if (condition_of(watch, signal)->gate > 0.0) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant", by_gate, name, value,
+                         fabs(value - rejected->accepted), condition_of(watch, signal)->gate);
+    } else {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant", by_leap, name, value, rejected->accepted,
+                         (unsigned long long)rejected->total);
+    }
+}
+
+static void await_next(tl_watch_rejected *rejected, double value) {
+    if (rejected->waiting_count == TL_WATCH_WAITING) {
+        rejected->waiting[0] = rejected->waiting[1];
+        rejected->waiting_count--;
+    }
+    rejected->waiting[rejected->waiting_count++] = value;
+}
+
+/* `value` is good. After a step it is nearer to the waiting reading than to the accepted one. */
+static void report_waiting(tl_watch *watch, int64_t tick, size_t signal, double value) {
+    tl_watch_rejected *rejected = &watch->rejected[signal];
+    size_t count = rejected->waiting_count;
+    bool is_step = count > 0 && fabs(value - rejected->waiting[count - 1]) < fabs(value - rejected->accepted);
+    for (size_t i = 0; i < count && !is_step; i++) {
+        report_rejected(watch, tick, signal, rejected->waiting[i]);
+    }
+    rejected->waiting_count = 0;
 }
 
 static void watch_reading(tl_watch *watch, const tl_sample *sample, size_t signal) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     bool is_new = sample->stamps[signal] != rejected->stamp;
     rejected->stamp = sample->stamps[signal];
-    if (is_new && sample->quality[signal] == TL_OUTLIER) {
-        report_rejected(watch, sample->tick, signal, sample->values[signal]);
+    double value = sample->values[signal];
+    if (is_new && sample->quality[signal] == TL_OUTLIER && condition_of(watch, signal)->gate > 0.0) {
+        report_rejected(watch, sample->tick, signal, value);
+    } else if (is_new && sample->quality[signal] == TL_OUTLIER) {
+        await_next(rejected, value);
     } else if (is_new && sample->quality[signal] == TL_GOOD) {
-        rejected->accepted = sample->values[signal];
+        report_waiting(watch, sample->tick, signal, value);
+        rejected->accepted = value;
     }
 }
 

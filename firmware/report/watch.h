@@ -40,15 +40,19 @@ typedef struct tl_watch_trouble {
 } tl_watch_trouble;
 
 /* Rejected readings of a signal: in each minute the first TL_WATCH_REJECTED are reported one by
- * one. The number of further ones is reported with the first rejected reading after that minute. */
-enum { TL_WATCH_REJECTED = 10 };
+ * one. The number of further ones is reported with the first rejected reading after that minute.
+ * Without a gate, a reading is reported when the next good one has shown that it was an outlier. */
+enum { TL_WATCH_REJECTED = 10, TL_WATCH_WAITING = 2 };
 #define TL_WATCH_MINUTE (60 * TL_SECOND)
 
 typedef struct tl_watch_rejected {
-    tl_time stamp;   /* of the newest reading */
-    double accepted; /* the last accepted value; NaN: none yet */
-    int64_t since;   /* first tick of the present minute */
-    uint64_t count;  /* rejected in this minute */
+    tl_time stamp;                    /* of the newest reading */
+    double accepted;                  /* the last accepted value; NaN: none yet */
+    int64_t since;                    /* first tick of the present minute */
+    uint64_t count;                   /* rejected in this minute */
+    uint64_t total;                   /* and in this run */
+    double waiting[TL_WATCH_WAITING]; /* the next reading decides */
+    size_t waiting_count;
 } tl_watch_rejected;
 
 /* Causes of which repeats are notices; some have one entry for each variable. */

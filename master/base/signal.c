@@ -12,7 +12,7 @@ const char *tl_type_name(tl_type type) {
 }
 
 bool tl_condition_is_needed(const tl_condition *condition) {
-    return condition->gate > 0.0 || condition->median > 1 || condition->low_pass > 0;
+    return condition->gate > 0.0 || condition->leap > 0.0 || condition->median > 1 || condition->low_pass > 0;
 }
 
 tl_time tl_sample_age(const tl_sample *sample, size_t signal) {

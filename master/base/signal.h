@@ -23,7 +23,7 @@ typedef enum tl_quality {
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
     TL_NO_LINK,      /* the device does not answer, or has never answered */
-    TL_OUTLIER       /* rejected: too far from the last accepted reading (plant/conditioner.h) */
+    TL_OUTLIER       /* rejected, or not confirmed yet: too far from the last accepted reading (plant/conditioner.h) */
 } tl_quality;
 
 enum {
@@ -40,11 +40,13 @@ typedef enum tl_between {
 } tl_between;
 
 /* Conditioning of a signal's readings before they are matched, in this order (plant/conditioner.h).
- * All zero: none. */
+ * All zero: none. At most one of gate and leap is above 0. */
 typedef struct tl_condition {
     double gate; /* > 0: a reading further than this (signal's unit) from the last accepted one is rejected; 0: none */
-    uint32_t median;  /* odd number of readings, 3 … 99; 0 and 1: none */
-    tl_time low_pass; /* time constant τ of a first-order low-pass, ns; 0: none */
+    double leap; /* > 0: isolated outliers are rejected, but no reading within this of the last accepted one; 0: none */
+    bool keeps_outliers; /* as configured: no outlier is rejected by default */
+    uint32_t median;     /* odd number of readings, 3 … 99; 0 and 1: none */
+    tl_time low_pass;    /* time constant τ of a first-order low-pass, ns; 0: none */
 } tl_condition;
 
 /* One value as a driver read it. */

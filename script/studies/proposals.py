@@ -34,12 +34,14 @@ def sine(_choice, _seconds):
     return lambda time: 0.25 * (1.0 - math.cos(2.0 * math.pi * 3.0 * max(0.0, time - 0.5)))
 
 
-def chirp(_choice, seconds):
-    """From 0.2 to 5 Hz."""
-    def at(time):
-        since = max(0.0, time - 0.5)
-        return 0.25 * (1.0 - math.cos(2.0 * math.pi * (0.2 * since + 4.8 / (2.0 * seconds) * since ** 2)))
-    return at
+def chirp_to(hertz):
+    """From 0.2 Hz."""
+    def chirp(_choice, seconds):
+        def at(time):
+            since = max(0.0, time - 0.5)
+            return 0.25 * (1.0 - math.cos(2.0 * math.pi * (0.2 * since + (hertz - 0.2) / (2.0 * seconds) * since ** 2)))
+        return at
+    return chirp
 
 
 def steps(choice, seconds):
@@ -56,7 +58,7 @@ KINDS = {
     "quiet": (quiet, 1.0, False, None),
     "hand": (hand, 1.0, False, 0.08),
     "sine 3 Hz": (sine, 1.0, False, 0.3),
-    "chirp": (chirp, 1.0, False, 0.6),
+    "chirp": (chirp_to(5.0), 1.0, False, 0.6),
     "steps": (steps, 1.0, False, 0.4),
     "noise x 3": (hand, 3.0, False, 0.5),
     "2 % outliers": (hand, 1.0, True, 0.3),
@@ -68,12 +70,13 @@ KINDS = {
 class Recording:
     """A recording of the bench, its true speed, and the true noise of its readings: of the sensor and of the stamps."""
 
-    def __init__(self, program, folder, kind, seed, seconds):
-        shape, self.times, has_outliers, _ = KINDS[kind]
+    def __init__(self, program, folder, kind, seed, seconds, kinds=None):
+        shape, self.times, has_outliers, _ = (kinds or KINDS)[kind]
         self.program, self.folder, self.seconds = program, folder, seconds
         self._write_brake(shape(random.Random(f"{kind} {seed}"), seconds))
         self.path = self._play("recording.csv", seed, False)
         self.truth = {round(time / STEP_S): speed for time, speed in self._rows(self._play("truth.csv", seed, True))}
+        self.outliers = 0
         if has_outliers:
             self._add_outliers(random.Random(seed))
         off = [speed - self._true_at(time - AGE_S) for time, speed in self._rows(self.path) if time > 0.2]
@@ -112,6 +115,7 @@ class Recording:
         column = head.index("omega")
         for row in rows:
             if choice.random() < OUTLIERS:
+                self.outliers += 1
                 row[column] = repr(float(row[column]) + choice.choice((-1.0, 1.0)) * choice.uniform(NEAREST, FURTHEST))
         with open(self.path, "w", encoding="utf-8", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([head, *rows])
@@ -128,15 +132,18 @@ class Recording:
         return json.loads(self._run((0,), "check", FOLDER / "lock.json", "--recording", self.path, "--json"))
 
     def true_mse(self, change):
-        """The true MSE with config/motor/lock.json and a merge patch."""
+        return self.replay(change)[0]
+
+    def replay(self, change):
+        """(true MSE, figures of the match) with config/motor/lock.json and a merge patch."""
         config, table = self.folder / "twin.json", self.folder / "steps.csv"
         document = merge(read("lock"), {"duration_s": None, **change})
         config.write_text(json.dumps(document), encoding="utf-8")
-        self._run((0, NOT_LOCKED), "replay", config, "--recording", self.path, "--csv", table)
+        told = json.loads(self._run((0, NOT_LOCKED), "replay", config, "--recording", self.path, "--json", "--csv", table))
         with open(table, encoding="utf-8", newline="") as file:
             squares = [(float(row["motor.omega simulated"]) - self.truth[round(float(row["time"]) / STEP_S)]) ** 2
                        for row in csv.DictReader(file) if round(float(row["time"]) / STEP_S) in self.truth]
-        return sum(squares) / len(squares)
+        return sum(squares) / len(squares), told["match"]["motor.omega"]
 
 
 ALONE = {"synchronise": None, "compare": {"motor.omega": {"to": "plant.omega"}}}

@@ -731,6 +731,24 @@ static void test_modes_and_shapes(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[2].nominal);
 }
 
+/* Returns the limit for outliers of the matched speed. */
+static double leap_with(const char *old, const char *new) {
+    takes(FULL, old, new);
+    return verdict.config.signals[3].condition.leap;
+}
+
+/* Outliers are rejected unless a gate or a median does it, or the file keeps them. */
+static void test_outliers_are_rejected_by_default(void) {
+    static const char *const all = "\"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45";
+    TEST_ASSERT_EQUAL_DOUBLE(3, leap_with(all, "")); /* six times the tolerance */
+    TEST_ASSERT_EQUAL_STRING("plant.omega@reading", verdict.config.reading_as[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(3, leap_with(all, "\"low_pass_s\": 0.03, \"outliers\": \"reject\""));
+    TEST_ASSERT_EQUAL_DOUBLE(0, leap_with(all, "\"low_pass_s\": 0.03, \"outliers\": \"keep\""));
+    TEST_ASSERT_EQUAL_DOUBLE(0, leap_with(all, "\"median\": 3"));
+    TEST_ASSERT_EQUAL_DOUBLE(0, leap_with(all, "\"gate\": 45"));
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.signals[4].condition.leap); /* current: weight 0 */
+}
+
 /* Empty objects, and objects with some of their keys. */
 static void test_objects_in_part(void) {
     takes(FULL, "\"deviation\": 0.25, \"rate\": 0.125", "\"rate\": 0.125");
@@ -1105,6 +1123,7 @@ int main(void) {
     RUN_TEST(test_weights_and_tolerances);
     RUN_TEST(test_solvers);
     RUN_TEST(test_modes_and_shapes);
+    RUN_TEST(test_outliers_are_rejected_by_default);
     RUN_TEST(test_objects_in_part);
     RUN_TEST(test_steps_in_nanoseconds);
     RUN_TEST(test_durations_at_their_limits);

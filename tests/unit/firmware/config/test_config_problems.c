@@ -455,6 +455,8 @@ static void test_condition(void) {
         {"\"low_pass_s\": 0.03", "\"low_pass_s\": [0.03]", "synchronise.match.motor.omega.condition.low_pass_s",
          "array|1|> 0|1e9", NULL},
         {"\"gate\": 45", "\"gate\": 0", "synchronise.match.motor.omega.condition.gate", "0|> 0", NULL},
+        {"\"gate\": 45", "\"outliers\": true", "synchronise.match.motor.omega.condition.outliers", "true|reject|keep",
+         NULL},
         {"\"gate\": 45", "\"gate\": false", "synchronise.match.motor.omega.condition.gate", "false|> 0", NULL},
         {"\"gate\": 45", "\"gates\": 45", "synchronise.match.motor.omega.condition.gates", "unknown|\"gates\"|\"gate\"",
          NULL},

@@ -63,6 +63,8 @@ static void what_is_asked_for_is_needed(void) {
     TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.median = 3}));
     TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.low_pass = 1}));
     TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.gate = 1e-300}));
+    TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.leap = 1e-300}));
+    TEST_ASSERT_FALSE(tl_condition_is_needed(&(tl_condition){.keeps_outliers = true}));
 }
 
 static void without_conditioning_every_bit_passes(void) {
@@ -235,6 +237,165 @@ static void the_filters_begin_anew_at_a_new_level(void) {
     TEST_ASSERT_EQUAL_DOUBLE(200, out[1].smooth);
 }
 
+/* ---- leap ---- */
+
+/* Noise with a uniform distribution of this width. */
+static double noise(uint32_t *seed, double width) {
+    return width * ((double)tl_test_any(seed, 1001) / 1000.0 - 0.5);
+}
+
+/* Takes a reading that must pass at once, with every bit. */
+static void passes(double value) {
+    expect_here(take(value), value);
+}
+
+static void create_with_noise(uint32_t *seed) {
+    create((tl_condition){.leap = 6});
+    for (int i = 0; i < 100; i++) {
+        passes(50 + noise(seed, 2));
+    }
+}
+
+static void isolated_outliers_are_rejected(void) {
+    uint32_t seed = 5;
+    create_with_noise(&seed);
+    for (int i = 0; i < 1000; i++) {
+        if (i % 50 == 20) {
+            expect_rejected(50 + (i % 100 == 20 ? 1.0 : -1.0) * (10 + tl_test_any(&seed, 1000)));
+        }
+        passes(50 + noise(&seed, 2));
+    }
+}
+
+static void two_outliers_in_a_row_are_rejected(void) {
+    uint32_t seed = 5;
+    create_with_noise(&seed);
+    expect_rejected(90);
+    expect_rejected(86); /* further from the first one than any move so far */
+    passes(50);
+    expect_rejected(20);
+    expect_rejected(70);
+    passes(50);
+}
+
+/* The next reading confirms a step, and both are used with their own stamps. The low-pass does not
+ * restart. */
+static void a_step_is_accepted_with_its_second_reading(void) {
+    create((tl_condition){.leap = 6, .low_pass = 1000 * MS});
+    (void)take(50);
+    (void)take(50.5);
+    expect_rejected(80);
+    TEST_ASSERT_EQUAL_size_t(2, take(80.25));
+    TEST_ASSERT_EQUAL_DOUBLE(80, out[0].reading.value);
+    TEST_ASSERT_EQUAL_INT64(now - 10 * MS, out[0].reading.stamp);
+    TEST_ASSERT_EQUAL_DOUBLE(80.25, out[1].reading.value);
+    TEST_ASSERT_TRUE(out[1].smooth < 60);
+    passes(80);
+}
+
+/* A reading in the middle shows a motion, not an outlier. */
+static void a_turn_of_the_plant_is_no_outlier(void) {
+    create((tl_condition){.leap = 6});
+    passes(50);
+    passes(50.5);
+    expect_rejected(57);
+    TEST_ASSERT_EQUAL_size_t(2, take(53));
+    passes(53);
+    expect_rejected(62);
+    passes(54); /* clearly nearer */
+}
+
+/* From rest to 100 times the limit per reading: the third reading shows the motion. */
+static void a_steep_ramp_is_accepted_with_its_third_reading(void) {
+    uint32_t seed = 5;
+    create_with_noise(&seed);
+    expect_rejected(650);
+    expect_rejected(1250);
+    TEST_ASSERT_EQUAL_size_t(3, take(1850));
+    for (int i = 0; i < 300; i++) {
+        passes(2450 + 600 * i);
+    }
+}
+
+/* Each move is less than twice the largest one before. */
+static void a_motion_that_grows_passes(void) {
+    double value = 0;
+    create((tl_condition){.leap = 6});
+    passes(value);
+    for (double move = 0.1; move < 1e6; move *= 1.2) {
+        value += move;
+        passes(value);
+    }
+}
+
+/* A tolerance that is too small for the noise: the limit follows the noise within some readings. */
+static void noise_above_the_limit_passes(void) {
+    uint32_t seed = 7;
+    create((tl_condition){.leap = 1});
+    for (int i = 0; i < 50; i++) {
+        (void)take(noise(&seed, 3));
+    }
+    for (int i = 0; i < 10000; i++) {
+        passes(noise(&seed, 3));
+    }
+}
+
+/* The smallest move is the resolution: twice that is never a leap, however long the signal rests. */
+static void a_coarse_signal_passes(void) {
+    create((tl_condition){.leap = 1});
+    for (int i = 0; i < 20; i++) {
+        for (int k = 0; k < 3000; k++) {
+            passes(0);
+        }
+        passes(i % 2 == 0 ? 100 : -200);
+    }
+}
+
+/* A value that was frozen continues anywhere. */
+static void a_freeze_passes(void) {
+    uint32_t seed = 5;
+    create_with_noise(&seed);
+    double value = 50 + noise(&seed, 2);
+    for (int i = 0; i < 3000; i++) {
+        passes(value);
+    }
+    expect_rejected(75);
+    TEST_ASSERT_EQUAL_size_t(2, take(75.001));
+}
+
+/* An outlier within the limit is used, but it does not widen the limit so far that the next ones
+ * are used too. */
+static void a_used_outlier_does_not_hide_others(void) {
+    uint32_t seed = 5;
+    create_with_noise(&seed);
+    for (int i = 0; i < 5; i++) {
+        passes(55);
+        passes(50);
+    }
+    expect_rejected(65);
+    passes(50);
+}
+
+/* A source that reports changes only: after four intervals without a next reading, a leap counts,
+ * however often it is asked. */
+static void a_last_reading_is_accepted_in_time(void) {
+    for (int asks = 0; asks < 2; asks++) {
+        create((tl_condition){.leap = 6});
+        passes(50);
+        passes(50.5);
+        expect_rejected(80);
+        TEST_ASSERT_EQUAL_size_t(0, tl_conditioner_wait(&conditioner, now + 40 * MS, out));
+        if (asks == 0) {
+            TEST_ASSERT_EQUAL_size_t(2, take_after(41 * MS, 79, TL_GOOD));
+            TEST_ASSERT_FALSE(is_rejected);
+        } else {
+            TEST_ASSERT_EQUAL_size_t(1, tl_conditioner_wait(&conditioner, now + 41 * MS, out));
+        }
+        TEST_ASSERT_EQUAL_DOUBLE(80, out[0].reading.value);
+        TEST_ASSERT_EQUAL_size_t(0, tl_conditioner_wait(&conditioner, now + TL_SECOND, out));
+    }
+}
+
 /* ---- gaps ---- */
 
 static void after_a_gap_any_reading_is_accepted(void) {
@@ -261,13 +422,15 @@ static void stamps_go_up(void) {
     uint32_t seed = 11;
     for (int i = 0; i < 200; i++) {
         tl_time newest = -1;
-        create((tl_condition){.gate = (double)tl_test_any(&seed, 3),
+        double gate = (double)tl_test_any(&seed, 3);
+        create((tl_condition){.gate = gate,
+                              .leap = gate > 0 ? 0 : (double)tl_test_any(&seed, 3),
                               .median = 2 * tl_test_any(&seed, 5) + 1,
                               .low_pass = (tl_time)tl_test_any(&seed, 3) * 20 * MS});
         for (int k = 0; k < 300; k++) {
             tl_quality quality = tl_test_any(&seed, 5) == 0 ? TL_NO_LINK : TL_GOOD;
             size_t count = take_after(1 + (tl_time)tl_test_any(&seed, 30) * MS, tl_test_any(&seed, 7), quality);
-            TEST_ASSERT_TRUE(count <= TL_CONDITIONER_LEVEL && !(is_rejected && count != 0));
+            TEST_ASSERT_TRUE(count <= TL_CONDITIONER_LEVEL && !(is_rejected && gate > 0 && count != 0));
             for (size_t n = 0; n < count; n++) {
                 TEST_ASSERT_TRUE(out[n].reading.stamp > newest && out[n].reading.stamp <= now);
                 newest = out[n].reading.stamp;
@@ -290,6 +453,17 @@ int main(void) {
     RUN_TEST(three_that_do_not_agree_are_no_level);
     RUN_TEST(a_row_goes_on_behind_a_bad_reading);
     RUN_TEST(the_filters_begin_anew_at_a_new_level);
+    RUN_TEST(isolated_outliers_are_rejected);
+    RUN_TEST(two_outliers_in_a_row_are_rejected);
+    RUN_TEST(a_step_is_accepted_with_its_second_reading);
+    RUN_TEST(a_turn_of_the_plant_is_no_outlier);
+    RUN_TEST(a_steep_ramp_is_accepted_with_its_third_reading);
+    RUN_TEST(a_motion_that_grows_passes);
+    RUN_TEST(noise_above_the_limit_passes);
+    RUN_TEST(a_coarse_signal_passes);
+    RUN_TEST(a_freeze_passes);
+    RUN_TEST(a_used_outlier_does_not_hide_others);
+    RUN_TEST(a_last_reading_is_accepted_in_time);
     RUN_TEST(after_a_gap_any_reading_is_accepted);
     RUN_TEST(after_what_makes_one_stale_any_reading_is_accepted);
     RUN_TEST(stamps_go_up);

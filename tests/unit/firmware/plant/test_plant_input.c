@@ -479,6 +479,27 @@ static void test_a_line_skips_what_is_rejected(void) {
     tl_plant_input_close(&input);
 }
 
+/* As with a gate: an outlier is shown and has no effect. A step without a next reading counts when four
+ * intervals have passed. */
+static void test_an_outlier_without_a_gate(void) {
+    open_conditioned((tl_condition){.leap = 5}, 100);
+    post(10, 100, TL_GOOD);
+    post(12, 200, TL_GOOD);
+    post(90, 300, TL_GOOD);
+    tl_plant_input_take(&input, 0, 300, &sample);
+    expect_shown(90, 300, TL_OUTLIER);
+    post(14, 400, TL_GOOD);
+    post(90, 500, TL_GOOD);
+    tl_plant_input_take(&input, 0, 400, &sample); /* at 300 */
+    TEST_ASSERT_EQUAL_DOUBLE(13, sample.values[0]);
+    tl_plant_input_take(&input, 0, 903, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(14, sample.values[0]);
+    tl_plant_input_take(&input, 0, 904, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(90, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(500, sample.stamps[0]);
+    tl_plant_input_close(&input);
+}
+
 /* Each reading of a tick is taken. If one is rejected, that one is shown. */
 static void test_several_readings_in_a_tick(void) {
     open_conditioned((tl_condition){.gate = 5, .median = 3}, 30);
@@ -620,6 +641,7 @@ int main(void) {
     RUN_TEST(test_a_stamp_that_is_a_little_late_is_of_the_instant);
     RUN_TEST(test_a_stamp_that_is_a_little_early_is_not_before_the_next_one);
     RUN_TEST(test_a_line_skips_what_is_rejected);
+    RUN_TEST(test_an_outlier_without_a_gate);
     RUN_TEST(test_several_readings_in_a_tick);
     RUN_TEST(test_a_reading_again_is_no_reading);
     RUN_TEST(test_a_tick_that_was_missed_sees_the_same);

@@ -138,6 +138,59 @@ static void test_a_delay_is_told_with_that_of_the_inputs(void) {
     expect_told("notice|\316\224o|6.000 ms");
 }
 
+/* ---- outliers ---- */
+
+static void see_reading(double value, tl_quality quality) {
+    sample.values[1] = value;
+    sample.stamps[1] += TL_SECOND / 100;
+    see(TL_GOOD, quality);
+}
+
+static void show_readings(tl_condition condition) {
+    sample.stamps[1] = 0;
+    signals[1].is_reading = true;
+    signals[1].of = 1;
+    signals[1].shows = 1;
+    signals[1].condition = condition;
+}
+
+/* Without a gate, the next good reading decides. */
+static void test_outliers_are_told_with_value_expected_and_count(void) {
+    show_readings((tl_condition){.leap = 6});
+    see_reading(50, TL_GOOD);
+    see_reading(90, TL_OUTLIER);
+    expect_nothing();
+    see_reading(51, TL_GOOD);
+    expect_told("warning|plant.omega|90|50|1 so far|keep");
+    see_reading(20, TL_OUTLIER);
+    see_reading(70, TL_OUTLIER);
+    see_reading(52, TL_GOOD);
+    expect_two_told("warning|plant.omega|20|51|2 so far", "warning|plant.omega|70|51|3 so far");
+    for (int i = 0; i < 20; i++) {
+        see_reading(99, TL_OUTLIER);
+        see_reading(52, TL_GOOD);
+        free(told_lines(i < TL_WATCH_REJECTED - 3 ? 1 : 0));
+    }
+    sample.tick += 6100;
+    see_reading(98, TL_OUTLIER);
+    see_reading(52, TL_GOOD);
+    expect_two_told("13 more|minute", "98|52|24 so far");
+    memset(&signals[1], 0, sizeof signals[1]);
+}
+
+static void test_a_step_is_not_told_as_an_outlier(void) {
+    show_readings((tl_condition){.leap = 6});
+    see_reading(50, TL_GOOD);
+    see_reading(90, TL_OUTLIER);
+    see_reading(89, TL_GOOD);
+    see_reading(150, TL_OUTLIER);
+    see_reading(300, TL_OUTLIER);
+    see_reading(450, TL_GOOD);
+    see_reading(449, TL_GOOD);
+    expect_nothing();
+    memset(&signals[1], 0, sizeof signals[1]);
+}
+
 static void test_good_signals_are_not_reported(void) {
     see(TL_GOOD, TL_GOOD);
     see(TL_GOOD, TL_GOOD);
@@ -600,6 +653,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
     RUN_TEST(test_a_delay_is_told_with_that_of_the_inputs);
+    RUN_TEST(test_outliers_are_told_with_value_expected_and_count);
+    RUN_TEST(test_a_step_is_not_told_as_an_outlier);
     RUN_TEST(test_good_signals_are_not_reported);
     RUN_TEST(test_a_signal_that_goes_bad_and_comes_back);
     RUN_TEST(test_signals_are_watched_one_by_one);

@@ -219,7 +219,7 @@ static void test_recording_names_and_units(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_record(&assembly, "replay", database, &recorder, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
-    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));
+    TEST_ASSERT_EQUAL_INT64(5, tl_sql_integer(database, "SELECT count(*) FROM signals")); /* with omega@reading */
     TEST_ASSERT_EQUAL_INT64(
         1, tl_sql_integer(database, "SELECT count(*) FROM signals WHERE kind = 'match' AND name = 'motor.omega' AND "
                                     "unit = 'rad/s' AND compared_with = 'plant.omega'"));
