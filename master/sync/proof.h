@@ -93,16 +93,16 @@ typedef struct tl_proof {
                          /* then after each excursion */
     tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
     size_t excursion_count;
-    double start[TL_MAX_ADJUST]; /* adjusted variables at the start */
-    int noted;                   /* number of steps from the start whose outputs are stored */
-    bool is_hashed;              /* the hashes after these steps are stored */
-    tl_snapshot midst;           /* the second state */
-    bool has_midst;              /* the second state was saved */
-    bool was_saved;              /* the first state was saved */
-    size_t value_bytes;          /* largest size of one component's inputs or outputs of a step */
-    unsigned char *inputs;       /* to find the cause: inputs of one component in its steps */
-    unsigned char *elsewhere;    /* inputs with which it reaches another state */
-    unsigned char *gave;         /* buffer for its outputs */
+    double start[TL_MAX_ADJUST];     /* adjusted variables at the start */
+    int noted;                       /* number of steps from the start whose outputs are stored */
+    bool is_hashed;                  /* the hashes after these steps are stored */
+    tl_snapshot midst;               /* the second state */
+    bool has_midst;                  /* the second state was saved */
+    bool was_saved;                  /* the first state was saved */
+    size_t value_bytes;              /* largest size of one component's inputs or outputs of a step */
+    unsigned char *inputs;           /* to find the cause: inputs of one component in its steps */
+    unsigned char *distant_inputs;   /* inputs with which it reaches another state */
+    unsigned char *repeated_outputs; /* buffer for its outputs when steps are repeated */
 } tl_proof;
 
 /* Allocates the buffers. The exchange must be initialised. Returns false if memory is out. */
