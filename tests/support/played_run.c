@@ -23,7 +23,7 @@ static void look(void *context, tl_activation_view *seen) {
     *seen = run->view;
 }
 
-static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
+static void get_active_hash(void *context, char hash[TL_SHA256_TEXT]) {
     (void)context;
     memcpy(hash, run->active_hash, sizeof run->active_hash);
 }
@@ -147,7 +147,7 @@ static void tell(void *context, tl_severity severity, const char *text) {
 }
 
 static const tl_activation_host host = {.look = look,
-                                        .active_hash = tell_in_force,
+                                        .active_hash = get_active_hash,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
                                         .use_tolerances = use_tolerances,

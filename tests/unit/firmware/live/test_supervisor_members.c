@@ -28,7 +28,7 @@ static void test_all_end_in_order(void) {
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].order);
     TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
-    TEST_ASSERT_EQUAL_INT(3, stage->was_reported);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends_reported);
 }
 
 static void test_the_others_end_with_the_twin(void) {

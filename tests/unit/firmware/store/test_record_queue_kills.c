@@ -267,7 +267,7 @@ static int64_t newest_checkpoint;
 static uint64_t events;
 static uint64_t skipped;
 static uint64_t checkpoints;
-static int64_t was_reported[TELLERS]; /* process · 10⁹ + number of the newest event */
+static int64_t newest_event[TELLERS]; /* process · 10⁹ + number of the newest event */
 
 static void take_entries(void) {
     uint64_t position = taken->ring;
@@ -281,7 +281,7 @@ static void take_entries(void) {
 
 static void check_event(const tl_recorder_event_entry *event) {
     char right[TL_EVENT_TEXT];
-    int64_t *last = &was_reported[event->source[0] == '1'];
+    int64_t *last = &newest_event[event->source[0] == '1'];
     memset(right, 'A' + (int)(event->tick % 1000000000 % 50), sizeof right);
     right[sizeof right - 1] = '\0';
     TEST_ASSERT_EQUAL_STRING(right, event->text);
@@ -369,7 +369,7 @@ static size_t usual_lives(void) {
 static void begin(void) {
     at = (progress){.sample = -1, .step = -1};
     newest_checkpoint = life = noted->life = -1;
-    memset(was_reported, 0xFF, sizeof was_reported);
+    memset(newest_event, 0xFF, sizeof newest_event);
     tl_record_queue_reader_open(&settings, readable.bytes, &reader);
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT));

@@ -50,20 +50,19 @@ static void read_back(size_t component) {
 
 /* Writing states does not change the further run of the twin. */
 static void expect_undisturbed(tl_test_scene_kind kind) {
-    tl_record was_reported[TICKS];
+    tl_record records[TICKS];
     for (int i = 0; i < TICKS; i++) {
         tl_test_scene_show(&first);
         tl_test_run_step(&first.run);
-        was_reported[i] = first.run.record;
+        records[i] = first.run.record;
     }
     tl_test_scene_end(&first);
     begin(kind);
     for (int i = 0; i < TICKS; i++) {
         tl_test_scene_show(&first);
         tl_test_run_step(&first.run);
-        TEST_ASSERT_EQUAL_INT64(was_reported[i].step, first.run.record.step);
-        TEST_ASSERT_EQUAL_MEMORY_MESSAGE(was_reported[i].y, first.run.record.y, sizeof(double),
-                                         tl_test_scene_name(kind));
+        TEST_ASSERT_EQUAL_INT64(records[i].step, first.run.record.step);
+        TEST_ASSERT_EQUAL_MEMORY_MESSAGE(records[i].y, first.run.record.y, sizeof(double), tl_test_scene_name(kind));
     }
 }
 
