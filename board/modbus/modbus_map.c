@@ -49,7 +49,9 @@ static void failure_text(int failure, bool on_a_line, tl_time timeout, char *tex
     } else if (failure == EBUSY) {
         (void)snprintf(text, size, "the line is never quiet: check baud and parity; only one master may use the line");
     } else if (failure == ECONNRESET || failure == EPIPE) {
-        (void)snprintf(text, size, "the device closes the connection (%s): end other masters", reason);
+        (void)snprintf(text, size,
+                       "the device closes the connection without an answer (%s): end other programs that use it",
+                       reason);
     } else if (failure > MODBUS_ENOBASE) {
         (void)snprintf(text, size, "%s: check baud, parity, stop_bits and wiring", reason);
     } else {
