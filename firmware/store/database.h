@@ -31,7 +31,7 @@ typedef enum tl_database_fault {
     TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
     TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
     TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
-    TL_DATABASE_FOREIGN  /* no twinlock database, or another program modified it, or another file has its name */
+    TL_DATABASE_FOREIGN  /* no twinlock database, modified by another program, or with a foreign file beside it */
 } tl_database_fault;
 
 tl_database_fault tl_database_get_fault(void);
@@ -67,16 +67,16 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 /* Reports the same text as an error, with the path of the file in front, and sets the fault. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
-/* Reports a file that another program has modified. Returns TL_BAD_DATA with the text "FILE: is
- * damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
-tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
+/* Reports wrong content in intact pages, so another program wrote it. Returns TL_BAD_DATA with the
+ * text "FILE: is damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
+tl_status tl_database_invalid(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
 /* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its log
  * (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
 int64_t tl_database_size(sqlite3 *database, int which);
 
-/* Upper limit of each time (ns), tick and count that the recorder writes. */
-#define TL_ROW_LARGEST (INT64_MAX / 4)
+/* Largest time (ns), tick and count that the recorder writes. Sums of a few cannot overflow. */
+#define TL_ROW_NUMBER_MAX (INT64_MAX / 4)
 
 /* ---- Protection against untrusted database files.
  *
@@ -91,12 +91,12 @@ enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
     TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
     TL_DATABASE_OLDEST = 5,                  /* oldest format that is read; migrated before writing */
-    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row; a checkpoint: at most half */
-    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes that tl_database_diagnose() checks */
+    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
+    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };
 
-/* Runs SQLite's quick check on a small file and appends the first problem found to the error's
- * text. Reads the whole file: do not call during a live run. */
+/* Runs SQLite's quick check on a file of at most TL_DATABASE_DIAGNOSED bytes, and appends the first
+ * problem found to the error's text. Reads the whole file: do not call during a live run. */
 void tl_database_diagnose(sqlite3 *database, tl_error *error);
 
 /* ---- Twinlock database: recognises, creates and opens it. The recorder writes databases, the
@@ -123,7 +123,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
  * database. */
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
 
-/* Writes to `path` the path, with links resolved, of a database that exists or will be created.
+/* Resolves the links in `given`, and writes the result to `path`. The database need not exist yet.
  * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
  * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
 tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error);
