@@ -126,7 +126,7 @@ static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failur
 
 /* Closes a connection on which anything has happened meanwhile. */
 static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
+    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->check(io->link);
     if (health == TL_MODBUS_SOUND) {
         return;
     }

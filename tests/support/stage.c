@@ -271,7 +271,7 @@ static uint64_t ended(void *context, tl_member which, bool by_others, char reaso
     return on->blames;
 }
 
-static void tell(void *context, const char *text) {
+static void on_event(void *context, const char *text) {
     tl_stage *on = context;
     (void)snprintf(on->event, sizeof on->event, "%s", text);
 }
@@ -281,7 +281,7 @@ static tl_time damaged(void *context, tl_member which) {
     return on->damaged[which];
 }
 
-static void look(void *context, bool ends, tl_orders *orders) {
+static void read_orders(void *context, bool ends, tl_orders *orders) {
     (void)context;
     if (stage->play_on != NULL) {
         stage->play_on(ends, orders);
@@ -316,9 +316,9 @@ void tl_stage_set(void) {
     stage->settings = (tl_supervisor_settings){.has_duration = true,
                                                .begin = begin,
                                                .ended = ended,
-                                               .tell = tell,
+                                               .report = on_event,
                                                .damaged = damaged,
-                                               .look = look,
+                                               .read_orders = read_orders,
                                                .context = stage};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
@@ -347,7 +347,7 @@ void tl_stage_expect_said(const char *parts) {
     free(log);
 }
 
-void tl_stage_expect_told(const char *parts) {
+void tl_stage_expect_report(const char *parts) {
     tl_stage_expect_said(parts);
     TL_EXPECT_PARTS(parts, stage->event);
 }

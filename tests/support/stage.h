@@ -98,7 +98,7 @@ int tl_stage_end(const char *plan, int number, long after_ms);
 /* Since the last call of these functions: one line of the log has all parts (message.h); the
  * last event for the database has them, too; there is neither a log line nor an event. */
 void tl_stage_expect_said(const char *parts);
-void tl_stage_expect_told(const char *parts);
+void tl_stage_expect_report(const char *parts);
 void tl_stage_expect_silence(void);
 
 /* State of a part, which is another member after a handover. */

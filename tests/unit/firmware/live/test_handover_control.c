@@ -31,7 +31,7 @@ static tl_orders orders;
 static tl_time now;
 static char last_event[200];
 
-static void tell(void *context, const char *text) {
+static void on_event(void *context, const char *text) {
     (void)context;
     (void)snprintf(last_event, sizeof last_event, "%s", text);
 }
@@ -70,7 +70,7 @@ void setUp(void) {
                                    .recorder = &recorder,
                                    .step = config.step,
                                    .unconfined = false,
-                                   .tell = tell};
+                                   .report = on_event};
     play_ready(&slots[0], RUN, 900 * TL_SECOND);
 }
 

@@ -199,7 +199,7 @@ static void put_step(int64_t step) {
 }
 
 /* Puts events. Each one has the number of the process, the thread and the event. */
-static void *tell(void *context) {
+static void *put_events(void *context) {
     char text[TL_EVENT_TEXT];
     const char *source = context;
     for (int64_t number = 0;; number++) {
@@ -218,7 +218,7 @@ static void start_tellers(void) {
     static char sources[TELLERS][2] = {"0", "1"};
     pthread_t thread;
     for (int i = 0; i < TELLERS; i++) {
-        demand(pthread_create(&thread, NULL, tell, sources[i]) == 0, REFUSED);
+        demand(pthread_create(&thread, NULL, put_events, sources[i]) == 0, REFUSED);
     }
 }
 

@@ -382,7 +382,7 @@ static void test_a_locked_database_cannot_be_opened(void) {
 
 /* ---- Many threads ---- */
 
-static void *tell(void *context) {
+static void *put_events(void *context) {
     for (int i = 0; i < EVENTS_EACH; i++) {
         tl_recorder_event(bench.recorder, i, TL_EVENT_INFO, "thread", context);
         if (i % 50 == 0) {
@@ -397,7 +397,7 @@ static void test_events_of_many_threads(void) {
     pthread_t threads[THREADS];
     open_recorder();
     for (int i = 0; i < THREADS; i++) {
-        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, names[i]));
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, put_events, names[i]));
     }
     for (int64_t tick = 0; tick < 2000; tick += 20) {
         tl_made_put(bench.recorder, tick, 20);

@@ -124,7 +124,7 @@ static void open_history(void) {
         .fmus = fmus,
         .boot = boot,
         .components = course.account.components,
-        .tell = on_event,
+        .report = on_event,
         .context = &course,
     };
     history = tl_resume_history_open(&settings);
@@ -166,7 +166,7 @@ static void follow(tl_resume_outcome wanted) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     tl_course_read(&course);
     TEST_ASSERT_EQUAL_INT(wanted, outcome);
@@ -292,7 +292,7 @@ static void test_inputs_with_which_an_fmu_fails(void) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FOLLOWED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_RESUME_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);

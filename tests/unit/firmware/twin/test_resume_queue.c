@@ -172,7 +172,7 @@ static tl_resume_outcome follow_into(tl_record_queue *into) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings following = {
-        .assembly = &course.assembly, .queue = into, .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = into, .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&following, &resume, &summary, &outcome, &error));
     course.next = resume.last + 1;
     return outcome;

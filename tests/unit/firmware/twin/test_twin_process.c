@@ -55,7 +55,7 @@ static void sleep_for(tl_time time) {
     tl_clock_sleep_until(tl_clock_now(NULL) + time);
 }
 
-static void tell(child_report *what, const tl_assembly *assembly, const tl_confine_facts *facts) {
+static void write_report(child_report *what, const tl_assembly *assembly, const tl_confine_facts *facts) {
     what->facts = *facts;
     what->user = getuid();
     what->has_files = assembly->files != NULL && assembly->files[0].descriptor >= 0;
@@ -115,7 +115,7 @@ static int live(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_
     if (tl_block_take(PULSE, sizeof(child_report), TL_BLOCK_THEY_WRITE, &block, NULL) != TL_OK) {
         return 100;
     }
-    tell(block.bytes, assembly, facts);
+    write_report(block.bytes, assembly, facts);
     for (size_t i = 0; i < sizeof acts / sizeof acts[0]; i++) {
         if (strlen(acts[i].name) == job->live_size && memcmp(acts[i].name, job->live, job->live_size) == 0) {
             return acts[i].act(block.bytes);
@@ -362,7 +362,7 @@ static void expect_two(const refusals *all) {
     }
 }
 
-/* The log, the listener and the caller of tell() each get a refusal once. */
+/* The log, the listener and the job each get a refusal once. */
 static void test_refusals_are_reported_once(void) {
     refusals all = {.count = 0};
     refusals asked = {.count = 0};
