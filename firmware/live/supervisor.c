@@ -587,7 +587,7 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     }
     bool is_held = tl_process_is_stopped(living->child.pid);
     if (is_held) {
-        tl_child_release(&living->child);
+        tl_child_restart_timeouts(&living->child);
     }
     return !is_held;
 }

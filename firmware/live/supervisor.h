@@ -1,25 +1,24 @@
 /* Supervisor: starts, monitors and restarts the processes of a run.
  *
  * Purpose:  an FMU may hang, or corrupt the memory of its process; a device may hang a driver; a
- *           disk may hang the recorder. So each has its own process. The supervisor has no FMU, no
- *           plant and no database. It monitors the heartbeats (heartbeat.h), kills a silent
- *           process, and starts a new one. It sends keepalives to the watchdog of the box and to
- *           that of systemd.
+ *           disk may hang the recorder. So FMUs, drivers and the recorder have separate processes.
+ *           The supervisor has no FMU, no plant and no database. It monitors the heartbeats
+ *           (heartbeat.h), kills a silent process, and starts a new one. It sends keepalives to the
+ *           watchdog of the box and to that of systemd.
  * Members:  the *twin* is the purpose of the run. *io* reads the plant, the *recorder* writes the
  *           database; the twin continues without them. A *shadow* is a second twin, as long as it
  *           is ordered (see Shadow). The *config manager* changes the configuration.
  * Watchdog: gets keepalives as long as the twin is alive, or the supervisor can restart it. A
  *           failed disk or device never resets the box. Keepalives stop only in these four cases:
- *           1. a thread of the twin is silent;
+ *           1. a thread of the twin is silent, until the twin has been killed;
  *           2. the process in safe hold has failed TL_RESTARTS_MOST (5) times in a row;
  *           3. the kernel has not released a dead twin 30 s after its restart was due;
  *           4. for about 5 min no process could be started for the twin.
- * Damage:   a process may have heartbeats although its memory is corrupted. The reader of its data
- *           detects that. The supervisor then kills the process like a silent one, also if the run
- *           is not supervised. A report may be false. So after the first report about a member,
- *           further ones are ignored until its new process has been ready (heartbeat.h) for
- *           TL_RESTARTS_FORGIVEN (120 s).
- *           Damage alone cannot cause safe hold.
+ * Damage:   a process may have heartbeats although its memory is corrupted. Another process,
+ *           which reads its data, detects that. The supervisor then kills the process like a silent
+ *           one, also if the run is not supervised. A report may be false. So after the first
+ *           report about a member, further ones are ignored until its new process has been ready
+ *           (heartbeat.h) for TL_RESTARTS_FORGIVEN (120 s). Damage alone cannot cause safe hold.
  * Ends:     an end is orderly only if the process announced it (heartbeat.h), for one of three
  *           reasons:
  *           1. the run is over. This is accepted only if the run has a duration: without one, an
@@ -30,19 +29,20 @@
  *           Any other end is a failure. It is reported, with the FMU and its function if a call was
  *           running.
  * Restart:  the twin restarts at once after the first failure. Then the pause doubles with each
- *           failure that is not forgiven, from 0.25 s up to 8 s. io and recorder restart without
- *           limit: after at most 0.25 s if they were ready before, else with the same doubling
- *           pauses. If fork fails, that is no failure of the twin; the start is retried with the
- *           same pauses.
+ *           failure that is not forgiven (restarts.h), from 0.25 s up to 8 s. io and recorder
+ *           restart without limit: after at most 0.25 s if they were ready before, else with the
+ *           same doubling pauses. If fork fails, that is no failure of the twin; the start is
+ *           retried with the same pauses.
  * Log:      a restart loop logs at most one line per minute, with the number of failures since the
  *           line before.
  * Hold:     after a restart loop of the twin (restarts.h), the supervisor starts a twin process in
  *           safe hold: without FMUs; it only records samples. At each retry, the supervisor
  *           replaces that process by a twin. If the twin fails, safe hold follows again, for twice
  *           as long.
- * Wait:     the first twin may have to wait while io and recorder run. Meanwhile the watchdogs get
- *           keepalives. A process that only waited does not count as a run: the twin after it may
- *           still end as "could not start".
+ * Wait:     the first twin may have to wait until the saved states of its FMUs were tested
+ *           (saved_states.h), while io and recorder run. Meanwhile the watchdogs get keepalives. A
+ *           process that only waited does not count as a run: the twin after it may still end as
+ *           "could not start".
  * Alone:    if the run is not supervised, a failed twin is not restarted: the run ends with exit
  *           code 70. The twin may be silent for TL_FMU_CALL_TIMEOUT_CALLS (10) times `call_limit`;
  *           while it is stopped or traced (child.h), without limit.
@@ -50,9 +50,9 @@
  *           time is killed: io after 1 s, twin and recorder after 6 s. All together have 8 s: a
  *           later one gets the rest of this time, at least 2 s (io 1 s). 6 s is 1 s more than the
  *           timeout of a hung FMU call (fmu_call_timeout.h). An FMU may block or catch the signal,
- *           so it is sent to the twin again until the twin has received it. Such an end is orderly:
- *           all failures are forgiven. After another signal 1 s or later, each process gets 2 s. If
- *           the supervisor is killed, all its processes end.
+ *           so the supervisor repeats it until the twin reports that it has received it. Such an
+ *           end is orderly: all failures are forgiven. If another signal follows after 1 s or
+ *           later, each process gets 2 s. If the supervisor is killed, all its processes end.
  * Orders:   the callback `read_orders` sets them (tl_orders), mostly for a change of the
  *          configuration.
  * Shadow:   started when `shadow` is ordered, and asked to end when it is not ordered any more. It
@@ -62,9 +62,9 @@
  *           data is kept.
  * Manager:  the config manager is started when it is ordered, and ends when it has no work. After a
  *           failure it is restarted to finish its work, after a pause that doubles from 0.25 s to
- *           8 s. If it is ordered meanwhile, it starts after at most 1 s. It ends before the twin,
- *           and is killed after 2 s. The run, its exit code and the restart record do not depend on
- *           it.
+ *           8 s. If it is ordered meanwhile, it starts after at most 1 s. At the end of all it is
+ *           asked before the twin, and killed 2 s later. The run, its exit code and the restart
+ *           record do not depend on it.
  * Swap:     when it is ordered, twin and shadow swap roles with all that belongs to their
  *           processes; keepalives, restart record and status then follow the new twin. If the
  *           shadow died before it became the twin, a new twin process is started at once. That
@@ -107,7 +107,7 @@ typedef enum tl_wait {
 } tl_wait;
 
 /* Orders, read in each pass of the supervisor's main loop. An order applies while it is set; `swap`
- * swaps in each pass in which it is set. */
+ * swaps in each pass: set it for one pass only. */
 typedef struct tl_orders {
     bool end;            /* end all */
     bool shadow;         /* a shadow is wanted; started if there is none */
@@ -122,7 +122,7 @@ typedef struct tl_supervisor_settings {
     bool unsupervised;                /* the run is not supervised: a failed twin ends it */
     bool has_duration;                /* the run ends after a duration */
     tl_time call_limit;               /* if `unsupervised`: limit of an FMU call, ns */
-    tl_time hold_time;                /* first safe hold of a restart loop; 0: TL_RESTARTS_HOLD (60 s) */
+    tl_time hold_time;                /* ns of the first safe hold of a restart loop; 0: TL_RESTARTS_HOLD (60 s) */
     const char *state;                /* folder of the restart record of one supervisor; NULL: none */
     const char *watchdog;             /* the device; NULL: none */
     int watchdog_s;                   /* timeout of the watchdog, s */
@@ -134,13 +134,13 @@ typedef struct tl_supervisor_settings {
     pid_t (*begin)(void *context, tl_member which, const tl_start *start, tl_error *error);
 
     /* Called when a member has ended and is not reaped yet. `reason` may be replaced by a better
-     * one. `by_others`: SIGKILL from outside of the run or from the kernel. If a twin crashed while
-     * it loaded a saved state, returns the identity number of the FMU files (identity.h): their
-     * states are not loaded again (restarts.h). Else returns 0. */
+     * one. `by_others`: true if SIGKILL came from a user or the kernel (out of memory). If a twin
+     * crashed while it loaded a saved state, returns the identity number of the FMU files
+     * (identity.h): their states are not loaded again (restarts.h). Else returns 0. */
     uint64_t (*ended)(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]);
 
     /* Records a failure in the database; it was logged before. Not called for a twin that is
-     * restarted, because the start information of the next twin has the reason. */
+     * restarted, because the next twin gets the reason (tl_start) and records it. */
     void (*report)(void *context, const char *text);
 
     /* Returns 0 if this member's data is not damaged. Else returns a time (CLOCK_MONOTONIC, ns)

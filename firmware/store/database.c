@@ -487,7 +487,7 @@ static tl_status check_version(const char *path, int64_t version, tl_error *erro
     if (version >= TL_DATABASE_OLDEST && version <= TL_DATABASE_VERSION) {
         return TL_OK;
     }
-    return tl_database_refuse(TL_DATABASE_OTHER, error, TL_BAD_DATA,
+    return tl_database_refuse(TL_DATABASE_OTHER_FORMAT, error, TL_BAD_DATA,
                               "%s: the database has format %lld, and this program reads formats %d to %d: use the "
                               "version of twinlock that wrote it, or move the file away",
                               path, (long long)version, TL_DATABASE_OLDEST, TL_DATABASE_VERSION);

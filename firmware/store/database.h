@@ -4,7 +4,7 @@
  *          content.
  * Trust:   a database file is untrusted; every connection is restricted before its first SQL.
  * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault.
- * Thread:  one for each database.
+ * Thread:  one at a time for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_H
 #define TL_FIRMWARE_STORE_DATABASE_H
@@ -26,12 +26,12 @@
  */
 
 typedef enum tl_database_fault {
-    TL_DATABASE_LATER,   /* locked, disk full, out of memory: a retry may succeed */
-    TL_DATABASE_IN_USE,  /* another twinlock writes it */
-    TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
-    TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
-    TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
-    TL_DATABASE_FOREIGN  /* no twinlock database, modified by another program, or with a foreign file beside it */
+    TL_DATABASE_LATER,        /* locked, disk full, out of memory: a retry may succeed */
+    TL_DATABASE_IN_USE,       /* another twinlock writes it */
+    TL_DATABASE_DENIED,       /* no permission to read or write the file or its medium */
+    TL_DATABASE_DAMAGED,      /* a twinlock database whose pages are corrupted */
+    TL_DATABASE_OTHER_FORMAT, /* another version of twinlock wrote it, in another format */
+    TL_DATABASE_FOREIGN       /* no twinlock database, modified by another program, or with a foreign file beside it */
 } tl_database_fault;
 
 tl_database_fault tl_database_get_fault(void);
@@ -44,7 +44,7 @@ tl_database_fault tl_database_fault_of(int code, int number);
 /* Returns the fault for an errno. */
 tl_database_fault tl_database_fault_of_errno(int number);
 
-/* Sets the fault; otherwise like tl_fail(). */
+/* Sets the fault, writes the error's text and returns `status` (tl_fail() in status.h). */
 tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...)
     TL_PRINTF(4, 5);
 
@@ -56,7 +56,7 @@ tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status
  * Thread: one at a time for each connection.
  */
 
-/* Both fail like tl_database_fail(). */
+/* On failure both report the error as tl_database_fail() does. */
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
 tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
 
@@ -71,8 +71,8 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
  * text "FILE: is damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
 tl_status tl_database_invalid(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its log
- * (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
+/* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its
+ * write-ahead log (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
 int64_t tl_database_size(sqlite3 *database, int which);
 
 /* Largest time (ns), tick and count that the recorder writes. Sums of a few cannot overflow. */
@@ -81,9 +81,9 @@ int64_t tl_database_size(sqlite3 *database, int which);
 /* ---- Protection against untrusted database files.
  *
  * Purpose: a file may be corrupted, or made by an attacker. So SQLite executes no code of the file
- *          (triggers, views, virtual tables), accepts no value longer than the recorder writes, and
- *          terminates statements that run too long (corrupted pages can form a cycle). history.c
- *          validates the rows when it reads them.
+ *          (triggers, views, virtual tables), accepts no value longer than the longest of the
+ *          recorder, and terminates statements that run too long (corrupted pages can form a
+ *          cycle). history.c validates the rows when it reads them.
  * Thread:  one at a time for each connection.
  */
 

@@ -29,7 +29,7 @@ typedef enum tl_variability { TL_CONSTANT, TL_FIXED, TL_TUNABLE, TL_DISCRETE, TL
  * before initialisation, unless constant; calculated ones may not. */
 typedef enum tl_initial { TL_INITIAL_NONE, TL_INITIAL_EXACT, TL_INITIAL_APPROX, TL_INITIAL_CALCULATED } tl_initial;
 
-/* A unit: value in base units = factor·value + offset. */
+/* A unit: value in base units = factor · (value in this unit) + offset. */
 typedef struct tl_unit {
     const char *name;
     bool has_base;    /* exponents, factor and offset were given */
