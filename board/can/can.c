@@ -129,12 +129,12 @@ static void open_and_check(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* ---- frames ---- */
 
-static void post(const tl_plant_io_sink *sink, const tl_can_entry *slot, const tl_can_frame *frame) {
+static void post(const tl_plant_io_sink *sink, const tl_can_entry *entry, const tl_can_frame *frame) {
     tl_reading reading = {.stamp = frame->stamp, .quality = TL_GOOD};
-    if (frame->length < slot->bytes || !tl_can_decode(&slot->channel, frame->data, &reading.value)) {
+    if (frame->length < entry->bytes || !tl_can_decode(&entry->channel, frame->data, &reading.value)) {
         reading.quality = TL_NOT_A_NUMBER;
     }
-    sink->post(sink->context, slot->index, &reading);
+    sink->post(sink->context, entry->index, &reading);
 }
 
 /* Reports once that frames of an id are too short, and once that they are long enough again. */
@@ -162,11 +162,11 @@ static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_
         tl_backoff_reset(&io->backoff); /* the interface works if frames come */
         open_and_check(io, sink);
     }
-    for (size_t i = id->first; i < id->first + id->slots; i++) {
-        const tl_can_entry *slot = &io->map.slots[i];
-        if (tl_can_is_present(&slot->channel, frame->data)) {
-            needed = slot->bytes > needed ? slot->bytes : needed;
-            post(sink, slot, frame);
+    for (size_t i = id->first; i < id->first + id->entries; i++) {
+        const tl_can_entry *entry = &io->map.entries[i];
+        if (tl_can_is_present(&entry->channel, frame->data)) {
+            needed = entry->bytes > needed ? entry->bytes : needed;
+            post(sink, entry, frame);
         }
     }
     note_length(io, sink, id, frame, needed);
@@ -228,8 +228,8 @@ static bool handle_arrival(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
     const tl_reading reading = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
-    for (size_t i = 0; i < io->map.slot_count; i++) {
-        sink->post(sink->context, io->map.slots[i].index, &reading);
+    for (size_t i = 0; i < io->map.entry_count; i++) {
+        sink->post(sink->context, io->map.entries[i].index, &reading);
     }
 }
 
@@ -361,8 +361,8 @@ tl_status tl_can_open(const tl_can_settings *settings, tl_plant_io **io, tl_erro
         free(made);
         return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: cannot create an event descriptor", settings->interface);
     }
-    for (size_t i = 0; i < made->map.slot_count; i++) {
-        made->wants_fd = made->wants_fd || made->map.slots[i].bytes > 8;
+    for (size_t i = 0; i < made->map.entry_count; i++) {
+        made->wants_fd = made->wants_fd || made->map.entries[i].bytes > 8;
     }
     (void)snprintf(made->name, sizeof made->name, "CAN interface %s", settings->interface);
     *io = made;

@@ -96,12 +96,12 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
  *          channels.
  */
 
-/* One id; its channels are consecutive elements of the map's array `slots`. */
+/* One id; its channels are consecutive elements of the map's array `entries`. */
 typedef struct tl_can_id {
     uint32_t id;
     bool extended;
-    size_t first;   /* index of its first element in tl_can_map.slots */
-    size_t slots;   /* number of its elements there */
+    size_t first;   /* index of its first element in tl_can_map.entries */
+    size_t entries; /* number of its elements there */
     bool too_short; /* the driver's note: the last frame was too short */
 } tl_can_id;
 
@@ -114,8 +114,8 @@ typedef struct tl_can_entry {
 
 /* The caller owns the struct. Only the CAN driver uses its fields. */
 typedef struct tl_can_map {
-    tl_can_entry *slots; /* sorted by id */
-    size_t slot_count;
+    tl_can_entry *entries; /* sorted by id */
+    size_t entry_count;
     tl_can_id *ids; /* sorted in the same way */
     size_t id_count;
 } tl_can_map;

@@ -38,7 +38,7 @@ static void fill(tl_gpio_input *input, tl_time stamp, tl_reading *reading) {
 
 void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *settings, tl_reading *reading) {
     *input = (tl_gpio_input){
-        .level = settings->level, .seen = settings->stamp, .posted = settings->stamp, .missed = settings->missed};
+        .level = settings->level, .last_stamp = settings->stamp, .posted = settings->stamp, .missed = settings->missed};
     tl_gpio_debounce_start(&input->debounce, settings->debounce, settings->level);
     fill(input, settings->stamp, reading);
 }
@@ -46,7 +46,7 @@ void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *set
 static bool move(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
     tl_time since = stamp;
     input->level = level;
-    input->seen = stamp;
+    input->last_stamp = stamp;
     input->doubtful = false;
     bool changed = tl_gpio_debounce_edge(&input->debounce, level, stamp, &since);
     if (changed) {
@@ -59,7 +59,7 @@ bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time
     if (stamp > now) { /* from another clock */
         stamp = now;
     }
-    if (stamp < input->seen) {
+    if (stamp < input->last_stamp) {
         return false;
     }
     input->missed += level == input->level ? 1 : 0;
@@ -83,7 +83,7 @@ bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_rea
 
 bool tl_gpio_input_resync(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
     input->missed += level != input->level ? 1 : 0;
-    tl_time at = stamp > input->seen ? stamp : input->seen;
+    tl_time at = stamp > input->last_stamp ? stamp : input->last_stamp;
     bool changed = move(input, level, at, reading);
     if (!changed && !input->debounce.pending) {
         fill(input, at, reading);

@@ -41,11 +41,11 @@ typedef struct tl_gpio_debounce {
 
 typedef struct tl_gpio_input {
     tl_gpio_debounce debounce;
-    bool level;      /* after the last edge, or the accepted level */
-    bool doubtful;   /* a different level was read once since then */
-    tl_time seen;    /* stamp of the last edge or accepted level */
-    tl_time posted;  /* stamp of the last reading */
-    uint64_t missed; /* number of missed edges, a lower bound */
+    bool level;         /* after the last edge, or the accepted level */
+    bool doubtful;      /* a different level was read once since then */
+    tl_time last_stamp; /* stamp of the last edge or accepted level */
+    tl_time posted;     /* stamp of the last reading */
+    uint64_t missed;    /* number of missed edges, a lower bound */
 } tl_gpio_input;
 
 /* Initial settings of an input. */

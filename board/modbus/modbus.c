@@ -86,23 +86,23 @@ static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbu
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read) {
     tl_reading reading = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
-    for (size_t i = read->first; i < read->first + read->slots; i++) {
-        sink->post(sink->context, io->map.slots[i].index, &reading);
+    for (size_t i = read->first; i < read->first + read->entries; i++) {
+        sink->post(sink->context, io->map.entries[i].index, &reading);
     }
 }
 
 static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read,
                         tl_time stamp) {
-    for (size_t i = read->first; i < read->first + read->slots; i++) {
-        const tl_modbus_entry *slot = &io->map.slots[i];
-        size_t offset = (size_t)(slot->channel.address - read->address);
+    for (size_t i = read->first; i < read->first + read->entries; i++) {
+        const tl_modbus_entry *entry = &io->map.entries[i];
+        size_t offset = (size_t)(entry->channel.address - read->address);
         uint16_t bit = io->values.bits[offset];
-        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[offset];
+        const uint16_t *raw = entry->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[offset];
         tl_reading reading = {.stamp = stamp, .quality = TL_GOOD};
-        if (!tl_modbus_decode(&slot->channel, raw, &reading.value)) {
+        if (!tl_modbus_decode(&entry->channel, raw, &reading.value)) {
             reading.quality = TL_NOT_A_NUMBER;
         }
-        sink->post(sink->context, slot->index, &reading);
+        sink->post(sink->context, entry->index, &reading);
     }
 }
 
@@ -126,7 +126,7 @@ static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failur
 
 /* Closes a connection on which anything has happened meanwhile. */
 static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
+    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->check(io->link);
     if (health == TL_MODBUS_SOUND) {
         return;
     }

@@ -120,7 +120,7 @@ typedef struct tl_modbus_link_kind {
 
     /* Checks an open link without waiting. If the result is not TL_MODBUS_SOUND, close the link
      * before the next request, because its bytes could be taken for an answer. */
-    tl_modbus_health (*look)(const tl_modbus_link *link);
+    tl_modbus_health (*check)(const tl_modbus_link *link);
 
     /* Sends a request on an open link and waits for the answer. *values has the answer's values if
      * the outcome is TL_MODBUS_VALUES; else it is undefined. */

@@ -49,7 +49,9 @@ static void failure_text(int failure, bool on_a_line, tl_time timeout, char *tex
     } else if (failure == EBUSY) {
         (void)snprintf(text, size, "the line is never quiet: check baud and parity; only one master may use the line");
     } else if (failure == ECONNRESET || failure == EPIPE) {
-        (void)snprintf(text, size, "the device closes the connection (%s): end other masters", reason);
+        (void)snprintf(text, size,
+                       "the device closes the connection without an answer (%s): end other programs that use it",
+                       reason);
     } else if (failure > MODBUS_ENOBASE) {
         (void)snprintf(text, size, "%s: check baud, parity, stop_bits and wiring", reason);
     } else {
@@ -242,14 +244,14 @@ static size_t end_of(const tl_modbus_channel *channel) {
     return channel->address + tl_modbus_registers(channel->type);
 }
 
-static tl_modbus_read single(const tl_modbus_map *map, size_t slot, tl_modbus_grain grain) {
-    const tl_modbus_channel *channel = &map->slots[slot].channel;
+static tl_modbus_read single(const tl_modbus_map *map, size_t entry, tl_modbus_grain grain) {
+    const tl_modbus_channel *channel = &map->entries[entry].channel;
     tl_modbus_read read = {.unit_id = channel->unit_id,
                            .table = channel->table,
                            .address = channel->address,
                            .count = (uint16_t)tl_modbus_registers(channel->type),
-                           .first = slot,
-                           .slots = 1,
+                           .first = entry,
+                           .entries = 1,
                            .grain = grain};
     return read;
 }
@@ -268,17 +270,17 @@ static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel) {
         return false;
     }
     read->count = (uint16_t)(new_end - read->address);
-    read->slots++;
+    read->entries++;
     return true;
 }
 
-/* Groups some slots; returns the number of requests written to `reads`. */
-static size_t group(const tl_modbus_map *map, size_t first, size_t slots, tl_modbus_grain grain,
+/* Groups some entries; returns the number of requests written to `reads`. */
+static size_t group(const tl_modbus_map *map, size_t first, size_t entries, tl_modbus_grain grain,
                     tl_modbus_read *reads) {
     size_t count = 0;
-    for (size_t slot = first; slot < first + slots; slot++) {
-        if (count == 0 || !extend(&reads[count - 1], &map->slots[slot].channel)) {
-            reads[count] = single(map, slot, grain);
+    for (size_t entry = first; entry < first + entries; entry++) {
+        if (count == 0 || !extend(&reads[count - 1], &map->entries[entry].channel)) {
+            reads[count] = single(map, entry, grain);
             count++;
         }
     }
@@ -287,43 +289,43 @@ static size_t group(const tl_modbus_map *map, size_t first, size_t slots, tl_mod
 
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count) {
     size_t room = count > 0 ? count : 1;
-    *map = (tl_modbus_map){.slots = calloc(room, sizeof *map->slots), .reads = calloc(room, sizeof *map->reads)};
-    if (map->slots == NULL || map->reads == NULL) {
+    *map = (tl_modbus_map){.entries = calloc(room, sizeof *map->entries), .reads = calloc(room, sizeof *map->reads)};
+    if (map->entries == NULL || map->reads == NULL) {
         tl_modbus_map_release(map);
         return false;
     }
     for (size_t i = 0; i < count; i++) {
-        map->slots[i].channel = channels[i];
-        map->slots[i].index = i;
+        map->entries[i].channel = channels[i];
+        map->entries[i].index = i;
     }
-    map->slot_count = count;
-    qsort(map->slots, count, sizeof *map->slots, compare);
+    map->entry_count = count;
+    qsort(map->entries, count, sizeof *map->entries, compare);
     tl_modbus_map_reset(map);
     return true;
 }
 
 void tl_modbus_map_reset(tl_modbus_map *map) {
-    map->read_count = group(map, 0, map->slot_count, TL_MODBUS_GAPS, map->reads);
+    map->read_count = group(map, 0, map->entry_count, TL_MODBUS_GAPS, map->reads);
 }
 
 size_t tl_modbus_map_split(tl_modbus_map *map, size_t read) {
     const tl_modbus_read old = map->reads[read];
     size_t tail = map->read_count - read - 1;
-    if (old.slots == 1) {
+    if (old.entries == 1) {
         return 1;
     }
     for (int grain = (int)old.grain + 1; grain <= TL_MODBUS_SINGLE; grain++) {
         tl_modbus_read probe = single(map, old.first, (tl_modbus_grain)grain);
         size_t joined = 1;
-        while (joined < old.slots && extend(&probe, &map->slots[old.first + joined].channel)) {
+        while (joined < old.entries && extend(&probe, &map->entries[old.first + joined].channel)) {
             joined++;
         }
-        if (joined < old.slots) { /* this grain makes it smaller */
+        if (joined < old.entries) { /* this grain makes it smaller */
             /* Moves the other requests to the far end of the array, to make room for any number of
              * new ones. */
-            tl_modbus_read *rest = &map->reads[map->slot_count - tail];
+            tl_modbus_read *rest = &map->reads[map->entry_count - tail];
             memmove(rest, &map->reads[read + 1], tail * sizeof *rest);
-            size_t count = group(map, old.first, old.slots, (tl_modbus_grain)grain, &map->reads[read]);
+            size_t count = group(map, old.first, old.entries, (tl_modbus_grain)grain, &map->reads[read]);
             memmove(&map->reads[read + count], rest, tail * sizeof *rest);
             map->read_count = read + count + tail;
             return count;
@@ -333,7 +335,7 @@ size_t tl_modbus_map_split(tl_modbus_map *map, size_t read) {
 }
 
 void tl_modbus_map_release(tl_modbus_map *map) {
-    free(map->slots);
+    free(map->entries);
     free(map->reads);
     memset(map, 0, sizeof *map);
 }

@@ -122,15 +122,15 @@ enum {
 /* Which channels share a request: with unused registers between them; without; none. */
 typedef enum tl_modbus_grain { TL_MODBUS_GAPS, TL_MODBUS_NO_GAPS, TL_MODBUS_SINGLE } tl_modbus_grain;
 
-/* One request; its channels are consecutive slots of the map. The driver uses the fields after
+/* One request; its channels are consecutive entries of the map. The driver uses the fields after
  * `grain`; for it a request is silent if its answer is missing or wrong. */
 typedef struct tl_modbus_read {
     uint8_t unit_id;
     tl_modbus_table table;
     uint16_t address;
     uint16_t count; /* registers or bits */
-    size_t first;   /* index of its first slot */
-    size_t slots;   /* number of its slots */
+    size_t first;   /* index of its first entry */
+    size_t entries; /* number of its entries */
     tl_modbus_grain grain;
     tl_modbus_outcome trouble; /* last reported problem; TL_MODBUS_VALUES: none */
     tl_backoff backoff;        /* on while this request is silent and others are answered */
@@ -148,8 +148,8 @@ typedef struct tl_modbus_entry {
 
 /* The caller owns the struct. Only the Modbus driver uses its fields. */
 typedef struct tl_modbus_map {
-    tl_modbus_entry *slots; /* sorted by unit, table, address */
-    size_t slot_count;
+    tl_modbus_entry *entries; /* sorted by unit, table, address */
+    size_t entry_count;
     tl_modbus_read *reads; /* in the same order */
     size_t read_count;
 } tl_modbus_map;

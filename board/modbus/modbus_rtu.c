@@ -129,7 +129,7 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
 }
 
 /* A device that was unplugged hangs up. Unexpected bytes are dropped before the next request. */
-static tl_modbus_health rtu_look(const tl_modbus_link *link) {
+static tl_modbus_health rtu_check(const tl_modbus_link *link) {
     struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
     bool there = poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
     return there ? TL_MODBUS_SOUND : TL_MODBUS_CLOSED;
@@ -252,7 +252,7 @@ static tl_modbus_outcome rtu_ask(tl_modbus_link *link, const tl_modbus_read *rea
 
 static const tl_modbus_link_kind RTU = {.is_line = true,
                                         .connect = rtu_connect,
-                                        .look = rtu_look,
+                                        .check = rtu_check,
                                         .ask = rtu_ask,
                                         .failed = rtu_failed,
                                         .close = rtu_close,

@@ -118,7 +118,7 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
 }
 
 /* Nothing may come without a request: otherwise the server has closed or sends too much. */
-static tl_modbus_health tcp_look(const tl_modbus_link *link) {
+static tl_modbus_health tcp_check(const tl_modbus_link *link) {
     uint8_t byte = 0;
     ssize_t count = recv(link->descriptor, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
     if (count > 0 || ((const tcp_link *)link)->has_surplus) {
@@ -217,7 +217,7 @@ static void tcp_release(tl_modbus_link *link) {
 }
 
 static const tl_modbus_link_kind TCP = {.connect = tcp_connect,
-                                        .look = tcp_look,
+                                        .check = tcp_check,
                                         .ask = tcp_ask,
                                         .failed = tcp_failed,
                                         .close = tcp_close,

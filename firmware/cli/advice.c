@@ -182,9 +182,10 @@ static void check_outputs(warnings *list, const tl_config *config, const tl_prog
 
 static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->step_time >= config->step) {
-        warn(list, "step_s",
-             "a free step takes %.3g ms here, more than the period of %g ms: raise step_s, or use a faster machine",
-             tl_seconds(prognosis->step_time) * 1e3, tl_seconds(config->step) * 1e3);
+        warn(
+            list, "step_s",
+            "a step without a search takes %.3g ms here, more than the period of %g ms: raise step_s, or use a faster machine",
+            tl_seconds(prognosis->step_time) * 1e3, tl_seconds(config->step) * 1e3);
     }
 }
 

@@ -141,7 +141,7 @@ static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_er
         }
         if (fed.result != NULL) {
             emulation->tick = *fed.tick;
-            memcpy(emulation->outputs, fed.result->besides.outputs, config->emulated_count * sizeof(double));
+            memcpy(emulation->outputs, fed.result->attached.outputs, config->emulated_count * sizeof(double));
         }
     }
     return TL_OK;

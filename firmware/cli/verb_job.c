@@ -19,7 +19,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
     if (status == TL_OK) {
-        if (job->order.tells == TL_TELLS_OUTPUTS) { /* an emulated plant has no delays */
+        if (job->order.attached == TL_ATTACHED_OUTPUTS) { /* an emulated plant has no delays */
             tl_config_forget_delays(&job->config);
         }
         tl_config_use_lookups(&job->config);

@@ -250,7 +250,7 @@ int tl_verb_replay(const tl_options *options) {
     tl_verb_job job = {.options = options,
                        .output = tl_output_claim(),
                        .order = {.task = TL_TASK_STEP,
-                                 .tells = options->database != NULL ? TL_TELLS_COUNTS : TL_TELLS_RECORDS,
+                                 .attached = options->database != NULL ? TL_ATTACHED_COUNTS : TL_ATTACHED_NONE,
                                  .plain = options->plain}};
     replayer self = {.job = &job};
     tl_status status = tl_verb_job_read(&job);

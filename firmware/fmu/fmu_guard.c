@@ -43,7 +43,7 @@ static void __attribute__((noinline, cold)) restore_thread(tl_fmu_guarded *self,
         (void)uselocale(self->locale);
         changes |= TL_HOST_LOCALE;
     }
-    log_changes(self->guard, &self->was_reported, changes, where);
+    log_changes(self->guard, &self->logged_changes, changes, where);
 }
 
 /* ---- around a call ---- */
@@ -86,7 +86,7 @@ static inline fmi2Status leave_guard(tl_fmu_guarded *self, fmi2Status status) {
 /* After a call that may change any process state. */
 static fmi2Status leave_fully(tl_fmu_guarded *self, fmi2Status status) {
     leave_heap(self);
-    log_changes(self->guard, &self->was_reported, tl_host_state_put_back(), NULL);
+    log_changes(self->guard, &self->logged_changes, tl_host_state_put_back(), NULL);
     end_call(status);
     return status;
 }
@@ -102,7 +102,7 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     if (guard->memory != NULL) {
         tl_fmu_memory_leave(guard->memory);
     }
-    log_changes(guard, &guard->was_reported, tl_host_state_put_back(), NULL);
+    log_changes(guard, &guard->logged_changes, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
 }
 

@@ -42,9 +42,9 @@ typedef struct tl_fmu_guard {
     void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */
     bool was_proved;  /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
     uint32_t name;    /* number of the FMU's name in fmu_call.h, for calls without an instance */
-    unsigned was_reported; /* bits: changes of process state that were already logged, for calls without an instance */
-    tl_fmi2 by_states;     /* private: the table with the FMU's own state functions */
-    bool is_by_choice;     /* copies are in use because they are faster; the FMU's own states are exact too */
+    unsigned logged_changes; /* bits: changes of the process that were already logged, for calls without an instance */
+    tl_fmi2 by_states;       /* private: the table with the FMU's own state functions */
+    bool is_by_choice;       /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;
     fmi2FMUstate
         beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
@@ -74,7 +74,7 @@ typedef struct tl_fmu_guarded {
     uint64_t control;
     const tl_fmi2 *own; /* all functions of the FMU */
     locale_t locale;
-    unsigned was_reported; /* bits: changes that were already logged for this instance */
+    unsigned logged_changes; /* bits: changes that were already logged for this instance */
     struct tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
     struct begun { /* arguments of its instantiation; the texts belong to the caller and must remain valid */

@@ -93,12 +93,12 @@ void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) {
         (void)vsnprintf(child->fault, sizeof child->fault, format, arguments);
         va_end(arguments);
         child->killed = true;
-        child->blamed = waited / 2;
+        child->blame_after = waited / 2;
         (void)kill(child->pid, SIGKILL);
     }
 }
 
-void tl_child_release(tl_child *child) {
+void tl_child_restart_timeouts(tl_child *child) {
     memset(child->seen.silence, 0, sizeof child->seen.silence);
     child->seen.no_heart = 0;
 }
@@ -136,7 +136,7 @@ bool tl_child_ended_as_announced(const tl_child *child) {
 static void append_call(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     tl_fmu_call call;
     size_t length = strlen(reason);
-    tl_time least = child->killed ? child->blamed : 0;
+    tl_time least = child->killed ? child->blame_after : 0;
     if (!tl_heartbeats_get_call(child->beats, &child->seen, least, &call)) {
         return;
     }

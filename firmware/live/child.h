@@ -24,8 +24,8 @@
  *          waitid() and then ends.
  * Before:  the caller already knows how the child ended (waitid() with WNOWAIT). Memory, files,
  *          locks and devices of the child are free by then.
- * Restart: the next process of this child starts only when its reaper is idle. The supervisor may
- *          have other threads when it forks (role.c).
+ * Restart: the next process of this child starts only when its reaper is idle. The reapers of other
+ *          children may be running when the supervisor forks; role.c permits other threads.
  * Thread:  the supervisor's.
  */
 
@@ -50,8 +50,8 @@ void tl_reaper_stop(tl_reaper *reaper);
  *
  * Purpose: detects a silent child, asks a child to end, kills it, and describes its end; the same
  *          for all children. The supervisor (supervisor.h) decides what follows.
- * Trust:   the heartbeats are untrusted. Numbers are bounded; names are shown without control
- *          characters.
+ * Trust:   the heartbeats are untrusted. This module limits their numbers, and removes control
+ *          characters from the names of FMUs and functions before it logs them.
  * Reaping: never in a thread of real-time priority (see above).
  * Thread:  the supervisor's.
  */
@@ -60,25 +60,25 @@ void tl_reaper_stop(tl_reaper *reaper);
 typedef struct tl_child_end {
     bool known; /* false: the kernel did not report the end */
     bool by_signal;
-    int number; /* signal number, or exit code */
-    tl_end_cause announced_cause;
-    int code; /* announced exit code */
+    int number;                   /* signal number, or exit code */
+    tl_end_cause announced_cause; /* that the child wrote to its heartbeats before its end */
+    int code;                     /* exit code that it announced with it */
 } tl_child_end;
 
 /* Before the first start: zeroed, except `beats`. */
 typedef struct tl_child {
-    tl_heartbeats *beats; /* in memory that the child writes */
-    pid_t pid;            /* 0: none */
-    tl_child_end end;     /* of the last process */
-    bool asked;           /* the supervisor has asked it to end */
-    int signal;           /* with this signal */
-    bool killed;          /* the supervisor has killed it */
-    tl_heartbeats_seen seen;
-    tl_reaper reaper; /* idle: the previous process was reaped */
+    tl_heartbeats *beats;    /* in memory that the child writes */
+    pid_t pid;               /* 0: none */
+    tl_child_end end;        /* of the last process */
+    bool asked;              /* the supervisor has asked it to end */
+    int signal;              /* signal that was sent when it was asked */
+    bool killed;             /* the supervisor has killed it */
+    tl_heartbeats_seen seen; /* state of the heartbeats at the last poll */
+    tl_reaper reaper;        /* idle: the previous process was reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
-    tl_time blamed; /* ns; a running FMU call is reported as the cause if it lasted at least this long */
-    tl_time asking; /* ns since it was last asked to end, while this process was running */
+    tl_time blame_after; /* ns; a running FMU call is reported as the reason of a kill if it lasted at least so long */
+    tl_time asking;      /* ns since the child was last asked to end, while the supervisor was running */
 } tl_child;
 
 /* Resets the heartbeats and all states before a start. */
@@ -89,25 +89,26 @@ bool tl_child_has_ended(tl_child *child);
 
 /* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor
  * waited for it. An FMU call that lasted at least half of this is reported as the cause. INT64_MAX:
- * no call is reported. The text is the reason, as it follows "the twin failed: ". */
+ * no call is reported. `format` gives the reason, which is printed after "the NAME failed: ". */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
-/* Resets the measured silence: the timeouts of all heartbeats start again. */
-void tl_child_release(tl_child *child);
+/* Call it for a child that is stopped: the timeouts of all its heartbeats start again. */
+void tl_child_restart_timeouts(tl_child *child);
 
 /* Asks the child to end by sending `signal`. May be called again; each call restarts the grace
  * period (tl_child_kill_late()). */
 void tl_child_request_end(tl_child *child, int signal);
 
-/* Returns `passed` (ns), limited to TL_HEARTBEAT_POLL, so that the time in which this process was
- * stopped does not count. */
+/* Limits `passed`, the ns since the last poll, to TL_HEARTBEAT_POLL (0.2 s). So the time in which
+ * the supervisor was stopped does not count. */
 tl_time tl_child_passed(tl_time passed);
 
 /* Kills a child that was asked to end if it is still running after `grace` ns. `passed`: ns since
  * the last call. */
 void tl_child_kill_late(tl_child *child, tl_time passed, tl_time grace);
 
-/* Call it after the end of the child. Writes how it ended, as it follows "the twin failed: ". */
+/* Call it after the end of the child. Writes how it ended, to be printed after "the NAME failed: ".
+ * */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
 /* Call it after the end of the child. Returns true if the child announced its end and then ended

@@ -127,7 +127,7 @@ static void announce_handover(tl_handover_control *self, int64_t tick, tl_time n
     self->until = self->until > now ? self->until : now;
     (void)snprintf(text, sizeof text, "handover: from tick %" PRId64 " on the twin of configuration %.12s is live",
                    tick, to->hash);
-    self->tell(self->context, text);
+    self->report(self->context, text);
 }
 
 /* Returns why no handover is possible, or NULL if it is. */

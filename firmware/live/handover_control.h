@@ -42,8 +42,8 @@ typedef struct tl_handover_control {
     tl_time step;                            /* of the run, ns; it does not change */
     bool unconfined;                         /* permits FMUs with all rights of the user, if a configuration has them */
     void *context;
-    void (*tell)(void *context, const char *text); /* reports a handover: log and event */
-    bool holds;                                    /* safe hold; set by the caller, also later */
+    void (*report)(void *context, const char *text); /* reports a handover: log and event */
+    bool holds;                                      /* safe hold; set by the caller, also later */
     /* private */
     bool wants_shadow;
     uint32_t done;               /* newest completed handover; the handover block may be one ahead */

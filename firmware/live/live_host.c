@@ -286,7 +286,7 @@ void tl_live_host_poll(tl_live_host *host) {
 tl_activation_host tl_live_host_functions(tl_live_host *host) {
     return (tl_activation_host){
         .context = host,
-        .look = read_view,
+        .read_view = read_view,
         .active_hash = copy_active_hash,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
@@ -294,11 +294,11 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
         .tune = write_tuning,
         .tuning_result = poll_tuning,
         .begin_shadow = order_shadow,
-        .look_at_shadow = read_shadow,
+        .read_shadow = read_shadow,
         .end_shadow = end_shadow,
         .handover = order_handover,
         .handover_result = poll_handover,
         .restart = request_restart,
-        .tell = report_event,
+        .report = report_event,
     };
 }

@@ -335,7 +335,7 @@ static void do_follow(void *context) {
     follow_job *job = context;
     const tl_resume_follow_settings following = {.assembly = job->twin->assembly,
                                                  .queue = &job->twin->queue,
-                                                 .tell = report_resume,
+                                                 .report = report_resume,
                                                  .context = &job->twin->journal};
     job->status = tl_resume_follow(&following, job->resume, &job->twin->resumed, &job->outcome, job->error);
 }

@@ -506,7 +506,7 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                               .step = self->config.step,
                                               .unconfined = settings->unconfined,
                                               .context = self,
-                                              .tell = report_handover};
+                                              .report = report_handover};
         tl_log(TL_LOG_NOTICE, "%s", settings->running);
         put_event(self, TL_EVENT_INFO, "retune", settings->running);
         status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status, error);
@@ -578,10 +578,10 @@ static int run_members(tl_process_tree *self) {
         .context = self,
         .begin = begin_member,
         .ended = note_end,
-        .tell = put_failure,
+        .report = put_failure,
         .damaged = damage_time,
         .wait = wait_for_states,
-        .look = poll_orders,
+        .read_orders = poll_orders,
     };
     return tl_supervise(&settings, &self->stopped);
 }

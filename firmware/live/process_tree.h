@@ -18,26 +18,26 @@ typedef struct tl_process_tree_settings {
     const char *running;             /* text for the log: version, file and hash of `config` */
     const char *database;            /* path; NULL: as configured */
     tl_time duration;                /* ns; 0: as configured */
-    bool verbose;                    /* prints outcomes, executions and MSEs too */
+    bool verbose;                    /* also prints step outcomes, FMU executions and mean squared errors */
     bool json;                       /* prints the summary as JSON at the end */
     bool status;                     /* shows a status line also if standard error is no terminal */
     bool unconfined;                 /* FMUs have all rights of the user */
-    uint64_t memory_limit;           /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
-    double require_lock;             /* least % in lock, as tl_summary_require_lock() */
+    uint64_t memory_limit;           /* of an FMU process, bytes; 0: half of the machine's (confine.h) */
+    double require_lock;             /* least % of steps in lock, else exit code 3; 0: once is enough */
     bool supervised;                 /* restarts a failed twin; else its failure ends the run */
     tl_time call_limit;              /* ns; as in supervisor.h, if not supervised */
-    const char *state;               /* as in supervisor.h, if supervised */
+    const char *state;               /* folder of the restart record, if supervised; NULL: none */
     const char *control;             /* control socket to change the configuration; NULL: none. Needs `state` */
     const char *allowed;             /* file: the administrator's list of names that a remote configuration may use */
     const char *watchdog;            /* device; NULL: none */
     int watchdog_s;                  /* timeout of the watchdog, s */
     const tl_twin_role_tasks *tasks; /* tasks of a twin process */
-    int (*run_role)(const char *title, void *context); /* runs the role `title` without exec (role.h) */
+    int (*run_role)(const char *role, void *context); /* runs a role in a fork if exec is not possible (role.h) */
 } tl_process_tree_settings;
 
-/* How the run ended. Both are false if a signal asked for the end. */
+/* How the run ended. Both are false if its duration was over, or a signal asked for the end. */
 typedef struct tl_process_tree_end {
-    bool again;      /* start another run, with the active version (versions.h) */
+    bool again;      /* start another run, with the active version of the configuration (versions.h) */
     bool is_failure; /* the run could not start or continue */
 } tl_process_tree_end;
 

@@ -164,7 +164,7 @@ static void open_history(recorder *self) {
         .fmus = self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus,
         .boot = self->record.boot,
         .components = self->setup.config.component_count + 1,
-        .tell = add_message,
+        .report = add_message,
         .context = &self->own->answer[self->setup.job.slot_index],
     };
     self->history = tl_resume_history_open(&settings);

@@ -226,7 +226,7 @@ static void log_failure(supervisor *self, tl_member which, const char *when, con
                    is_followed ? "; it is restarted" : "");
     tl_log(TL_LOG_ERROR, "%s", text);
     if (is_reported) {
-        self->settings->tell(self->settings->context, text);
+        self->settings->report(self->settings->context, text);
     }
 }
 
@@ -587,7 +587,7 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     }
     bool is_held = tl_process_is_stopped(living->child.pid);
     if (is_held) {
-        tl_child_release(&living->child);
+        tl_child_restart_timeouts(&living->child);
     }
     return !is_held;
 }
@@ -735,7 +735,7 @@ static void change_recorder(supervisor *self, tl_time now) {
 
 static void poll_orders(supervisor *self, tl_time now) {
     tl_orders orders = {.end = false};
-    self->settings->look(self->settings->context, self->is_ending, &orders);
+    self->settings->read_orders(self->settings->context, self->is_ending, &orders);
     self->hastens = orders.soon;
     if (orders.end) {
         end_all(self, 0);

@@ -1,34 +1,37 @@
 /* Supervisor: starts, monitors and restarts the processes of a run.
  *
  * Purpose:  an FMU may hang, or corrupt the memory of its process; a device may hang a driver; a
- *           disk may hang the recorder. So each has its own process. The supervisor has no FMU, no
- *           plant and no database. It monitors the heartbeats (heartbeat.h), kills a silent
- *           process, and starts a new one. It sends keepalives to the watchdog of the box and to
- *           that of systemd.
+ *           disk may hang the recorder. So FMUs, drivers and the recorder have separate processes.
+ *           The supervisor has no FMU, no plant and no database. It monitors the heartbeats
+ *           (heartbeat.h), kills a silent process, and starts a new one. It sends keepalives to the
+ *           watchdog of the box and to that of systemd.
  * Members:  the *twin* is the purpose of the run. *io* reads the plant, the *recorder* writes the
  *           database; the twin continues without them. A *shadow* is a second twin, as long as it
  *           is ordered (see Shadow). The *config manager* changes the configuration.
  * Watchdog: gets keepalives as long as the twin is alive, or the supervisor can restart it. A
- *           failed disk or device never resets the box. No keepalive is sent in four cases. A
- *           thread of the twin is silent. Safe hold has failed TL_RESTARTS_MOST (5) times in a row.
- *           A dead twin was not reaped within 30 s after its pause. No process could be started for
- *           the twin for about 5 min.
- * Damage:   a process may have heartbeats although its memory is corrupted. The reader of its data
- *           detects that. The supervisor then kills the process like a silent one, also if the run
- *           is not supervised. A report may be false. So after the first one, further reports are
- *           ignored until the present process has been ready for TL_RESTARTS_FORGIVEN (120 s).
- *           Damage alone cannot cause safe hold.
+ *           failed disk or device never resets the box. Keepalives stop only in these four cases:
+ *           1. a thread of the twin is silent, until the twin has been killed;
+ *           2. the process in safe hold has failed TL_RESTARTS_MOST (5) times in a row;
+ *           3. the kernel has not released a dead twin 30 s after its restart was due;
+ *           4. for about 5 min no process could be started for the twin.
+ * Damage:   a process may have heartbeats although its memory is corrupted. Another process,
+ *           which reads its data, detects that. The supervisor then kills the process like a silent
+ *           one, also if the run is not supervised. A report may be false. So after the first
+ *           report about a member, further ones are ignored until its new process has been ready
+ *           (heartbeat.h) for TL_RESTARTS_FORGIVEN (120 s). Damage alone cannot cause safe hold.
  * Ends:     an end is orderly only if the process announced it (heartbeat.h), for one of three
- *           reasons. The run is over; this counts only if the run has a duration, because an FMU
- *           could forge it. Or the process could not start, and nothing had run before; the exit
- *           code reports why. Or the supervisor was asked to end. Then it asks shadow, config
- *           manager, twin, io and recorder, in this order; the recorder writes the remaining data.
+ *           reasons:
+ *           1. the run is over. This is accepted only if the run has a duration: without one, an
+ *              FMU in the twin's process must have written the announcement;
+ *           2. the process could not start, and nothing had run before; the exit code says why;
+ *           3. the supervisor was asked to end. It asks shadow, config manager, twin, io and
+ *              recorder, in this order; the recorder writes the remaining data.
  *           Any other end is a failure. It is reported, with the FMU and its function if a call was
  *           running.
  * Restart:  the twin restarts at once after the first failure. Then the pause doubles with each
- *           failure that is not forgiven, from 0.25 s up to 8 s. io and recorder restart without
- *           limit: after at most 0.25 s if they were ready before, else with the same doubling
- *           pauses. If the kernel provides no process, that is no failure of the twin; the start is
+ *           failure that is not forgiven (restarts.h), from 0.25 s up to 8 s. io and recorder
+ *           restart without limit: after at most 0.25 s if they were ready before, else with the
+ *           same doubling pauses. If fork fails, that is no failure of the twin; the start is
  *           retried with the same pauses.
  * Log:      a restart loop logs at most one line per minute, with the number of failures since the
  *           line before.
@@ -36,36 +39,40 @@
  *           safe hold: without FMUs; it only records samples. At each retry, the supervisor
  *           replaces that process by a twin. If the twin fails, safe hold follows again, for twice
  *           as long.
- * Wait:     the first twin may have to wait while io and recorder run. The watchdogs get keepalives
- *           as long as `wait` reports that. A twin process that only waits does not count as a run.
- *           So the twin after it may still end as "could not start".
+ * Wait:     the first twin may have to wait until the saved states of its FMUs were tested
+ *           (saved_states.h), while io and recorder run. Meanwhile the watchdogs get keepalives. A
+ *           process that only waited does not count as a run: the twin after it may still end as
+ *           "could not start".
  * Alone:    if the run is not supervised, a failed twin is not restarted: the run ends with exit
- *           code 70. The twin may be silent for TL_FMU_CALL_TIMEOUT_CALLS times `call_limit`; while
- *           it is stopped or traced (child.h), without limit.
+ *           code 70. The twin may be silent for TL_FMU_CALL_TIMEOUT_CALLS (10) times `call_limit`;
+ *           while it is stopped or traced (child.h), without limit.
  * Signals:  SIGTERM, SIGINT and SIGHUP (not under nohup) end all. A process that does not end in
- *           time is killed: io after 1 s, twin and recorder after 6 s. All processes together have
- *           8 s, but each has at least 2 s (io 1 s). 6 s is 1 s more than the timeout of a hung FMU
- *           call (fmu_call_timeout.h). An FMU may block or catch the signal, so it is sent to the
- *           twin again until the twin has received it. Such an end is orderly: all failures are
- *           forgiven. After another signal 1 s or later, each process gets 2 s. If the supervisor
- *           is killed, all its processes end.
- * Shadow:   started on order, and asked to end when it is not ordered any more. It is monitored
- *           like the others. If it ends, `ended` reports that, and it is started again only if it
- *           is still ordered. Keepalives, restart record, exit code and safe hold do not depend on
- *           it. When all end, it is asked first and killed after 2 s, because none of its data is
- *           kept.
- * Manager:  the config manager is started on order and ends when it has no work. After a failure it
- *           is restarted after a pause that doubles from 0.25 s to 8 s; if it is ordered, after at
- *           most 1 s. It ends before the twin, and is killed after 2 s. The run, its exit code and
- *           the restart record do not depend on it.
- * Swap:     on order, twin and shadow swap roles with all that belongs to their processes;
- *           keepalives, restart record and status then follow the new twin. If the new twin is
- *           dead, it is started at once. That death is not in the restart record, because the
- *           record counts failures of the live twin only. The old twin continues as the shadow; if
- *           it is dead, it is not restarted.
- * Exchange: on order the recorder is asked to end and another one is started. That is orderly: no
- *           failure, no log line, no event. The recorder is also replaced after all have ended, if
- *           it left data for another one.
+ *           time is killed: io after 1 s, twin and recorder after 6 s. All together have 8 s: a
+ *           later one gets the rest of this time, at least 2 s (io 1 s). 6 s is 1 s more than the
+ *           timeout of a hung FMU call (fmu_call_timeout.h). An FMU may block or catch the signal,
+ *           so the supervisor repeats it until the twin reports that it has received it. Such an
+ *           end is orderly: all failures are forgiven. If another signal follows after 1 s or
+ *           later, each process gets 2 s. If the supervisor is killed, all its processes end.
+ * Orders:   the callback `read_orders` sets them (tl_orders), mostly for a change of the
+ *          configuration.
+ * Shadow:   started when `shadow` is ordered, and asked to end when it is not ordered any more. It
+ *           is monitored like the others. If it ends, `ended` reports that, and it is started again
+ *           only if it is still ordered. Keepalives, restart record, exit code and safe hold do not
+ *           depend on it. When all end, it is asked first and killed after 2 s, because none of its
+ *           data is kept.
+ * Manager:  the config manager is started when it is ordered, and ends when it has no work. After a
+ *           failure it is restarted to finish its work, after a pause that doubles from 0.25 s to
+ *           8 s. If it is ordered meanwhile, it starts after at most 1 s. At the end of all it is
+ *           asked before the twin, and killed 2 s later. The run, its exit code and the restart
+ *           record do not depend on it.
+ * Swap:     when it is ordered, twin and shadow swap roles with all that belongs to their
+ *           processes; keepalives, restart record and status then follow the new twin. If the
+ *           shadow died before it became the twin, a new twin process is started at once. That
+ *           death is not in the restart record, because the record counts failures of the live twin
+ *           only. The old twin continues as the shadow; if it is dead, it is not restarted.
+ * Exchange: when it is ordered, the recorder is asked to end and another one is started. That is
+ *           orderly: no failure, no log line, no event. The recorder is also replaced if it has
+ *           already ended with the run and left unwritten data.
  * Last:     if a recorder fails or cannot be started during the end, another one writes the
  *           remaining data. At most two others are tried, or one if the recorder had to be killed.
  * Memory:   the caller owns the settings and the heartbeats.
@@ -96,57 +103,57 @@ typedef enum tl_member {
 typedef enum tl_wait {
     TL_WAIT_OVER,
     TL_WAIT_BRIEF, /* no twin process is started meanwhile */
-    TL_WAIT_LONG   /* a twin process in safe hold is started, and replaced when the wait is over */
+    TL_WAIT_LONG   /* a process without FMUs (safe hold) records samples until the wait is over */
 } tl_wait;
 
-/* Orders, read in each loop. An order applies while it is set; `swap` swaps in each loop in which
- * it is set. */
+/* Orders, read in each pass of the supervisor's main loop. An order applies while it is set; `swap`
+ * swaps in each pass: set it for one pass only. */
 typedef struct tl_orders {
     bool end;            /* end all */
     bool shadow;         /* a shadow is wanted; started if there is none */
     bool config_manager; /* a config manager is wanted; started if there is none */
-    bool kill_twin;      /* the twin is late in a swap */
+    bool kill_twin;      /* kill the twin, because it did not stop in time for a swap */
     bool swap;           /* ignored once all end */
     bool recorder;       /* replace the recorder */
-    bool soon;           /* an event is expected: the next loop is in 2 ms */
+    bool soon;           /* an event is expected: the next pass is in 2 ms */
 } tl_orders;
 
 typedef struct tl_supervisor_settings {
     bool unsupervised;                /* the run is not supervised: a failed twin ends it */
     bool has_duration;                /* the run ends after a duration */
     tl_time call_limit;               /* if `unsupervised`: limit of an FMU call, ns */
-    tl_time hold_time;                /* first safe hold of a loop; 0: TL_RESTARTS_HOLD (60 s) */
+    tl_time hold_time;                /* ns of the first safe hold of a restart loop; 0: TL_RESTARTS_HOLD (60 s) */
     const char *state;                /* folder of the restart record of one supervisor; NULL: none */
     const char *watchdog;             /* the device; NULL: none */
     int watchdog_s;                   /* timeout of the watchdog, s */
     tl_heartbeats *beats[TL_MEMBERS]; /* of each member at the start; NULL: no such member */
     void *context;                    /* of the callbacks below; they must not block */
 
-    /* Starts a process (role.h). `start`: for the live twin; other members, also a shadow, get only
-     * `unreadable`. Returns the process id, or 0 and the reason in `error`. */
+    /* Starts a process (role.h). `start`: for the live twin. For other members, also a shadow, only
+     * its field `unreadable` is valid. Returns the process id, or 0 and the reason in `error`. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start, tl_error *error);
 
     /* Called when a member has ended and is not reaped yet. `reason` may be replaced by a better
-     * one. `by_others`: SIGKILL from outside of the run or from the kernel. For a twin, returns the
-     * identity number of the FMU files if their saved state caused the end (restarts.h). Else
-     * returns 0. */
+     * one. `by_others`: true if SIGKILL came from a user or the kernel (out of memory). If a twin
+     * crashed while it loaded a saved state, returns the identity number of the FMU files
+     * (identity.h): their states are not loaded again (restarts.h). Else returns 0. */
     uint64_t (*ended)(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]);
 
     /* Records a failure in the database; it was logged before. Not called for a twin that is
-     * restarted, because the start information of the next twin has the reason. */
-    void (*tell)(void *context, const char *text);
+     * restarted, because the next twin gets the reason (tl_start) and records it. */
+    void (*report)(void *context, const char *text);
 
-    /* Returns 0 if the reader of this member's data can continue. Else the data is damaged. The
-     * result is then a time (CLOCK_MONOTONIC, ns) that is not later than the check which found the
-     * damage. */
+    /* Returns 0 if this member's data is not damaged. Else returns a time (CLOCK_MONOTONIC, ns)
+     * before the check that found the damage. A process that became ready after this time did not
+     * cause it. */
     tl_time (*damaged)(void *context, tl_member which);
 
     /* Called for the first twin. NULL: it never waits. */
     tl_wait (*wait)(void *context);
 
-    /* Called in each loop to read the orders. `ends`: all processes are ending. `orders` is zeroed
-     * before the call. */
-    void (*look)(void *context, bool ends, tl_orders *orders);
+    /* Called in each pass of the main loop to read the orders. `ends`: all processes are ending.
+     * `orders` is zeroed before the call. */
+    void (*read_orders)(void *context, bool ends, tl_orders *orders);
 } tl_supervisor_settings;
 
 /* Runs the processes until all have ended. *stopped (may be NULL): the signal that asked it to end,

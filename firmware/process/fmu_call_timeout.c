@@ -12,10 +12,10 @@
 static const tl_time AGAIN = TL_SECOND;
 
 static void note_time(tl_fmu_call_timeout *patience, const tl_fmu_call_timeout_view *view) {
-    tl_time passed = patience->looked == 0 ? 0 : view->now - patience->looked;
+    tl_time passed = patience->checked_at == 0 ? 0 : view->now - patience->checked_at;
     bool same = view->call != NULL && view->call->begun == patience->begun;
     passed = passed > TL_SECOND ? TL_SECOND : passed;
-    patience->looked = view->now;
+    patience->checked_at = view->now;
     patience->lasted = same ? patience->lasted + passed : 0;
     patience->begun = view->call != NULL ? view->call->begun : patience->begun;
     patience->times = patience->asked < AGAIN ? view->times : patience->times;

@@ -33,12 +33,12 @@ enum { TL_FMU_CALL_TIMEOUT_CALLS = 10 };
 
 /* Zeroed at first. Fields are private, except `limit`. */
 typedef struct tl_fmu_call_timeout {
-    tl_time limit;  /* ns of one call; 0: none */
-    tl_time looked; /* instant of the last check; 0: none */
-    uint32_t begun; /* number of the last call seen */
-    tl_time lasted; /* observed duration of that call */
-    tl_time asked;  /* time since the request to end */
-    unsigned times; /* requests within the first second of `asked` */
+    tl_time limit;      /* ns of one call; 0: none */
+    tl_time checked_at; /* instant of the last check; 0: none */
+    uint32_t begun;     /* number of the last call seen */
+    tl_time lasted;     /* observed duration of that call */
+    tl_time asked;      /* time since the request to end */
+    unsigned times;     /* requests within the first second of `asked` */
 } tl_fmu_call_timeout;
 
 /* Input of one check. */

@@ -57,12 +57,12 @@ void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code) {
 /* ---- in the supervisor ---- */
 
 const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
-    tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
+    tl_time passed = seen->polled_at == 0 ? 0 : now - seen->polled_at;
     tl_fmu_call call;
     const char *silent = NULL;
     bool has_heartbeat = false;
     passed = passed > TL_HEARTBEAT_POLL ? TL_HEARTBEAT_POLL : passed;
-    seen->looked = now;
+    seen->polled_at = now;
     bool same = tl_fmu_calls_poll(&beats->calls, &call) && call.begun == seen->call;
     seen->lasted = same ? seen->lasted + passed : 0;
     seen->call = call.begun;

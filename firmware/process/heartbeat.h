@@ -92,11 +92,11 @@ void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code);
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];
-    bool had;         /* at least one heartbeat was monitored */
-    tl_time no_heart; /* how long no heartbeat has been active, counted only if `had`; 0 if one is active */
-    tl_time looked;   /* instant of the last poll; 0: none */
-    uint32_t call;    /* number of the current FMU call */
-    tl_time lasted;   /* its observed duration */
+    bool had;          /* at least one heartbeat was monitored */
+    tl_time no_heart;  /* how long no heartbeat has been active, counted only if `had`; 0 if one is active */
+    tl_time polled_at; /* instant of the last poll; 0: none */
+    uint32_t call;     /* number of the current FMU call */
+    tl_time lasted;    /* its observed duration */
 } tl_heartbeats_seen;
 
 /* Polls all heartbeats. Returns NULL if all threads are alive. Else returns the name of a thread

@@ -1,12 +1,14 @@
 /* Ages of the plant's values at the ticks that use them first.
  *
  * Purpose: shows how fresh the values are: p50 and p99 of the time from a reading to its tick.
- * Counted: good values of live sources that are looked up at their tick, each reading once. A value
- *          on a line, a conditioned value, or one that waits for a delay is older by intention, and
- *          is not counted; its NAME@reading is.
+ * Counted: good readings of devices that the cycle uses unchanged and at once, each reading once.
+ *          Not counted are values that are interpolated (key `between`), filtered (`condition`) or
+ *          delayed, because they are older by intention. Of these signals the unchanged readings
+ *          are counted, which are signals of their own: NAME@reading (config.h).
  * Bins:    16 in each doubling of the age, from 1 µs to 67 s, so a percentile is at most 1/16 too
  *          large. Older values count as 67 s.
- * Trust:   the percentiles are safe for any content.
+ * Trust:   tl_ages_percentile() neither overflows nor reads outside, whatever the structure
+ *          contains.
  * Thread:  plain data; one thread at a time.
  */
 #ifndef TL_FIRMWARE_REPORT_AGES_H
@@ -16,11 +18,12 @@
 
 #include "firmware/config/config.h"
 
+/* In units of 1.024 µs: 16 bins of one unit, then 16 for each doubling from 2⁴ to 2²⁶ units. */
 enum { TL_AGE_BINS = 16 * (26 - 4 + 1) };
 
 /* The caller zeroes it at first. */
 typedef struct tl_ages {
-    uint64_t values;
+    uint64_t values; /* number of counted readings */
     uint64_t bins[TL_AGE_BINS];
     tl_time newest[TL_MAX_SIGNALS]; /* stamp of the newest counted reading, by signal */
 } tl_ages;

@@ -53,7 +53,7 @@ static bool is_on_probation(const tl_activation *self) {
 
 static tl_activation_view view_now(const tl_activation *self) {
     tl_activation_view view;
-    self->settings.host->look(self->settings.host->context, &view);
+    self->settings.host->read_view(self->settings.host->context, &view);
     return view;
 }
 
@@ -84,7 +84,7 @@ static void end_shadow(tl_activation *self) {
 
 static tl_activation_shadow poll_shadow(const tl_activation *self) {
     tl_activation_shadow shadow;
-    self->settings.host->look_at_shadow(self->settings.host->context, &shadow);
+    self->settings.host->read_shadow(self->settings.host->context, &shadow);
     return shadow;
 }
 
@@ -102,7 +102,7 @@ static tl_activation_phase previous_phase(const tl_activation *self) {
 /* ---- messages ---- */
 
 static void send_reply(const tl_activation *self, const tl_control_reply *reply) {
-    self->settings.say(self->settings.listener, reply);
+    self->settings.reply(self->settings.listener, reply);
 }
 
 static void TL_PRINTF(3, 4) report_step(const tl_activation *self, tl_control_step step, const char *format, ...) {
@@ -129,7 +129,7 @@ static void TL_PRINTF(3, 4) record_event(const tl_activation *self, tl_severity 
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    self->settings.host->tell(self->settings.host->context, severity, text);
+    self->settings.host->report(self->settings.host->context, severity, text);
 }
 
 /* The verdict lists only the first of `count` problems or changes. */

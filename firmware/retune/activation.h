@@ -80,7 +80,7 @@ typedef struct tl_activation_host {
     void *context;
 
     /* Reads the present state of the run. */
-    void (*look)(void *context, tl_activation_view *view);
+    void (*read_view)(void *context, tl_activation_view *view);
 
     /* Writes the hash of the configuration that the run uses now, or will use from its next tick
      * on. */
@@ -111,7 +111,7 @@ typedef struct tl_activation_host {
     bool (*begin_shadow)(void *context, const tl_activation_candidate *candidate);
 
     /* Reads the present state of the shadow. */
-    void (*look_at_shadow)(void *context, tl_activation_shadow *shadow);
+    void (*read_shadow)(void *context, tl_activation_shadow *shadow);
 
     /* Orders the end of the shadow. It may end later. */
     void (*end_shadow)(void *context);
@@ -128,7 +128,7 @@ typedef struct tl_activation_host {
     void (*restart)(void *context);
 
     /* Records an event and logs it. */
-    void (*tell)(void *context, tl_severity severity, const char *text);
+    void (*report)(void *context, tl_severity severity, const char *text);
 } tl_activation_host;
 
 /* ---- Activation. */
@@ -159,7 +159,7 @@ typedef struct tl_activation_settings {
 
     /* Sends a reply to the client that asked for the change; the client may have disconnected.
      * TL_CONTROL_END is the last reply. */
-    void (*say)(void *listener, const tl_control_reply *reply);
+    void (*reply)(void *listener, const tl_control_reply *reply);
     void *listener;
 } tl_activation_settings;
 

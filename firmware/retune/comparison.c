@@ -29,7 +29,7 @@ void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST
                        step);
     } else if (answer->least > answer->step) {
         (void)snprintf(text, TL_FORECAST_TEXT,
-                       "a free step takes %.3g ms here, more than the period of %.3g ms: raise step_s",
+                       "a step without a search takes %.3g ms here, more than the period of %.3g ms: raise step_s",
                        milliseconds(answer->least), step);
     } else if (answer->worst == 0) {
         (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of its %.3g ms", milliseconds(answer->least),
@@ -173,7 +173,7 @@ static double percent_unseen(const tl_comparison *comparison) {
 /* The lock is evaluated only if a signal was good in at least half of the steps. */
 static const double MOST_PERCENT = 50.0;
 
-void tl_comparison_report(const tl_comparison *comparison, void (*say)(void *context, const char *text),
+void tl_comparison_report(const tl_comparison *comparison, void (*report)(void *context, const char *text),
                           void *context) {
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
@@ -190,19 +190,19 @@ void tl_comparison_report(const tl_comparison *comparison, void (*say)(void *con
         write_root_mean_square(now, of_now);
         write_root_mean_square(find_output(shadow, name), of_then);
         (void)snprintf(text, sizeof text, "%s: rms error: now %s, new twin %s", name, of_now, of_then);
-        say(context, text);
+        report(context, text);
     }
     write_figures("now", twin, text);
-    say(context, text);
+    report(context, text);
     write_figures("new", shadow, text);
-    say(context, text);
+    report(context, text);
     if (tl_lock_tally_total(&shadow->lock) == 0) {
-        say(context, "no step could be evaluated for the lock: the probation evaluates it");
+        report(context, "no step could be evaluated for the lock: the probation evaluates it");
     } else if (percent_unseen(comparison) > MOST_PERCENT) {
         (void)snprintf(text, sizeof text,
                        "no matched signal was good in %.3g %% of the steps: the lock is evaluated by the probation",
                        percent_unseen(comparison));
-        say(context, text);
+        report(context, text);
     }
 }
 

@@ -84,7 +84,8 @@ void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, c
 
 /* Calls `say` with one line for each output and each twin. Adds a line if the shadow's lock cannot
  * be evaluated. */
-void tl_comparison_report(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
+void tl_comparison_report(const tl_comparison *comparison, void (*report)(void *context, const char *text),
+                          void *context);
 
 /* Returns the result. `require_lock`: percent of the steps, 0 … 100; 0: not required. `why`: the
  * reason; "" if TL_COMPARISON_GOOD. */

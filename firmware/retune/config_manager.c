@@ -69,7 +69,7 @@ static void send_state(tl_config_manager *self, client_slot *client) {
     tl_activation_view view = {.step_s = 0.0};
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
     const tl_activation_settings *settings = &self->activation.settings;
-    settings->host->look(settings->host->context, &view);
+    settings->host->read_view(settings->host->context, &view);
     tl_control_state *state = &reply.as.state;
     (void)snprintf(state->plant, sizeof state->plant, "%s", settings->plant);
     memcpy(state->hash, active->hash, sizeof state->hash);
@@ -324,7 +324,7 @@ tl_status tl_config_manager_open(int socket, const char *state, const tl_activat
     }
     own.versions = &opened->versions;
     own.refusals = &opened->refusals;
-    own.say = send_reply;
+    own.reply = send_reply;
     own.listener = opened;
     tl_activation_begin(&opened->activation, &own);
     *manager = opened;

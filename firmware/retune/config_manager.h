@@ -24,7 +24,7 @@
 typedef struct tl_config_manager tl_config_manager;
 
 /* Starts with a listening `socket` (control.h), which remains the caller's. `state`: the folder
- * that contains versions/. Copies `settings` and sets versions, refusals, say and listener in the
+ * that contains versions/. Copies `settings` and sets versions, refusals, reply and listener in the
  * copy. Errors: TL_TRY_AGAIN; TL_BAD_DATA if the path of the folder is too long. */
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **manager, tl_error *error);

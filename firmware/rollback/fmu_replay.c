@@ -448,7 +448,7 @@ static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2Val
         return;
     }
     size_t size = bytes_of_values(kind, count);
-    const tl_fmu_history_call call = {.kind = (uint8_t)kind, .gave = known.is_set ? 0 : mark(values, size)};
+    const tl_fmu_history_call call = {.kind = (uint8_t)kind, .result_hash = known.is_set ? 0 : mark(values, size)};
     tl_fmu_history_add(&replay->history, &call, values, known.is_set ? size : 0);
     look_for_end(replay);
 }
@@ -512,7 +512,7 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
     fmi2Status status = call_again(&made, replay->functions, replay->instance);
     if (status <= fmi2Warning && !known.is_set) {
         uint64_t gives = mark(replay->value_buffer, bytes_of_values(kind, known.count));
-        replay->results->differs = replay->results->differs || gives != call->gave;
+        replay->results->differs = replay->results->differs || gives != call->result_hash;
     }
     return status;
 }

@@ -86,14 +86,14 @@ enum { TL_FMU_HISTORY_BRANCHES = 4096 };
 typedef struct tl_fmu_history_call {
     uint8_t kind;
     bool is_step;
-    bool is_final;     /* of a step: no earlier state will be restored */
-    double now, size;  /* of a step: communication point and step size, s */
-    uint64_t gave;     /* of a call that reads values: hash of these values */
-    uint32_t steps;    /* steps since the root, this call included */
-    uint32_t parent;   /* private, from here on */
-    uint32_t next;     /* next call on the path that is repeated, or next free entry */
-    uint32_t children; /* number of calls that follow it in the tree */
-    uint32_t kept;     /* number of saved positions at this call */
+    bool is_final;        /* of a step: no earlier state will be restored */
+    double now, size;     /* of a step: communication point and step size, s */
+    uint64_t result_hash; /* of a call that reads values: hash of these values */
+    uint32_t steps;       /* steps since the root, this call included */
+    uint32_t parent;      /* private, from here on */
+    uint32_t next;        /* next call on the path that is repeated, or next free entry */
+    uint32_t children;    /* number of calls that follow it in the tree */
+    uint32_t kept;        /* number of saved positions at this call */
 } tl_fmu_history_call;
 
 /* Fields are private. Zeroed: not open. */

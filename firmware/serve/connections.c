@@ -12,7 +12,7 @@ static int count_of(const tl_connections *connections, const tl_address *address
     return count;
 }
 
-static int free_slot(const tl_connections *connections) {
+static int free_index(const tl_connections *connections) {
     for (int i = 0; i < TL_CONNECTIONS; i++) {
         if (!connections->rows[i].is_there) {
             return i;
@@ -43,12 +43,12 @@ static int find_evictable(const tl_connections *connections, const tl_address *o
 int tl_connections_admit(tl_connections *connections, const tl_address *address, tl_time now, int *evicted) {
     int own = count_of(connections, address);
     bool has_all = own >= TL_CONNECTIONS_OF_ADDRESS;
-    int slot = has_all ? -1 : free_slot(connections);
+    int index = has_all ? -1 : free_index(connections);
     *evicted = -1;
-    if (slot >= 0) {
-        connections->rows[slot] =
+    if (index >= 0) {
+        connections->rows[index] =
             (tl_connection_entry){.is_there = true, .address = *address, .since = now, .deadline = TL_TIME_NEVER};
-        return slot;
+        return index;
     }
     int oldest = find_evictable(connections, has_all ? address : NULL);
     if (oldest >= 0) {
@@ -59,12 +59,12 @@ int tl_connections_admit(tl_connections *connections, const tl_address *address,
     return -1;
 }
 
-void tl_connections_leave(tl_connections *connections, int slot) {
-    connections->rows[slot].is_there = false;
+void tl_connections_leave(tl_connections *connections, int index) {
+    connections->rows[index].is_there = false;
 }
 
-int tl_connections_overdue(const tl_connections *connections, int slot, tl_time now) {
-    for (int i = slot; i < TL_CONNECTIONS; i++) {
+int tl_connections_overdue(const tl_connections *connections, int first, tl_time now) {
+    for (int i = first; i < TL_CONNECTIONS; i++) {
         const tl_connection_entry *row = &connections->rows[i];
         if (row->is_there && row->deadline != TL_TIME_NEVER && row->deadline <= now) {
             return i;

@@ -255,7 +255,7 @@ static tl_status add_token(const char *path, const char *name, tl_change_right r
     *made = (tl_token){.role = role};
     memcpy(made->name, name, strlen(name) + 1);
     tl_sha256(secret, strlen(secret), made->hash);
-    tl_utc_text(tl_utc_now(), made->made);
+    tl_utc_text(tl_utc_now(), made->created);
     tokens->count++;
     status = tl_tokens_write(path, tokens, error);
     if (status == TL_OK) {
@@ -304,7 +304,7 @@ static int token_verb(int argc, char **argv) {
     if (status == TL_OK && lists) {
         for (size_t i = 0; i < tokens.count; i++) {
             const tl_token *token = &tokens.rows[i];
-            (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->made);
+            (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->created);
         }
     } else if (status == TL_OK) {
         status = adds ? add_token(options.tokens, name, role, &tokens, &error)

@@ -633,10 +633,10 @@ static void end_overdue(tl_server *server) {
     }
 }
 
-void tl_server_turn(tl_server *server, tl_time most) {
+void tl_server_turn(tl_server *server, tl_time longest_wait) {
     struct pollfd list[DESCRIPTORS];
     size_t count = list_descriptors(server, list);
-    if (poll(list, count, wait_time(server, most)) < 0 && errno != EINTR) {
+    if (poll(list, count, wait_time(server, longest_wait)) < 0 && errno != EINTR) {
         tl_log_limited(&server->log_limiter, TL_LOG_ERROR, "cannot wait for requests: %s", strerror(errno));
     }
     accept_clients(server);

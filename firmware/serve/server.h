@@ -1,4 +1,4 @@
-/* Main loop of the server: connections, requests, answers, audit.
+/* Main loop of the server: connections, requests and answers; logs who has requested a change.
  *
  * Thread:  the server's.
  */
@@ -16,18 +16,18 @@ typedef struct tl_server tl_server;
  */
 typedef struct tl_server_settings {
     int listener;       /* a listening, nonblocking socket; the caller closes it */
-    const char *folder; /* of the plants' control sockets: TL_CONTROL_FOLDER */
-    const char *tokens; /* file of the tokens, which may change at any time */
+    const char *folder; /* of the plants' control sockets; by default TL_CONTROL_FOLDER */
+    const char *tokens; /* path of the token file, which is read again when it has changed */
     const tl_certificate *certificate;
-    const tl_host_names *names;
+    const tl_host_names *names; /* of this server, for the Host header of requests (address.h) */
 } tl_server_settings;
 
-/* Starts the server. Errors: TL_TRY_AGAIN if memory or descriptors are missing, or GnuTLS rejects
- * the certificate. */
+/* Starts the server. Returns TL_TRY_AGAIN if it cannot start: no memory or descriptors, or a
+ * certificate that GnuTLS rejects. libmicrohttpd does not say which. */
 tl_status tl_server_open(const tl_server_settings *settings, tl_server **server, tl_error *error);
 
-/* Waits for events at most `most` ns, and processes them. */
-void tl_server_turn(tl_server *server, tl_time most);
+/* Waits for events and processes them. `longest_wait`: ns. Errors are logged. */
+void tl_server_turn(tl_server *server, tl_time longest_wait);
 
 /* Closes all connections and frees the server. NULL is allowed. */
 void tl_server_close(tl_server *server);

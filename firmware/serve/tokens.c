@@ -65,11 +65,11 @@ static bool read_line(const char *line, tl_token *token) {
     char rest[2];
     int found = sscanf(line, "%255s %255s %255s %255s %1s", name, role, hash, made, rest);
     bool is_good = found == 4 && strlen(name) < sizeof token->name && tl_plain_name(name) && is_hash(hash) &&
-                   strlen(made) < sizeof token->made && tl_change_right_of(role, &token->role);
+                   strlen(made) < sizeof token->created && tl_change_right_of(role, &token->role);
     if (is_good) {
         memcpy(token->name, name, strlen(name) + 1);
         memcpy(token->hash, hash, sizeof token->hash);
-        memcpy(token->made, made, strlen(made) + 1);
+        memcpy(token->created, made, strlen(made) + 1);
     }
     return is_good;
 }
@@ -134,7 +134,8 @@ tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *e
     (void)fputs("# Written by `twinlock token`: name, role, SHA-256 of the token, creation time.\n", made.file);
     for (size_t i = 0; i < tokens->count; i++) {
         const tl_token *token = &tokens->rows[i];
-        (void)fprintf(made.file, "%s %s %s %s\n", token->name, tl_change_rights[token->role], token->hash, token->made);
+        (void)fprintf(made.file, "%s %s %s %s\n", token->name, tl_change_rights[token->role], token->hash,
+                      token->created);
     }
     return tl_new_file_keep(&made, error);
 }

@@ -19,8 +19,8 @@
  * Purpose: limits how fast an address can guess tokens.
  * Rule:    the first three wrong tokens cause no delay. After each further one the address must
  *          wait 1 s, 2 s, 4 s … 64 s. In this time the server checks no token from this address.
- *          Only ten minutes without a wrong token reset the count. A right token does not, because
- *          its owner could guess other tokens between two requests.
+ *          Only ten minutes without a wrong token reset the count. A right token does not reset it:
+ *          its owner could reset the count again and again while guessing other tokens.
  * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
  *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.
@@ -49,22 +49,23 @@ void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_
  *
  * Purpose: a token is 256 random bits. The administrator creates it on the box, which shows it only
  *          once. Only its SHA-256 is saved, so that the file does not reveal a token.
- * File:    one line per token, "NAME ROLE SHA256 TIME"; lines that begin with "#" are comments. It
- *          is replaced as a whole. Only its owner and the group of its folder can read it; the
- *          server is in this group.
+ * File:    one line per token, "NAME ROLE SHA256 TIME"; TIME is that of its creation, UTC (ISO
+ *          8601). Lines that begin with "#" are comments. The file is replaced as a whole. Only its
+ *          owner and the group of its folder can read it; the server is in this group.
  * Search:  compares all tokens completely, so that its duration reveals nothing about a token.
  * Thread:  one.
  */
 
+/* Most tokens. Bytes of a name and of a secret, with the NUL. */
 enum { TL_TOKENS = 64, TL_TOKEN_NAME = 32, TL_TOKEN_SECRET = 65 };
 
 #define TL_TOKENS_FILE "/etc/twinlock-serve/tokens"
 
 typedef struct tl_token {
-    char name[TL_TOKEN_NAME]; /* valid by tl_plain_name() */
+    char name[TL_TOKEN_NAME]; /* see tl_plain_name() in address.h */
     tl_change_right role;
     char hash[TL_SHA256_TEXT];
-    char made[TL_CONTROL_TIME];
+    char created[TL_CONTROL_TIME];
 } tl_token;
 
 typedef struct tl_tokens {

@@ -311,7 +311,7 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
     bool is_bad = fault == TL_DATABASE_DAMAGED || fault == TL_DATABASE_FOREIGN;
     tl_status status = is_bad ? TL_BAD_DATA : TL_TRY_AGAIN;
     if (database != NULL && is_bad) {
-        (void)tl_database_damaged(database, error, "%s", text);
+        (void)tl_database_invalid(database, error, "%s", text);
     } else {
         (void)tl_fail(error, status, "%s: %s", path == NULL ? "database" : path, text);
     }
@@ -329,7 +329,7 @@ tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt *
     return code == SQLITE_OK ? TL_OK : tl_database_fail(database, code, error);
 }
 
-tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) {
+tl_status tl_database_invalid(sqlite3 *database, tl_error *error, const char *format, ...) {
     char what[256];
     va_list arguments;
     va_start(arguments, format);
@@ -460,7 +460,7 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
         "    (SELECT name FROM pragma_table_xinfo(keys.name) WHERE pk > 0 ORDER BY pk))";
     char found[300];
     tl_status status = query_text(database, sql, found, sizeof found, error);
-    return status == TL_OK && found[0] != '\0' ? tl_database_damaged(database, error, "%s", found) : status;
+    return status == TL_OK && found[0] != '\0' ? tl_database_invalid(database, error, "%s", found) : status;
 }
 
 /* ---- Recognising, opening and creating a twinlock database.
@@ -487,7 +487,7 @@ static tl_status check_version(const char *path, int64_t version, tl_error *erro
     if (version >= TL_DATABASE_OLDEST && version <= TL_DATABASE_VERSION) {
         return TL_OK;
     }
-    return tl_database_refuse(TL_DATABASE_OTHER, error, TL_BAD_DATA,
+    return tl_database_refuse(TL_DATABASE_OTHER_FORMAT, error, TL_BAD_DATA,
                               "%s: the database has format %lld, and this program reads formats %d to %d: use the "
                               "version of twinlock that wrote it, or move the file away",
                               path, (long long)version, TL_DATABASE_OLDEST, TL_DATABASE_VERSION);

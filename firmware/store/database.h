@@ -4,7 +4,7 @@
  *          content.
  * Trust:   a database file is untrusted; every connection is restricted before its first SQL.
  * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault.
- * Thread:  one for each database.
+ * Thread:  one at a time for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_H
 #define TL_FIRMWARE_STORE_DATABASE_H
@@ -26,12 +26,12 @@
  */
 
 typedef enum tl_database_fault {
-    TL_DATABASE_LATER,   /* locked, disk full, out of memory: a retry may succeed */
-    TL_DATABASE_IN_USE,  /* another twinlock writes it */
-    TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
-    TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
-    TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
-    TL_DATABASE_FOREIGN  /* no twinlock database, or another program modified it, or another file has its name */
+    TL_DATABASE_LATER,        /* locked, disk full, out of memory: a retry may succeed */
+    TL_DATABASE_IN_USE,       /* another twinlock writes it */
+    TL_DATABASE_DENIED,       /* no permission to read or write the file or its medium */
+    TL_DATABASE_DAMAGED,      /* a twinlock database whose pages are corrupted */
+    TL_DATABASE_OTHER_FORMAT, /* another version of twinlock wrote it, in another format */
+    TL_DATABASE_FOREIGN       /* no twinlock database, modified by another program, or with a foreign file beside it */
 } tl_database_fault;
 
 tl_database_fault tl_database_get_fault(void);
@@ -44,7 +44,7 @@ tl_database_fault tl_database_fault_of(int code, int number);
 /* Returns the fault for an errno. */
 tl_database_fault tl_database_fault_of_errno(int number);
 
-/* Sets the fault; otherwise like tl_fail(). */
+/* Sets the fault, writes the error's text and returns `status` (tl_fail() in status.h). */
 tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...)
     TL_PRINTF(4, 5);
 
@@ -56,7 +56,7 @@ tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status
  * Thread: one at a time for each connection.
  */
 
-/* Both fail like tl_database_fail(). */
+/* On failure both report the error as tl_database_fail() does. */
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
 tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
 
@@ -67,23 +67,23 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 /* Reports the same text as an error, with the path of the file in front, and sets the fault. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
-/* Reports a file that another program has modified. Returns TL_BAD_DATA with the text "FILE: is
- * damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
-tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
+/* Reports wrong content in intact pages, so another program wrote it. Returns TL_BAD_DATA with the
+ * text "FILE: is damaged: WHAT; what to do"; the fault is TL_DATABASE_FOREIGN. */
+tl_status tl_database_invalid(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its log
- * (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
+/* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its
+ * write-ahead log (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
 int64_t tl_database_size(sqlite3 *database, int which);
 
-/* Upper limit of each time (ns), tick and count that the recorder writes. */
-#define TL_ROW_LARGEST (INT64_MAX / 4)
+/* Largest time (ns), tick and count that the recorder writes. Sums of a few cannot overflow. */
+#define TL_ROW_NUMBER_MAX (INT64_MAX / 4)
 
 /* ---- Protection against untrusted database files.
  *
  * Purpose: a file may be corrupted, or made by an attacker. So SQLite executes no code of the file
- *          (triggers, views, virtual tables), accepts no value longer than the recorder writes, and
- *          terminates statements that run too long (corrupted pages can form a cycle). history.c
- *          validates the rows when it reads them.
+ *          (triggers, views, virtual tables), accepts no value longer than the longest of the
+ *          recorder, and terminates statements that run too long (corrupted pages can form a
+ *          cycle). history.c validates the rows when it reads them.
  * Thread:  one at a time for each connection.
  */
 
@@ -91,12 +91,12 @@ enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
     TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
     TL_DATABASE_OLDEST = 5,                  /* oldest format that is read; migrated before writing */
-    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row; a checkpoint: at most half */
-    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes that tl_database_diagnose() checks */
+    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
+    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };
 
-/* Runs SQLite's quick check on a small file and appends the first problem found to the error's
- * text. Reads the whole file: do not call during a live run. */
+/* Runs SQLite's quick check on a file of at most TL_DATABASE_DIAGNOSED bytes, and appends the first
+ * problem found to the error's text. Reads the whole file: do not call during a live run. */
 void tl_database_diagnose(sqlite3 *database, tl_error *error);
 
 /* ---- Twinlock database: recognises, creates and opens it. The recorder writes databases, the
@@ -123,7 +123,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
  * database. */
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
 
-/* Writes to `path` the path, with links resolved, of a database that exists or will be created.
+/* Resolves the links in `given`, and writes the result to `path`. The database need not exist yet.
  * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
  * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
 tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error);

@@ -486,7 +486,7 @@ static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
 static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
 
 static bool is_refused(tl_database_policy open_policy, tl_database_fault fault) {
-    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_IN_USE;
+    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER_FORMAT && fault != TL_DATABASE_IN_USE;
     return open_policy == TL_DATABASE_ALL_OR_NOTHING || (open_policy == TL_DATABASE_IF_OURS && !is_ours);
 }
 

@@ -174,7 +174,7 @@ static const unsigned char *read_bytes(table_row *row, size_t *size) {
 /* ---- Runs, signals, configurations ---- */
 
 int64_t tl_history_last_possible(const tl_history_run *run) {
-    return TL_ROW_LARGEST / run->step;
+    return TL_ROW_NUMBER_MAX / run->step;
 }
 
 /* Returns a copy of the next column's text that outlives the row. If memory is out: "", and the row
@@ -201,7 +201,7 @@ static const char *take_utc_or_null(tl_history *history, table_row *row) {
 }
 
 static uint64_t take_count(table_row *row) {
-    return (uint64_t)take_integer(row, 0, TL_ROW_LARGEST);
+    return (uint64_t)take_integer(row, 0, TL_ROW_NUMBER_MAX);
 }
 
 /* ---- Lists: all rows of a query about a run. ---- */
@@ -218,9 +218,9 @@ typedef struct row_list {
 
 static tl_status fail_list(tl_history *history, const row_list *list, int64_t run, tl_error *error) {
     return list->what == NULL
-               ? tl_database_damaged(history->database, error, "the row of run %" PRId64 " is incomplete or invalid",
+               ? tl_database_invalid(history->database, error, "the row of run %" PRId64 " is incomplete or invalid",
                                      run)
-               : tl_database_damaged(history->database, error, "the %s of run %" PRId64 " are incomplete or invalid",
+               : tl_database_invalid(history->database, error, "the %s of run %" PRId64 " are incomplete or invalid",
                                      list->what, run);
 }
 
@@ -282,7 +282,7 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
 static void read_run(tl_history *history, const tl_history_run *none, table_row *row, size_t index, void *items) {
     tl_history_run *run = (tl_history_run *)items + index;
     (void)none;
-    run->run = take_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
+    run->run = take_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_NUMBER_MAX);
     run->verb = take_text(history, row, NAME_MOST);
     run->name = take_text(history, row, NAME_MOST);
     run->version = take_text(history, row, NAME_MOST);
@@ -301,12 +301,12 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     run->steps = take_count(row);
     run->events = take_count(row);
     run->lost = take_count(row);
-    run->removed_before = take_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    run->removed_before = take_integer_or(row, 0, TL_ROW_NUMBER_MAX, 0);
     run->fmus = take_text(history, row, NAME_MOST);
     run->boot = take_text(history, row, NAME_MOST);
     run->has_start = !is_null(row);
-    run->start = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
-    run->resumption.run = take_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    run->start = take_integer_or(row, -TL_ROW_NUMBER_MAX, TL_ROW_NUMBER_MAX, 0);
+    run->resumption.run = take_integer_or(row, 0, TL_ROW_NUMBER_MAX, 0);
     run->resumption.tick = take_integer_or(row, 0, tl_history_last_possible(run), 0);
     const char *from = take_text_or_null(history, row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
@@ -376,7 +376,7 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
         *text = statement != NULL ? take_text(history, &row, TEXT_MOST) : NULL;
         if (*text == NULL || !row.right) {
             status =
-                tl_database_damaged(history->database, error, "the configuration %.12s\342\200\246 is missing", hash);
+                tl_database_invalid(history->database, error, "the configuration %.12s\342\200\246 is missing", hash);
         }
     }
     (void)sqlite3_finalize(statement);
@@ -486,7 +486,7 @@ static tl_status read_checkpoint(tl_history *history, const tl_history_run *run,
     const char *expected = read_text(&row, NAME_MOST);
     const unsigned char *bytes = read_bytes(&row, &read->size);
     if (!row.right) {
-        return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or invalid",
+        return tl_database_invalid(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or invalid",
                                    run->run);
     }
     unsigned char *copy = tl_arena_take(&history->arena, read->size, 1);
@@ -561,7 +561,7 @@ typedef bool pass_row(table_row *row, const row_key *key);
 
 /* A newer program may have written larger codes than those known here. */
 static int64_t take_code(table_row *row, const tl_history_visitor *visitor, int64_t named) {
-    return take_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
+    return take_integer(row, 0, visitor->strict ? named : TL_ROW_NUMBER_MAX);
 }
 
 static uint32_t take_bits(table_row *row) {
@@ -572,7 +572,7 @@ static bool pass_sample(table_row *row, const row_key *key) {
     tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
     sample.value = take_number(row);
     sample.quality = take_code(row, key->visitor, TL_OUTLIER);
-    sample.stamp = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
+    sample.stamp = take_integer_or(row, -TL_ROW_NUMBER_MAX, TL_ROW_NUMBER_MAX, TL_TIME_NEVER);
     if (row->right) {
         key->visitor->sample(key->visitor->context, &sample);
     }
@@ -656,7 +656,7 @@ static const struct {
 
 static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t number,
                           tl_error *error) {
-    return tl_database_damaged(history->database, error, "%s %" PRId64 " of run %" PRId64 " has an invalid value",
+    return tl_database_invalid(history->database, error, "%s %" PRId64 " of run %" PRId64 " has an invalid value",
                                tables[table].what, number, run->run);
 }
 
@@ -894,7 +894,7 @@ static bool pass_event(sqlite3_stmt *statement, int64_t *last, const tl_history_
     *last = take_integer(&row, *last + 1, INT64_MAX - 1);
     event.at = read_text(&row, TL_UTC_TEXT);
     event.has_tick = !is_null(&row);
-    event.tick = take_integer_or(&row, 0, TL_ROW_LARGEST, 0);
+    event.tick = take_integer_or(&row, 0, TL_ROW_NUMBER_MAX, 0);
     event.severity = read_text(&row, NAME_MOST);
     event.source = read_text(&row, NAME_MOST);
     event.text = read_text(&row, NAME_MOST);
@@ -919,7 +919,7 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
     int code = statement != NULL ? SQLITE_ROW : SQLITE_DONE;
     for (; status == TL_OK && code == SQLITE_ROW; code = sqlite3_step(statement)) {
         if (!pass_event(statement, &last, visitor)) {
-            status = tl_database_damaged(database, error, "an event of run %" PRId64 " has an invalid value", run->run);
+            status = tl_database_invalid(database, error, "an event of run %" PRId64 " has an invalid value", run->run);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {

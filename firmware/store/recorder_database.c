@@ -252,11 +252,11 @@ static cell cell_whole(int64_t value) {
 
 /* Limits the value to what the history accepts. */
 static cell cell_within(int64_t least, int64_t value) {
-    return cell_whole(value < least ? least : value > TL_ROW_LARGEST ? TL_ROW_LARGEST : value);
+    return cell_whole(value < least ? least : value > TL_ROW_NUMBER_MAX ? TL_ROW_NUMBER_MAX : value);
 }
 
 static cell cell_count(uint64_t count) {
-    return cell_whole(count > TL_ROW_LARGEST ? TL_ROW_LARGEST : (int64_t)count);
+    return cell_whole(count > TL_ROW_NUMBER_MAX ? TL_ROW_NUMBER_MAX : (int64_t)count);
 }
 
 /* Infinite and NaN values are written as NULL. */
@@ -572,7 +572,7 @@ static int write_names(tl_recorder_database *database) {
 
 /* The last tick that a run with this step can have. */
 static int64_t last_tick(const tl_recorder_database *database) {
-    return TL_ROW_LARGEST / database->settings->step;
+    return TL_ROW_NUMBER_MAX / database->settings->step;
 }
 
 /* ---- Time: instants are recorded by CLOCK_MONOTONIC plus one offset. If the system clock is set,
@@ -675,7 +675,7 @@ static int write_beginning(tl_recorder_database *database, const tl_record_queue
     }
     cell row[6] = {cell_text(fmus), cell_text(settings->boot != NULL ? settings->boot : "")};
     if (timed) {
-        row[2] = cell_within(-TL_ROW_LARGEST, resumption->start);
+        row[2] = cell_within(-TL_ROW_NUMBER_MAX, resumption->start);
     }
     if (timed && resumption->from != TL_RESUMED_NOT) {
         int64_t last = last_tick(database);
@@ -786,7 +786,7 @@ static int write_sample(tl_recorder_database *database, const tl_sample *sample)
         const tl_time stamp = sample->stamps[i];
         const cell row[] = {cell_whole(sample->tick), cell_whole((int64_t)i), cell_number(sample->values[i]),
                             cell_whole(sample->quality[i]),
-                            stamp == TL_TIME_NEVER ? no_cell : cell_within(-TL_ROW_LARGEST, stamp)};
+                            stamp == TL_TIME_NEVER ? no_cell : cell_within(-TL_ROW_NUMBER_MAX, stamp)};
         code = write_row(database, SAMPLE, row);
     }
     return code;

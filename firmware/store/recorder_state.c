@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-#define LOST_MOST (UINT64_C(1) << 60) /* limit of the count, below TL_ROW_LARGEST */
+#define LOST_MOST (UINT64_C(1) << 60) /* limit of the count, below TL_ROW_NUMBER_MAX */
 
 static uint64_t more_of(uint64_t now, uint64_t before) {
     return now > before ? now - before : 0;

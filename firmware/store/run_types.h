@@ -14,23 +14,23 @@
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"
 
-enum { TL_RECORDER_NAME = 80 }; /* bytes of "plant." and a name of at most 63 characters */
+enum { TL_RECORDER_NAME = 80 }; /* room for "plant.", a name of at most 63 characters, and the NUL */
 
 /* A signal: its name and its unit. */
 typedef struct tl_recorder_signal {
     const char *name; /* "motor.omega", "plant.omega" */
     const char *unit; /* "": it has no unit */
-    const char *to;   /* match: the plant signal to compare with; else NULL */
+    const char *to;   /* plant signal that a matched output is compared with; NULL: not matched */
     tl_type type;
 } tl_recorder_signal;
 
-/* Counts of one component since the run began; see tl_twin_ledger. */
+/* Counts of one component since the run began, as in tl_twin_ledger (master/twin/twin.h). */
 typedef struct tl_recorder_component {
-    uint64_t plain;
-    uint64_t predicted;
-    uint64_t executions;
-    uint64_t repeated;
-    uint64_t uncached;
+    uint64_t plain;      /* executions if nothing were saved */
+    uint64_t predicted;  /* executions that the ledger predicts */
+    uint64_t executions; /* executions done */
+    uint64_t repeated;   /* executions repeated so that an FMU catches up */
+    uint64_t uncached;   /* results that the full cache did not store */
 } tl_recorder_component;
 
 typedef struct tl_run_component {
@@ -38,7 +38,7 @@ typedef struct tl_run_component {
     tl_recorder_component counts;
 } tl_run_component;
 
-/* Most components: FMUs and the plant. */
+/* Largest number of components: the FMUs, and the plant as one more. */
 enum { TL_RECORDER_COMPONENTS = 64 };
 
 /* How a run started: whether it resumed an earlier run, and from which state. */
@@ -46,7 +46,7 @@ typedef enum tl_resumed_from {
     TL_RESUMED_NOT,
     TL_RESUMED_CHECKPOINT, /* the state of the twin that the earlier run saved */
     TL_RESUMED_START,      /* the FMUs' start values, at the start of the earlier run */
-    TL_RESUMED_INPUTS      /* the FMUs' start values, at a later tick of the earlier run */
+    TL_RESUMED_INPUTS      /* the FMUs' start values at a later tick, from which on the recorded inputs exist */
 } tl_resumed_from;
 
 /* Returns "", "checkpoint", "start" or "inputs". The second function is the inverse; it returns
@@ -59,28 +59,29 @@ typedef struct tl_resumption {
     tl_resumed_from from; /* TL_RESUMED_NOT: no resume, and the other fields have no meaning */
     int64_t run;          /* id of the earlier run */
     int64_t tick;         /* first tick that the new run computes itself; before, it repeats the earlier run */
-    tl_time start;        /* t_start of the earlier run, on the clock of the samples' stamps */
-    int64_t started;      /* t_start in UTC, ms */
-    double start_s;       /* the FMUs' time at tick 0, s, as tl_experiment */
+    tl_time start;        /* t_start of the earlier run, ns, on the clock of the samples' stamps (CLOCK_MONOTONIC) */
+    int64_t started;      /* t_start, ms since 1970-01-01 UTC */
+    double start_s;       /* the FMUs' time at tick 0, s (tl_experiment in plan.h) */
 } tl_resumption;
 
 /* A tuning that a twin uses, and the configuration that contains it. */
 typedef struct tl_run_tuning {
     int64_t tick;              /* first tick with this tuning */
     uint32_t number;           /* of the request, see live_tuning.h; 0: none, or unknown */
-    char hash[TL_SHA256_TEXT]; /* of the configuration: tl_identity_is_sound(); "": unknown */
+    char hash[TL_SHA256_TEXT]; /* SHA-256 of the configuration, hexadecimal; "": unknown */
     char unused[3];            /* explicit padding, so that each byte is defined */
     tl_tuning values;
 } tl_run_tuning;
 
-/* A further configuration that a run may start with or switch to. */
+/* A configuration, besides that of the file, that a run may use. The recorder has its text before
+ * the run switches to it. */
 typedef struct tl_recorder_known {
-    uint32_t number;    /* as in tl_run_tuning; 0: any */
+    uint32_t number;    /* of the request, as in tl_run_tuning; 0: of any request */
     const char *hash;   /* of the text; "": none */
     const char *text;   /* UTF-8 */
-    const char *at;     /* UTC, when it was activated; NULL: the time of recording */
+    const char *at;     /* when it was activated, UTC (ISO 8601); NULL: the time of recording */
     const char *who;    /* user who requested it */
-    const char *origin; /* source of the request */
+    const char *origin; /* way of the request: "reload", "network", … (change.h) */
     const char *why;
 } tl_recorder_known;
 

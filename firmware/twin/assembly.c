@@ -352,7 +352,7 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     tl_error error;
     if (assembly->files == NULL && tl_assembly_open(assembly, &error) != TL_OK) {
         tl_report_add(report, error.status, "", "%s", error.text);
-        return report->worst;
+        return report->first_status;
     }
     for (size_t i = 0; i < config->component_count; i++) { /* FMUs are opened only if all libraries load */
         for (size_t k = 0; k < config->components[i].library_count; k++) {
@@ -376,7 +376,7 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         fill_plan(assembly);
         assembly->twin = report->count == 0 ? tl_twin_build(&assembly->plan, report) : NULL;
     }
-    return report->worst;
+    return report->first_status;
 }
 
 /* ---- quiet build ---- */
@@ -449,7 +449,7 @@ tl_status tl_assembly_rebuild(tl_assembly *assembly) {
     tl_twin_destroy(assembly->twin);
     tl_config_retune(&assembly->config, &assembly->tuning);
     assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
-    return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
+    return assembly->twin != NULL ? TL_OK : assembly->problems.report.first_status;
 }
 
 void tl_assembly_free(tl_assembly *assembly) {

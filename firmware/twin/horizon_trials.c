@@ -96,7 +96,7 @@ static tl_status start(trial_run *self, tl_error *error) {
     tl_config_use_lookups(&self->config);
     self->job = *child->job;
     self->job.task = TL_TASK_STEP;
-    self->job.tells = TL_TELLS_RECORDS;
+    self->job.attached = TL_ATTACHED_NONE;
     self->job.reads_back = false;
     self->job.text = self->config.text;
     status = open_recording(self, error);

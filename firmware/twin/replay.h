@@ -65,7 +65,7 @@ typedef struct tl_replay {
     tl_config *config;         /* receives the recording's tunings when they take effect */
     const tl_account *account; /* of the built twin */
     tl_recording *recording;
-    tl_twin_feed *feed;    /* of this recording; must have TL_TELLS_COUNTS (twin_step.h) if `recorder` is not NULL */
+    tl_twin_feed *feed;    /* of this recording; must have TL_ATTACHED_COUNTS (twin_step.h) if `recorder` is not NULL */
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *lock_monitor;

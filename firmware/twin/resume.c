@@ -12,13 +12,13 @@
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
 
-void tl_resume_report(tl_resume_listener *tell, void *context, tl_severity severity, const char *format, ...) {
+void tl_resume_report(tl_resume_listener *report, void *context, tl_severity severity, const char *format, ...) {
     char text[TL_RESUME_TEXT];
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    tell(context, severity, text);
+    report(context, severity, text);
 }
 
 /* ---- rule ---- */
@@ -464,7 +464,7 @@ static tl_status begin_twin(const follower *self, tl_resume_outcome *outcome, tl
         return status;
     }
     *outcome = TL_RESUME_REFUSED;
-    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+    tl_resume_report(self->settings->report, self->settings->context, TL_EVENT_WARNING,
                      "the checkpoint of tick %" PRId64 " of %s cannot be loaded: %.120s", resume->checkpoint_tick,
                      self->name, error->text);
     return rebuild_twin(self, error);
@@ -529,7 +529,7 @@ static void apply_tunings(follower *self, int64_t tick) {
         if (tl_assembly_retune(assembly, &tuning.values, &error) == TL_OK) {
             note_tuning(self, &tuning, tick);
         } else {
-            tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+            tl_resume_report(self->settings->report, self->settings->context, TL_EVENT_WARNING,
                              "the tuning of %s at tick %" PRId64 " is skipped: %.140s", self->name, tuning.tick,
                              error.text);
         }
@@ -572,7 +572,7 @@ static void report_resume(const follower *self, tl_time took) {
         (void)snprintf(from, sizeof from, "%s",
                        resume->from == TL_RESUMED_START ? "its first recorded input" : "its newest inputs");
     }
-    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_INFO,
+    tl_resume_report(self->settings->report, self->settings->context, TL_EVENT_INFO,
                      "resumes %s at tick %" PRId64 " from %s: %" PRId64
                      " ticks repeated in %.0f ms; no twin ran for %.2f s (%" PRId64 " ticks)",
                      self->name, resume->last + 1, from, resume->last - resume->first + 1, tl_seconds(took) * 1e3,
@@ -607,7 +607,7 @@ static tl_status follow_ticks(follower *self, tl_summary *summary, tl_resume_out
     if (status == TL_FMU_FATAL) {
         return status;
     }
-    tl_resume_report(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+    tl_resume_report(self->settings->report, self->settings->context, TL_EVENT_WARNING,
                      "starts a new run: %s could not be resumed: %.140s", self->name, error->text);
     return rebuild_twin(self, error);
 }

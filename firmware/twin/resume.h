@@ -165,7 +165,7 @@ enum { TL_RESUME_PLAIN = offsetof(tl_resume, signals) + TL_SHA256_TEXT };
 
 /* Receives messages, as events of the source "resume". `text` is valid during the call. */
 typedef void tl_resume_listener(void *context, tl_severity severity, const char *text);
-void tl_resume_report(tl_resume_listener *tell, void *context, tl_severity severity, const char *format, ...)
+void tl_resume_report(tl_resume_listener *report, void *context, tl_severity severity, const char *format, ...)
     TL_PRINTF(4, 5);
 
 /* Hash of the names of the plant's signals, from a configuration and from a recording. */
@@ -222,8 +222,8 @@ typedef enum tl_resume_outcome {
 typedef struct tl_resume_follow_settings {
     tl_assembly *assembly;  /* its twin has not begun, and may be built again */
     tl_record_queue *queue; /* receives the new run */
-    tl_resume_listener *tell;
-    void *context; /* of tell */
+    tl_resume_listener *report;
+    void *context; /* of `report` */
 } tl_resume_follow_settings;
 
 /* Runs the twin to the end of the resume point and fills the summary; its `resumption` describes
@@ -254,7 +254,7 @@ typedef struct tl_resume_queue tl_resume_queue;
 /* Queue and assembly must outlive the object. Returns NULL if the queue contains no run, if
  * `record.resume_s` is 0, or if memory is out. */
 tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly,
-                                      tl_resume_listener *tell, void *context);
+                                      tl_resume_listener *report, void *context);
 
 /* NULL is allowed. */
 void tl_resume_queue_close(tl_resume_queue *left);
@@ -284,8 +284,8 @@ typedef struct tl_resume_history_settings {
     const char *fmus;        /* identity of the FMUs (tl_twin_recorder_identify()) */
     const char *boot;        /* identity of the boot (tl_identity_boot()) */
     size_t components;       /* of the twin, the plant included */
-    tl_resume_listener *tell;
-    void *context; /* of tell */
+    tl_resume_listener *report;
+    void *context; /* of `report` */
 } tl_resume_history_settings;
 
 /* Opens the database. Returns NULL if `record.resume_s` is 0, or if the database cannot be read.

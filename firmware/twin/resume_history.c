@@ -237,7 +237,7 @@ static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkp
     }
     const char *fault = find_fault(checkpoint);
     if (fault != NULL) {
-        tl_resume_report(self->settings.tell, self->settings.context, TL_EVENT_WARNING,
+        tl_resume_report(self->settings.report, self->settings.context, TL_EVENT_WARNING,
                          "the checkpoint of tick %" PRId64 " of run %" PRId64 " cannot be loaded: %s", checkpoint->tick,
                          self->run->run, fault);
         return TL_OK;
@@ -305,11 +305,11 @@ const tl_resume *tl_resume_history_next(tl_resume_history *history) {
     const tl_resume_history_settings *settings = &history->settings;
     if (search_next(history, &found, &error) != TL_OK) {
         history->handover_block = OVER;
-        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
+        tl_resume_report(settings->report, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         return NULL;
     }
     if (!found && history->why[0] != '\0') {
-        tl_resume_report(settings->tell, settings->context, TL_EVENT_INFO, "starts a new run: %s", history->why);
+        tl_resume_report(settings->report, settings->context, TL_EVENT_INFO, "starts a new run: %s", history->why);
         history->why[0] = '\0';
     }
     return found ? &history->found : NULL;
@@ -326,7 +326,7 @@ tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *sett
     }
     tl_resume_history *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
-        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING,
+        tl_resume_report(settings->report, settings->context, TL_EVENT_WARNING,
                          "starts a new run: not enough memory to search for an earlier one");
         return NULL;
     }
@@ -334,7 +334,7 @@ tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *sett
     opened->before = INT64_MAX;
     opened->ticks.shape = tl_recorder_shape_of(settings->config);
     if (tl_history_open(settings->path, &opened->history, &error) != TL_OK) {
-        tl_resume_report(settings->tell, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
+        tl_resume_report(settings->report, settings->context, TL_EVENT_WARNING, "starts a new run: %.200s", error.text);
         tl_resume_history_close(opened);
         return NULL;
     }

@@ -44,8 +44,8 @@ struct tl_resume_queue {
     const tl_record_queue *queue;
     const tl_config *config;
     tl_twin_facts facts;
-    tl_resume_listener *tell;
-    void *context; /* of tell */
+    tl_resume_listener *report;
+    void *context; /* of `report` */
     unsigned resume_point;
     bool was_tried[CHECKPOINTS]; /* checkpoints that were already returned */
     bool has_reported;
@@ -311,7 +311,7 @@ static bool try_next(tl_resume_queue *self, const resume_point *now, bool *over)
 }
 
 static void report_why(const tl_resume_queue *self, const char *why) {
-    tl_resume_report(self->tell, self->context, TL_EVENT_INFO, "starts a new run: %.200s", why);
+    tl_resume_report(self->report, self->context, TL_EVENT_INFO, "starts a new run: %.200s", why);
 }
 
 /* Writes the image and reads it back with the usual validation. */
@@ -366,7 +366,7 @@ static bool has_data(tl_resume_queue *self) {
 }
 
 tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly,
-                                      tl_resume_listener *tell, void *context) {
+                                      tl_resume_listener *report, void *context) {
     tl_resume_queue *opened = assembly->config.record_resume != 0 ? calloc(1, sizeof *opened) : NULL;
     if (opened == NULL) {
         return NULL;
@@ -374,7 +374,7 @@ tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_ass
     opened->queue = queue;
     opened->config = &assembly->config;
     opened->facts = tl_twin_get_facts(assembly->twin);
-    opened->tell = tell;
+    opened->report = report;
     opened->context = context;
     (void)tl_resume_refuse(opened->why, "the checkpoints of the previous run are damaged");
     if (!has_data(opened)) {

@@ -216,7 +216,7 @@ static tl_status expect_ready(tl_twin_child *child, tl_error *error) {
 static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
     static const tl_block_writer writers[TL_SIDES] = {
         [TL_PARENT] = TL_BLOCK_WE_WRITE, [TL_CHILD] = TL_BLOCK_THEY_WRITE};
-    child->wire = tl_twin_wire(child->settings.config, child->settings.job->tells);
+    child->wire = tl_twin_wire(child->settings.config, child->settings.job->attached);
     tl_status status = TL_OK;
     for (tl_side side = TL_PARENT; side < TL_SIDES && status == TL_OK; side++) {
         status =
@@ -494,7 +494,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (child->has_ended) {
         return take_end(child, stopped, error);
     }
-    memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->tells));
+    memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->attached));
     if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
         result->tick = TL_TWIN_NO_TICK;
         return end_corrupted(child, "a result is invalid", error);

@@ -165,7 +165,7 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
         assembly->config.saving.structure = false;
         assembly->config.saving.sequences = false;
     }
-    if (self->job.tells == TL_TELLS_OUTPUTS) { /* an emulated plant has no delays */
+    if (self->job.attached == TL_ATTACHED_OUTPUTS) { /* an emulated plant has no delays */
         tl_config_forget_delays(&assembly->config);
     }
     tl_config_use_lookups(&assembly->config);
@@ -195,7 +195,7 @@ static tl_status read_job(role *self, tl_error *error) {
 }
 
 static tl_status open_channel(role *self, tl_error *error) {
-    self->wire = tl_twin_wire(&self->assembly.config, self->job.tells);
+    self->wire = tl_twin_wire(&self->assembly.config, self->job.attached);
     tl_status status = tl_block_take(TL_TWIN_PARENTS_BLOCK, tl_channel_bytes(&self->wire, TL_PARENT), TL_BLOCK_WE_WRITE,
                                      &self->blocks[TL_PARENT], error);
     if (status == TL_OK) {
@@ -289,7 +289,7 @@ static tl_status execute_tick(role *self, tl_error *error) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;
     }
-    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.tells, &self->recovery, &self->result,
+    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.attached, &self->recovery, &self->result,
                            error);
 }
 
@@ -299,7 +299,7 @@ static void answer_tick(role *self, bool last) {
         return;
     }
     if (last) {
-        tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.tells, &self->result);
+        tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.attached, &self->result);
     } else if (execute_tick(self, &error) != TL_OK) {
         (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error.text);
         self->over = true;

@@ -52,7 +52,7 @@ typedef enum tl_twin_task {
 
 typedef struct tl_twin_job {
     tl_twin_task task;
-    tl_twin_tells tells;
+    tl_twin_attached attached;
     int64_t tick;                    /* first tick (tl_twin_begin_at()), or that of the checkpoint */
     const unsigned char *checkpoint; /* saved twin to start from (tl_twin_load()); NULL: none */
     size_t checkpoint_size;
@@ -156,7 +156,7 @@ typedef struct tl_twin_orders {
 } tl_twin_orders;
 
 /* Settings of the channel for this configuration. */
-static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_tells tells) {
+static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_attached attached) {
     return (tl_channel_settings){
         .sizes.bytes =
             {
@@ -166,7 +166,7 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
                 [TL_MESSAGE_SEEN] = sizeof(int32_t),
                 [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
                 [TL_MESSAGE_BUILT] = sizeof(int32_t),
-                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, tells),
+                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, attached),
                 [TL_MESSAGE_ENDED] = sizeof(int32_t),
             },
         .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},

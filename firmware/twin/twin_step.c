@@ -20,11 +20,11 @@
 enum { GUARD_TICKS = 16 };
 static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
-size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
-    return offsetof(tl_twin_result, besides) + (tells == TL_TELLS_COUNTS
-                                                    ? (config->component_count + 1) * sizeof(tl_recorder_component)
-                                                : tells == TL_TELLS_OUTPUTS ? config->emulated_count * sizeof(double)
-                                                                            : 0);
+size_t tl_twin_result_size(const tl_config *config, tl_twin_attached attached) {
+    return offsetof(tl_twin_result, attached) +
+           (attached == TL_ATTACHED_COUNTS    ? (config->component_count + 1) * sizeof(tl_recorder_component)
+            : attached == TL_ATTACHED_OUTPUTS ? config->emulated_count * sizeof(double)
+                                              : 0);
 }
 
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
@@ -36,8 +36,8 @@ bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *conf
 
 /* Budget without a clock, as configured. If time cut the search of the run short, exactly the
  * evaluations of that search. An emulated plant does not search. */
-static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick, tl_twin_tells tells) {
-    tl_budget budget = {.evaluations = tells == TL_TELLS_OUTPUTS ? 1 : config->budget_evaluations};
+static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick, tl_twin_attached attached) {
+    tl_budget budget = {.evaluations = attached == TL_ATTACHED_OUTPUTS ? 1 : config->budget_evaluations};
     if (tick->cut_short) {
         budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
         budget.repeated = true;
@@ -48,24 +48,24 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
 }
 
 /* Repeats the kind of step in the recording: followed, caught up, or searched. */
-static tl_status execute_step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+static tl_status execute_step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                               tl_record *record, bool *ready, tl_error *error) {
     if (tick->followed) {
         return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
     }
-    tl_budget budget = budget_of(&assembly->config, tick, tells);
+    tl_budget budget = budget_of(&assembly->config, tick, attached);
     return tick->caught_up ? tl_twin_catch_up(assembly->twin, &tick->sample, record, ready, error)
                            : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
 }
 
-static void fill_result(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
+static void fill_result(const tl_assembly *assembly, tl_twin_attached attached, tl_twin_result *result) {
     result->unsaved = tl_twin_unsaved(assembly->twin);
     result->identifiability = tl_twin_get_identifiability(assembly->twin);
-    if (tells == TL_TELLS_COUNTS) {
-        (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
-    } else if (tells == TL_TELLS_OUTPUTS) {
+    if (attached == TL_ATTACHED_COUNTS) {
+        (void)tl_twin_recorder_count(assembly->twin, result->attached.counts);
+    } else if (attached == TL_ATTACHED_OUTPUTS) {
         for (size_t i = 0; i < assembly->plan.output_count; i++) {
-            result->besides.outputs[i] = tl_twin_output(assembly->twin, i);
+            result->attached.outputs[i] = tl_twin_output(assembly->twin, i);
         }
     }
 }
@@ -122,7 +122,7 @@ static void report_free_run(const tl_assembly *assembly, const tl_twin_result *r
         (unsigned long long)entry.replay.steps);
 }
 
-tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* not needed: the parent monitors the lock again, and reports changes */
     bool ready = false;
@@ -132,9 +132,9 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     if (!tick->followed) {
         tl_lock_monitor_sample(&recovery->lock_monitor, &tick->sample);
     }
-    tl_status status = execute_step(assembly, tick, tells, &result->record, &ready, error);
+    tl_status status = execute_step(assembly, tick, attached, &result->record, &ready, error);
     if (ready && tl_recovery_step(recovery, &result->record, &change) &&
-        tells != TL_TELLS_OUTPUTS) { /* an emulated plant is never reset */
+        attached != TL_ATTACHED_OUTPUTS) { /* an emulated plant is never reset */
         tl_twin_reset(assembly->twin);
     }
     status = status == TL_OK ? verify_rollback(assembly, error) : status;
@@ -142,19 +142,19 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;
     report_free_run(assembly, result);
-    fill_result(assembly, tells, result);
+    fill_result(assembly, attached, result);
     tick_guard(tick);
     return status;
 }
 
-void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                           tl_twin_result *result) {
     bool ready = false;
     tl_twin_finish(assembly->twin, &tick->sample, &result->record, &ready);
     result->tick = tick->sample.tick;
     result->status = (int32_t)TL_OK;
     result->ready = ready ? 1 : 0;
-    fill_result(assembly, tells, result);
+    fill_result(assembly, attached, result);
 }
 
 /* ---- verification ---- */

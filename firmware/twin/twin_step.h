@@ -26,11 +26,11 @@
  */
 
 /* Content of a result, in addition to the record. */
-typedef enum tl_twin_tells {
-    TL_TELLS_RECORDS, /* nothing */
-    TL_TELLS_COUNTS,  /* the ledger, for the recorder */
-    TL_TELLS_OUTPUTS  /* the variables that `emulate` reads, for a plant */
-} tl_twin_tells;
+typedef enum tl_twin_attached {
+    TL_ATTACHED_NONE,   /* nothing */
+    TL_ATTACHED_COUNTS, /* the ledger, for the recorder */
+    TL_ATTACHED_OUTPUTS /* the variables that `emulate` reads, for a plant */
+} tl_twin_attached;
 
 #define TL_TWIN_NO_TICK INT64_MIN
 
@@ -45,11 +45,11 @@ typedef struct tl_twin_result {
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];
         double outputs[TL_MAX_SIGNALS];
-    } besides; /* only one of them, by tl_twin_tells; only as many elements as exist */
+    } attached; /* only one of them, by tl_twin_attached; only as many elements as exist */
 } tl_twin_result;
 
-/* Bytes of a result; the unused part of `besides` does not count. */
-size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
+/* Bytes of a result; the unused part of `attached` does not count. */
+size_t tl_twin_result_size(const tl_config *config, tl_twin_attached attached);
 
 /* Validates a result of another process: status, outcomes and qualities must be known codes, and
  * the step must not be before `least` or after the tick. Measured and computed values are not
@@ -68,13 +68,13 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
 
 /* Executes a tick without a clock. It searches as configured; or it repeats the recording, if that
  * tick was caught up, followed, cut short, or came after a reset of the FMUs. `recovery` receives
- * the record and requests a reset of the FMUs as in a live run (not for TL_TELLS_OUTPUTS). Errors:
- * those of tl_twin_step(), also in the result. */
-tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+ * the record and requests a reset of the FMUs as in a live run (not for TL_ATTACHED_OUTPUTS).
+ * Errors: those of tl_twin_step(), also in the result. */
+tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error);
 
 /* Completes the last record with the sample after it (tl_twin_finish()). */
-void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                           tl_twin_result *result);
 
 /* ---- Verification in the remaining time of a tick: checks if the rollback of the FMUs is still

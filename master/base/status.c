@@ -22,7 +22,7 @@ void tl_report_add(tl_report *report, tl_status status, const char *where, const
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     if (report->count == 0) {
-        report->worst = status;
+        report->first_status = status;
     }
     report->count++;
     if (report->add != NULL) {

@@ -45,8 +45,8 @@ tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL
 typedef struct tl_report {
     void (*add)(void *context, tl_status status, const char *where, const char *text);
     void *context;
-    size_t count;    /* problems so far; 0: none */
-    tl_status worst; /* status of the first problem; TL_OK if there is none */
+    size_t count;           /* problems so far; 0: none */
+    tl_status first_status; /* of the first problem; TL_OK if there is none */
 } tl_report;
 
 /* Adds one problem to the report and calls `add`. `where` NULL: "". */

@@ -14,7 +14,7 @@
  * Purpose: finds the existing name nearest to a name that does not exist. The distance is at most 2
  *          edits, and less than half of the existing name's length. An edit inserts, deletes or
  *          replaces a character, or swaps two neighbours; case is ignored.
- * Thread:  plain data.
+ * Thread:  one at a time for each object.
  */
 
 typedef struct tl_nearest {
@@ -23,7 +23,8 @@ typedef struct tl_nearest {
     size_t distance;  /* of `best`, in edits */
 } tl_nearest;
 
-/* Compares one existing name; it must live as long as `nearest`. */
+/* Compares an existing name with `text`, and keeps it in `best` if it is the nearest so far.
+ * `candidate` must stay valid as long as `nearest`. */
 void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
 
 /* ---- UTF-8 characters, and which of them may be shown.
@@ -34,8 +35,9 @@ void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
  * Thread:  pure; safe in a signal handler.
  */
 
-/* Length in bytes and code of the character at `bytes`, of which there are `size` > 0. Returns 0 if
- * it is malformed, overlong, a surrogate, or incomplete. */
+/* Reads the character at `bytes`, of which there are `size` > 0. Returns its length in bytes and
+ * sets *code to its code point. Returns 0 if it is malformed, overlong, a surrogate, or incomplete;
+ * then *code has no meaning. */
 size_t tl_utf8_read(const char *bytes, size_t size, uint32_t *code);
 
 /* False for control characters (ASCII or C1), separators of lines or paragraphs, marks of text

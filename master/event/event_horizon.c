@@ -535,10 +535,10 @@ static bool has_edge(const tl_event_horizon *self, event_edge edge, int64_t tick
     return tick > 0 && is_on(self, edge, tick) && !is_on(self, edge, tick - 1);
 }
 
-/* Whether the best trial may be used: it must be better than nominal; without that comparison it is
- * not used. */
-static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
-    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
+/* Whether the best candidate may be used: it must be better than nominal; without that comparison
+ * it is not used. */
+static bool is_worth(const tl_event_horizon *self, const tl_event_candidate *best) {
+    const tl_event_candidate *nominal = tl_event_search_find(&self->search, nominal_of(self));
     return best->value < TL_OBJECTIVE_TOLERANCE ||
            (nominal != NULL && best->value <= (1.0 - self->synchroniser->margin) * nominal->value &&
             best->value < nominal->value);
@@ -547,7 +547,7 @@ static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
 /* Abandons the search of the stroke. The best u so far is used without its state. */
 static void abandon(tl_event_horizon *self, tl_record *record) {
     if (self->phase == SEARCHING && self->search.count > 0) {
-        const tl_event_trial *best = tl_event_search_best(&self->search);
+        const tl_event_candidate *best = tl_event_search_best(&self->search);
         self->u = is_worth(self, best) ? best->u : self->u;
     } else if (self->phase == FOLLOWING) {
         self->u = self->winner;
@@ -646,7 +646,7 @@ static tl_status try_candidate(tl_event_horizon *self, double u, tl_error *error
  * was known depends on the available time. */
 static void adopt_winner(tl_event_horizon *self, tl_record *record) {
     bool stood_for = self->stroke.now < self->stroke.last;
-    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
+    const tl_event_candidate *nominal = tl_event_search_find(&self->search, nominal_of(self));
     self->own_course = self->own_course && is_u(self, self->winner);
     self->u = self->winner;
     self->phase = stood_for ? CONFIRMING : WAITING;
@@ -657,11 +657,11 @@ static void adopt_winner(tl_event_horizon *self, tl_record *record) {
     record->flags |= tl_event_search_met_plateau(&self->search) ? TL_FLAG_PLATEAU : 0U;
 }
 
-/* The best trial if it may be used. Otherwise the u at the start of the stroke, if it is as good as
- * nominal; otherwise nominal, which was tried. */
-static const tl_event_trial *choose_winner(const tl_event_horizon *self, const tl_event_trial *best) {
-    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
-    const tl_event_trial *present_u = tl_event_search_find(&self->search, self->before);
+/* The best candidate if it may be used. Otherwise the u at the start of the stroke, if it is as
+ * good as nominal; otherwise nominal, which was tried. */
+static const tl_event_candidate *choose_winner(const tl_event_horizon *self, const tl_event_candidate *best) {
+    const tl_event_candidate *nominal = tl_event_search_find(&self->search, nominal_of(self));
+    const tl_event_candidate *present_u = tl_event_search_find(&self->search, self->before);
     if (is_worth(self, best) || nominal == NULL) {
         return best;
     }
@@ -669,24 +669,25 @@ static const tl_event_trial *choose_winner(const tl_event_horizon *self, const t
     return stays ? present_u : nominal;
 }
 
-static tl_stop stop_reason(const tl_event_horizon *self, const tl_event_trial *best) {
+static tl_stop stop_reason(const tl_event_horizon *self, const tl_event_candidate *best) {
     if (best->value < TL_OBJECTIVE_TOLERANCE) {
         return TL_STOP_TOLERANCE;
     }
     return tl_event_search_is_full(&self->search) ? TL_STOP_EVALUATIONS : TL_STOP_SOLVER;
 }
 
-static tl_outcome outcome_of(const tl_event_horizon *self, const tl_event_trial *best, const tl_event_trial *winner) {
+static tl_outcome outcome_of(const tl_event_horizon *self, const tl_event_candidate *best,
+                             const tl_event_candidate *winner) {
     if (best->value < TL_OBJECTIVE_TOLERANCE) {
-        return best == &self->search.trials[0] ? TL_FIRST_GUESS : TL_OPTIMISED;
+        return best == &self->search.candidates[0] ? TL_FIRST_GUESS : TL_OPTIMISED;
     }
     return winner == tl_event_search_find(&self->search, nominal_of(self)) ? TL_NOMINAL : TL_BEST_SO_FAR;
 }
 
 /* Chooses the winner and how it becomes the twin. */
 static tl_status conclude_search(tl_event_horizon *self, tl_record *record, tl_error *error) {
-    const tl_event_trial *best = tl_event_search_best(&self->search);
-    const tl_event_trial *winner = choose_winner(self, best);
+    const tl_event_candidate *best = tl_event_search_best(&self->search);
+    const tl_event_candidate *winner = choose_winner(self, best);
     self->stop = stop_reason(self, best);
     self->outcome = outcome_of(self, best, winner);
     self->winner = winner->u;
@@ -735,7 +736,7 @@ static void end_candidate(tl_event_horizon *self, bool failed, tl_record *record
         record->refused.u = stroke->u;
     }
     tl_event_search_report(&self->search, stroke->u, value, failed ? TL_EVENT_UNKNOWN : tl_stroke_side(stroke));
-    const tl_event_trial *last = &self->search.trials[self->search.count - 1];
+    const tl_event_candidate *last = &self->search.candidates[self->search.count - 1];
     if (!failed && !stroke->needs_no_mark && tl_event_search_best(&self->search) == last) {
         tl_stroke_keep(stroke);
     }

@@ -12,7 +12,7 @@ enum { WIDENINGS = 60 };
 /* Bisection ends at an interval of this size, relative to the interval's ends or to the step. */
 static const double NARROWEST = 1e-6;
 
-/* Bisection towards a failed trial ends at this part of the step. */
+/* Bisection towards a failed candidate ends at this part of the step. */
 static const double NARROWEST_WALL = 1.0 / 64.0;
 
 static const double BOUNDLESS = HUGE_VAL;
@@ -27,7 +27,7 @@ bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_eve
         .lower = settings->lower,
         .upper = settings->upper,
         .stagnation = settings->stagnation != 0 ? settings->stagnation : TL_EVENT_STAGNATION,
-        .trials = tl_arena_take(arena, settings->evaluations, sizeof *search->trials),
+        .candidates = tl_arena_take(arena, settings->evaluations, sizeof *search->candidates),
         .most = settings->evaluations,
     };
     search->space = (tl_optimiser_space){.count = 1,
@@ -38,7 +38,7 @@ bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_eve
                                          .held = true};
     search->optimiser = search->solver->create(arena, &search->space);
     tl_event_search_begin(search);
-    return search->trials != NULL && search->optimiser != NULL;
+    return search->candidates != NULL && search->optimiser != NULL;
 }
 
 void tl_event_search_end(tl_event_search *search) {
@@ -59,25 +59,25 @@ void tl_event_search_begin(tl_event_search *search) {
 }
 
 void tl_event_search_report(tl_event_search *search, double u, double value, tl_event_side side) {
-    search->trials[search->count++] = (tl_event_trial){u, value, side};
+    search->candidates[search->count++] = (tl_event_candidate){u, value, side};
 }
 
 bool tl_event_search_is_full(const tl_event_search *search) {
     return search->count >= search->most;
 }
 
-const tl_event_trial *tl_event_search_best(const tl_event_search *search) {
-    const tl_event_trial *best = &search->trials[0];
+const tl_event_candidate *tl_event_search_best(const tl_event_search *search) {
+    const tl_event_candidate *best = &search->candidates[0];
     for (size_t i = 1; i < search->count; i++) {
-        best = search->trials[i].value < best->value ? &search->trials[i] : best;
+        best = search->candidates[i].value < best->value ? &search->candidates[i] : best;
     }
     return best;
 }
 
-const tl_event_trial *tl_event_search_find(const tl_event_search *search, double u) {
+const tl_event_candidate *tl_event_search_find(const tl_event_search *search, double u) {
     for (size_t i = 0; i < search->count; i++) {
-        if (!(search->trials[i].u < u) && !(search->trials[i].u > u)) {
-            return &search->trials[i];
+        if (!(search->candidates[i].u < u) && !(search->candidates[i].u > u)) {
+            return &search->candidates[i];
         }
     }
     return NULL;
@@ -88,7 +88,7 @@ static bool is_plateau(tl_event_side side) {
 }
 
 bool tl_event_search_met_plateau(const tl_event_search *search) {
-    return search->count > 0 && is_plateau(search->trials[0].side);
+    return search->count > 0 && is_plateau(search->candidates[0].side);
 }
 
 /* ---- leaving the plateau ---- */
@@ -101,16 +101,16 @@ static bool comes_last(tl_event_side side) {
     return side == TL_EVENT_AFTER || side == TL_EVENT_LATE;
 }
 
-/* The nearest pair of trials of which one is early and the other late. */
+/* The nearest pair of candidates of which one is early and the other late. */
 static bool find_bracket(const tl_event_search *search, double *early, double *late) {
     double nearest = HUGE_VAL;
     for (size_t i = 0; i < search->count; i++) {
-        for (size_t k = 0; k < search->count && comes_first(search->trials[i].side); k++) {
-            double distance = fabs(search->trials[i].u - search->trials[k].u);
-            if (comes_last(search->trials[k].side) && distance < nearest) {
+        for (size_t k = 0; k < search->count && comes_first(search->candidates[i].side); k++) {
+            double distance = fabs(search->candidates[i].u - search->candidates[k].u);
+            if (comes_last(search->candidates[k].side) && distance < nearest) {
                 nearest = distance;
-                *early = search->trials[i].u;
-                *late = search->trials[k].u;
+                *early = search->candidates[i].u;
+                *late = search->candidates[k].u;
             }
         }
     }
@@ -123,13 +123,13 @@ static bool halve(const tl_event_search *search, double early, double late, doub
     return fabs(early - late) > NARROWEST * size && tl_event_search_find(search, *u) == NULL;
 }
 
-/* On one side of the guess: the nearest failed trial (HUGE_VAL: none), and the furthest one below
- * `limit` that did not fail. Both as distances from the guess. */
+/* On one side of the guess: the nearest failed candidate (HUGE_VAL: none), and the furthest one
+ * below `limit` that did not fail. Both as distances from the guess. */
 static double nearest_failure(const tl_event_search *search, double sign) {
     double nearest = HUGE_VAL;
     for (size_t i = 1; i < search->count; i++) {
-        double distance = sign * (search->trials[i].u - search->trials[0].u);
-        if (search->trials[i].side == TL_EVENT_UNKNOWN && distance > 0.0) {
+        double distance = sign * (search->candidates[i].u - search->candidates[0].u);
+        if (search->candidates[i].side == TL_EVENT_UNKNOWN && distance > 0.0) {
             nearest = fmin(nearest, distance);
         }
     }
@@ -139,16 +139,16 @@ static double nearest_failure(const tl_event_search *search, double sign) {
 static double furthest_success(const tl_event_search *search, double sign, double limit) {
     double furthest = 0.0;
     for (size_t i = 1; i < search->count; i++) {
-        double distance = sign * (search->trials[i].u - search->trials[0].u);
-        if (search->trials[i].side != TL_EVENT_UNKNOWN && distance < limit) {
+        double distance = sign * (search->candidates[i].u - search->candidates[0].u);
+        if (search->candidates[i].side != TL_EVENT_UNKNOWN && distance < limit) {
             furthest = fmax(furthest, distance);
         }
     }
     return furthest;
 }
 
-/* Distance of the next trial on one side: `width`, but not beyond a failed trial; near it by
- * bisection. 0: no trial is possible. */
+/* Distance of the next candidate on one side: `width`, but not beyond a failed candidate; near it
+ * by bisection. 0: no candidate is possible. */
 static double reach_out(const tl_event_search *search, double sign, double width) {
     double wall = nearest_failure(search, sign);
     if (width < wall) {
@@ -164,7 +164,7 @@ static bool widen(const tl_event_search *search, double *u) {
     double width = search->step;
     for (int i = 0; i < WIDENINGS; i++) {
         for (int sign = 1; sign >= -1; sign -= 2) {
-            double out = search->trials[0].u + sign * reach_out(search, sign, width);
+            double out = search->candidates[0].u + sign * reach_out(search, sign, width);
             *u = fmin(fmax(out, search->lower), search->upper);
             if (isfinite(*u) && tl_event_search_find(search, *u) == NULL) {
                 return true;
@@ -189,12 +189,12 @@ typedef struct replayed {
     uint32_t idle;
 } replayed;
 
-/* Answers the solver from the stored trials, or notes the u to be tried next. */
+/* Answers the solver from the stored candidates, or notes the u to be tried next. */
 static bool replay_answer(void *context, const double *z, double *value, const double **residuals) {
     replayed *replay = context;
     tl_event_search *search = replay->search;
     double u = fmin(fmax(search->origin + search->scale * z[0], search->lower), search->upper);
-    const tl_event_trial *known = tl_event_search_find(search, u);
+    const tl_event_candidate *known = tl_event_search_find(search, u);
     if (residuals != NULL) {
         *residuals = NULL;
     }
@@ -212,28 +212,28 @@ static bool replay_answer(void *context, const double *z, double *value, const d
     return true;
 }
 
-/* Distance of the solver's first step: a step, or half of the distance to the nearest trial. */
+/* Distance of the solver's first step: a step, or half of the distance to the nearest candidate. */
 static double first_move(const tl_event_search *search, size_t start) {
     double nearest = 2.0 * search->step;
     for (size_t i = 0; i < start; i++) {
-        double distance = fabs(search->trials[i].u - search->trials[start].u);
+        double distance = fabs(search->candidates[i].u - search->candidates[start].u);
         nearest = i == 0 || distance < nearest ? distance : nearest;
     }
     return nearest / 2.0;
 }
 
-/* Runs the solver through the stored trials, from the first one within the window. */
+/* Runs the solver through the stored candidates, from the first one within the window. */
 static bool ask_solver(tl_event_search *search, size_t start, double *u) {
     static const double zero = 0.0;
-    replayed replay = {search, search->trials[start].value, 0};
-    search->origin = search->trials[start].u;
+    replayed replay = {search, search->candidates[start].value, 0};
+    search->origin = search->candidates[start].u;
     search->scale = first_move(search, start);
     search->z_lower = (search->lower - search->origin) / search->scale;
     search->z_upper = (search->upper - search->origin) / search->scale;
     search->asks = false;
     const tl_search request = {
         .start = &zero,
-        .start_value = search->trials[start].value,
+        .start_value = search->candidates[start].value,
         .evaluate = replay_answer,
         .context = &replay,
     };
@@ -247,7 +247,7 @@ bool tl_event_search_next(tl_event_search *search, double *u) {
         return false;
     }
     for (size_t i = 0; i < search->count; i++) {
-        if (!is_plateau(search->trials[i].side) && search->trials[i].side != TL_EVENT_UNKNOWN) {
+        if (!is_plateau(search->candidates[i].side) && search->candidates[i].side != TL_EVENT_UNKNOWN) {
             return ask_solver(search, i, u) || leave_plateau(search, u);
         }
     }

@@ -16,7 +16,7 @@ const tl_variable *tl_model_variable(const tl_model *model, const char *name) {
 
 const char *tl_model_nearest(const tl_model *model, const char *name) {
     tl_nearest nearest = {.text = name};
-    for (size_t i = 0; i < model->variable_count && i < TL_MODEL_OFFERED; i++) {
+    for (size_t i = 0; i < model->variable_count && i < TL_MODEL_COMPARED; i++) {
         tl_nearest_offer(&nearest, model->variables[i].name);
     }
     return nearest.best;

@@ -1,7 +1,7 @@
 /* Contents of a modelDescription.xml: variables, units and capabilities of one FMU.
  *
  * Purpose: read-only facts, shared by every instance of the FMU.
- * Owner:   the module that parsed it; all pointers are valid as long as its memory.
+ * Owner:   the module that parsed the file owns the memory of all texts and arrays.
  * Source:  FMI 2.0.4, section 2.2 and 4.3.
  */
 #ifndef TL_MASTER_FMI_MODEL_H
@@ -29,7 +29,7 @@ typedef enum tl_variability { TL_CONSTANT, TL_FIXED, TL_TUNABLE, TL_DISCRETE, TL
  * before initialisation, unless constant; calculated ones may not. */
 typedef enum tl_initial { TL_INITIAL_NONE, TL_INITIAL_EXACT, TL_INITIAL_APPROX, TL_INITIAL_CALCULATED } tl_initial;
 
-/* A unit: value in base units = factor·value + offset. */
+/* A unit: value in base units = factor · (value in this unit) + offset. */
 typedef struct tl_unit {
     const char *name;
     bool has_base;    /* exponents, factor and offset were given */
@@ -59,7 +59,7 @@ typedef struct tl_variable {
     double minimum; /* −infinity if none is declared */
     double maximum; /* +infinity if none is declared */
     double nominal; /* > 0; 1 if none is declared */
-    uint64_t items; /* Enumeration: bit k: minimum + k is an item; 0: not known, or a range of more than 64 */
+    uint64_t items; /* Enumeration: bit k is set if minimum + k exists; 0: not known, or more than 64 values */
     tl_initial initial;
     bool is_ambiguous; /* another variable has the same name: neither can be used */
 } tl_variable;
@@ -80,18 +80,18 @@ typedef struct tl_model {
     double stop_time;  /* the same */
     const tl_variable *variables;
     size_t variable_count;
-    const tl_unit *units; /* defined units, then undefined ones that variables name */
+    const tl_unit *units; /* of UnitDefinitions; then those that only variables mention, without a base */
     size_t unit_count;
 } tl_model;
 
-/* Variables that tl_model_nearest() compares. */
-enum { TL_MODEL_OFFERED = 10000 };
+/* Largest number of variables that tl_model_nearest() compares. */
+enum { TL_MODEL_COMPARED = 10000 };
 
 /* The variable of that name, or NULL. O(variable_count). */
 const tl_variable *tl_model_variable(const tl_model *model, const char *name);
 
-/* For a misspelt name: the most similar name of a variable, or NULL (text.h). Compares only the
- * first TL_MODEL_OFFERED variables. */
+/* For a misspelt name: the most similar name of a variable; NULL if none is near (text.h: at most 2
+ * edits). Compares only the first TL_MODEL_COMPARED variables. */
 const char *tl_model_nearest(const tl_model *model, const char *name);
 
 /* The unit of that name, or NULL. */

@@ -17,11 +17,11 @@ tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
 static void learn_cost(tl_costs *costs, tl_cost *cost, tl_time took) {
     if (cost->most == 0) {
         cost->mean = (double)took;
-    } else if (!costs->apart) {
+    } else if (!costs->is_committed_step) {
         cost->mean += ((double)took - cost->mean) / MEMORY;
     }
     cost->most = tl_duration_expect(cost->most, took);
-    costs->walked = costs->walked || !costs->apart;
+    costs->walked = costs->walked || !costs->is_committed_step;
 }
 
 bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count) {
@@ -37,16 +37,16 @@ static void forget_lap(tl_costs *costs) {
 }
 
 static void end_measurement(tl_costs *costs) {
-    costs->looked = 0;
-    costs->seen = 0;
+    costs->measured_components = 0;
+    costs->measured_time = 0;
 }
 
 void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock) {
     costs->now = now;
     costs->clock = clock;
-    costs->closely = now != NULL && costs->steps++ % CLOSELY_EVERY == 0;
+    costs->is_close = now != NULL && costs->steps++ % CLOSELY_EVERY == 0;
     costs->walked = false;
-    costs->apart = false;
+    costs->is_committed_step = false;
     forget_lap(costs);
     end_measurement(costs);
     if (now != NULL) {
@@ -62,7 +62,7 @@ void tl_costs_rest(tl_costs *costs) {
 }
 
 void tl_costs_commit(tl_costs *costs) {
-    costs->apart = true;
+    costs->is_committed_step = true;
 }
 
 static tl_time read_clock(tl_costs *costs) {
@@ -84,18 +84,18 @@ static void share_cost(tl_costs *costs, tl_time took) {
         tl_cost *each = &costs->each[costs->ran[i]];
         learn_cost(costs, each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
     }
-    costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
+    costs->is_close = costs->is_close || (costs->ran_count > 1 && took > expected + expected / 2);
 }
 
 void tl_costs_ran(tl_costs *costs, size_t component) {
     if (costs->now == NULL) {
         return;
     }
-    if (costs->closely) {
+    if (costs->is_close) {
         tl_time took = read_clock(costs);
         learn_cost(costs, &costs->each[component], took);
-        costs->seen += took;
-        costs->looked++;
+        costs->measured_time += took;
+        costs->measured_components++;
     } else if (costs->ran_count < costs->count) {
         costs->ran[costs->ran_count++] = component;
     }
@@ -113,14 +113,14 @@ tl_time tl_costs_lap(tl_costs *costs) {
     } else if (ran) {
         share_cost(costs, took);
     }
-    if (costs->looked == costs->count) {
-        learn_cost(costs, &costs->all, costs->seen);
+    if (costs->measured_components == costs->count) {
+        learn_cost(costs, &costs->all, costs->measured_time);
     }
-    if (costs->looked != 0) {
-        costs->closely = false;
+    if (costs->measured_components != 0) {
+        costs->is_close = false;
         end_measurement(costs);
     }
     forget_lap(costs);
-    costs->apart = false;
+    costs->is_committed_step = false;
     return ran ? 0 : took;
 }

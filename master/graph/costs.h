@@ -42,13 +42,13 @@ typedef struct tl_costs {
     size_t count;
     size_t *ran; /* components that were executed in this lap */
     size_t ran_count;
-    bool ran_all;   /* all were executed in one call in this lap */
-    bool closely;   /* the current macro step is measured component by component */
-    size_t looked;  /* components measured one by one in the current macro step */
-    tl_time seen;   /* sum of their durations, ns */
-    bool apart;     /* the committed step is being executed */
-    bool walked;    /* a candidate was executed in this step */
-    uint32_t steps; /* number of steps that were started with a clock */
+    bool ran_all;               /* all were executed in one call in this lap */
+    bool is_close;              /* the current macro step is measured component by component */
+    size_t measured_components; /* components measured one by one in the current macro step */
+    tl_time measured_time;      /* sum of their durations, ns */
+    bool is_committed_step;     /* the committed step is being executed */
+    bool walked;                /* a candidate was executed in this step */
+    uint32_t steps;             /* number of steps that were started with a clock */
 } tl_costs;
 
 /* For `count` components. Returns false if memory is out. */

@@ -223,7 +223,7 @@ static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t d
 static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     const tl_costs *costs = &exchange->costs;
     bool unsaved = depth == TL_ALL_DEPTHS && exchange->cached == NULL && costs->now == NULL;
-    bool in_one_go = (exchange->whole && !costs->closely) || unsaved;
+    bool in_one_go = (exchange->whole && !costs->is_close) || unsaved;
     bool is_finite = false;
     tl_status status = in_one_go ? execute_all(exchange, step, depth, &is_finite, error)
                                  : walk_components(exchange, step, depth, error);

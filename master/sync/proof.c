@@ -503,7 +503,7 @@ void tl_proof_end(tl_proof *proof) {
 
 /* Notes the inputs of the culprit in the steps and in the last excursion. The culprit is restored
  * from its copy, not from a state. If the excursion ends early, its last inputs are repeated. */
-static bool note_inputs_elsewhere(const proof_attempt *self) {
+static bool note_distant_inputs(const proof_attempt *self) {
     tl_exchange *exchange = self->synchroniser->exchange;
     tl_error ignored;
     tl_status status = TL_OK;
@@ -519,7 +519,7 @@ static bool note_inputs_elsewhere(const proof_attempt *self) {
     }
     for (int i = 0; i < self->steps && status != TL_FMU_FATAL; i++) {
         set_excursion(self->proof, self->synchroniser, self->excursion, i);
-        note_inputs(self->proof, exchange, self->culprit, self->proof->elsewhere, i);
+        note_inputs(self->proof, exchange, self->culprit, self->proof->distant_inputs, i);
         status = status == TL_OK ? tl_exchange_step(exchange, self->first + i, &ignored) : status;
     }
     return status != TL_FMU_FATAL && tl_exchange_restore_copy(exchange, self->culprit, NULL);
@@ -539,12 +539,12 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
         .steps = (unsigned)self->steps,
         .inputs = self->proof->inputs,
         .input_bytes = self->proof->value_bytes,
-        .elsewhere = self->proof->elsewhere,
-        .outputs = self->proof->gave,
+        .distant_inputs = self->proof->distant_inputs,
+        .outputs = self->proof->repeated_outputs,
         .output_bytes = self->proof->value_bytes,
     };
     if (cause != TL_CAUSE_LATE && cause != TL_CAUSE_FINAL && self->steps > 1 && exchange->is_kept[self->culprit] &&
-        tl_component_copy_size(culprit) != 0 && note_inputs_elsewhere(self)) {
+        tl_component_copy_size(culprit) != 0 && note_distant_inputs(self)) {
         (void)tl_restore_cause_find(&trial, &found, &ignored);
     }
     return found != TL_CAUSE_UNKNOWN ? found : cause;
@@ -581,11 +581,11 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
     proof->outputs =
         tl_arena_take(arena, graph->port_count * TL_PROOF_STEPS * (TL_PROOF_EXCURSIONS + 1), sizeof *proof->outputs);
     proof->inputs = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
-    proof->elsewhere = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
-    proof->gave = tl_arena_take(arena, TL_PROOF_STEPS + 1, proof->value_bytes);
+    proof->distant_inputs = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
+    proof->repeated_outputs = tl_arena_take(arena, TL_PROOF_STEPS + 1, proof->value_bytes);
     proof->hashes = tl_arena_take(arena, exchange->component_count * (TL_PROOF_EXCURSIONS + 1), sizeof *proof->hashes);
-    return proof->outputs != NULL && proof->hashes != NULL && proof->inputs != NULL && proof->elsewhere != NULL &&
-           proof->gave != NULL &&
+    return proof->outputs != NULL && proof->hashes != NULL && proof->inputs != NULL && proof->distant_inputs != NULL &&
+           proof->repeated_outputs != NULL &&
            tl_snapshot_init(&proof->midst, arena, exchange->components, exchange->component_count, exchange->values,
                             exchange->values_size);
 }

@@ -20,22 +20,23 @@
 /* ---- Choice between two exact rollback methods: copies of the memory, or the FMU's own states.
  *
  * Purpose: a copy of the memory contains all data that the FMU has in its memory. Own states are
- *          only as exact as the FMU's exporter made them: some lack data that only a candidate
- *          changes. But if the FMU has much memory, its own states may be far faster, and a search
- *          mostly saves and restores. So both are measured in repeated rounds of save, step and
- *          restore.
+ *          only as exact as the FMU's exporter made them: some lack an internal variable that
+ *          changes only under the inputs of a candidate. But if the FMU has much memory, its own
+ *          states may be far faster, and a search mostly saves and restores. So both are measured
+ *          in repeated rounds of save, step and restore.
  * Choice:  copies of the memory, unless a round with them takes TL_ROLLBACK_TIMING_MARGIN times as
  *          long as with own states, and at least 10 µs longer.
- * Exact:   copies are not proved yet, so tl_proof_of_rollback() then proves all components again.
- *          If a copy is not exact, the component returns to its own states
- *          (tl_component_restore_copy()).
- * Bits:    no result depends on the choice, because both methods are exact. But the number of
- *          states that fit into the memory bound can depend on it.
- * Thread:  the twin's. Allocates no memory of the twin.
+ * Exact:   only own states are proved at the time of the choice. If copies are chosen,
+ *          tl_proof_of_rollback() proves all components again. If a copy is not exact, the
+ *          component returns to its own states (tl_component_restore_copy()).
+ * Bits:    results have the same bits with both methods. Only the number of states that a cache can
+ *          keep within its memory limit can differ, and so the number of executions.
+ * Thread:  the twin's. Allocates nothing from the arena.
  */
 
-/* Maximum number of rounds of each method. After three rounds, no further one starts later than
- * 20 ms after the first. One more round comes before and does not count: it may allocate memory. */
+/* Maximum number of measured rounds of each method. A round that may allocate memory comes before
+ * and is not measured. After three measured rounds, another one starts only within 20 ms of the
+ * first. */
 enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
 #define TL_ROLLBACK_TIMING_MARGIN 1.5
@@ -43,34 +44,37 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 /* ---- Rollback proof: some FMUs declare that they can save states, but do not restore them
  * exactly.
  *
- * Purpose: runs before the first step of a synchronised twin, on all components together. It
- *          executes TL_PROOF_STEPS steps and saves a second state in between. Then it restores the
- *          first state, makes an excursion, restores the second state and continues from there.
- *          Then it makes all excursions from the first state, in forward and then in reverse
- *          order. In forward order, it repeats the steps from the first state after each excursion.
- *          In reverse order, it saves and restores the state in the middle of each excursion. An
- *          excursion executes steps with other inputs, to trigger events inside the FMUs: it moves
- *          one adjusted variable up or down by 1 or 4 times its `step`, or sweeps all variables.
+ * Excursion: TL_PROOF_STEPS steps with other inputs, to trigger events inside the FMUs. It moves
+ *          one adjusted variable up or down by 1 or 4 times its `step`, or moves all of them up and
+ *          down by 4 times their `step`.
+ * Purpose: runs before the first step of a synchronised twin, on all components together:
+ *          1. saves the first state, executes TL_PROOF_STEPS steps, and saves the second state
+ *             before step TL_PROOF_MIDST;
+ *          2. restores the first state, makes an excursion, restores the second state, and repeats
+ *             the steps after it;
+ *          3. makes each excursion from the first state, and then repeats all steps from there;
+ *          4. makes the excursions in reverse order, each with a save and a restore in its middle;
+ *          5. saves the first state again. This fails if an FMU has done something that no rollback
+ *             undoes, such as opening a file: here and not later in the run.
  *          Every repeated output must have the same bits. After the last step, the internal
- *          variables must have the same bits too if the FMU is rolled back by its own states: a
- *          limited output may hide a difference for long.
- *          One step is not enough: an internal solver that restarts after a restore shows a
- *          difference only in the second step. One state is not enough: some FMUs can hold only
- *          one. One excursion is not enough: some states lack a mode that only certain inputs
- *          enter. Finally the first state is saved again. In these steps an FMU may have done
- *          something that no rollback undoes, such as opening a file. Then this save fails, here
- *          and not later in the run.
- * Fallback: a component whose states are wrong gets its next rollback method, if there is one
- *           (tl_fmi2_fallback). Then all components are proved again. If there is a full copy of
- *           the component, the cause of the difference is determined (verifier.h). If its states
- *           are exact and it can be copied too, the faster method is chosen as above. If it keeps
- *           its own states, all excursions must give the same outputs with them as with copies.
+ *          variables must have the same bits too if the FMU is rolled back by its own states: an
+ *          output at a limit may hide a difference for long.
+ * Reasons: several steps, because an internal solver that restarts after a restore shows a
+ *          difference only in the second step. Two states, because some FMUs overwrite the first
+ *          when they save the second. Several excursions, because some FMUs have a mode that only
+ *          certain inputs start, and that their states do not contain.
+ * Wrong states: the component gets its next rollback method, if there is one (tl_fmi2_fallback).
+ *          Then all components are proved again. If there is a full copy of the component's memory,
+ *          the cause of the difference is determined (verifier.h).
+ * Exact states: if the component can be copied too, the faster method is chosen as above. If it
+ *          keeps its own states, all excursions must give the same outputs with them as with
+ *          copies.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 
 /* Number of steps that are repeated, step before which the second state is saved, and largest
- * number of excursions. If an FMU rejects a later step, only the steps before it are repeated,
- * because this is no fault of its rollback. */
+ * number of excursions. If an FMU rejects a step after the first, only the steps before it are
+ * repeated, because this is no fault of its rollback. */
 enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5, TL_PROOF_EXCURSIONS = 13 };
 
 /* An excursion: TL_PROOF_STEPS steps from the start, with constant inputs or a sweep. */
@@ -87,22 +91,22 @@ typedef struct tl_proof {
     bool stepped;        /* false: the first step failed, which is no fault of the rollback */
     bool holds;          /* the rollback of all components is exact */
     size_t culprit;      /* the component that caused a failure; SIZE_MAX: not known */
-    double *outputs;     /* private from here on: outputs of each port in each step from the start, */
-                         /* then in each step of each excursion */
-    uint64_t *hashes;    /* tl_component_hash() of each component after the steps from the start, */
-                         /* then after each excursion */
+    /* private: */
+    double *outputs;  /* of each port in each step from the start, then in each step of each excursion */
+    uint64_t *hashes; /* tl_component_hash() of each component after the steps from the start, */
+                      /* then after each excursion */
     tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
     size_t excursion_count;
-    double start[TL_MAX_ADJUST]; /* adjusted variables at the start */
-    int noted;                   /* number of steps from the start whose outputs are stored */
-    bool is_hashed;              /* the hashes after these steps are stored */
-    tl_snapshot midst;           /* the second state */
-    bool has_midst;              /* the second state was saved */
-    bool was_saved;              /* the first state was saved */
-    size_t value_bytes;          /* largest size of one component's inputs or outputs of a step */
-    unsigned char *inputs;       /* to find the cause: inputs of one component in its steps */
-    unsigned char *elsewhere;    /* inputs with which it reaches another state */
-    unsigned char *gave;         /* buffer for its outputs */
+    double start[TL_MAX_ADJUST];     /* adjusted variables at the start */
+    int noted;                       /* number of steps from the start whose outputs are stored */
+    bool is_hashed;                  /* the hashes after these steps are stored */
+    tl_snapshot midst;               /* the second state */
+    bool has_midst;                  /* the second state was saved */
+    bool was_saved;                  /* the first state was saved */
+    size_t value_bytes;              /* largest size of one component's inputs or outputs of a step */
+    unsigned char *inputs;           /* to find the cause: inputs of one component in its steps */
+    unsigned char *distant_inputs;   /* inputs that lead it to a state different from the saved one */
+    unsigned char *repeated_outputs; /* buffer for its outputs when steps are repeated */
 } tl_proof;
 
 /* Allocates the buffers. The exchange must be initialised. Returns false if memory is out. */
@@ -110,14 +114,14 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
 
 /* Executes the proof, after initialisation and before tl_exchange_start(). Afterwards values and
  * FMUs are as they were at the start of step `first`. Counts its executions in `proof` only. `now`:
- * clock in ns to choose the faster method; NULL: no choice. Returns TL_FMU_FAILED if the rollback
- * is not exact (the text names the output), or if the first step fails (`stepped` is then false).
- * Returns TL_FMU_FATAL if an FMU ends with fmi2Fatal. */
+ * clock in ns to choose the faster method, called with NULL; NULL: no choice. Returns TL_FMU_FAILED
+ * if the rollback is not exact (the text names the output), or if the first step fails (`stepped`
+ * is then false). Returns TL_FMU_FATAL if an FMU ends with fmi2Fatal. */
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error);
 
-/* Frees the second state. Allowed at any time. At the start of a run, call it only after the size
- * of a state was measured, because freed memory would falsify that measurement. */
+/* Frees the second state. Call it after the size of a state was measured at the start of a run:
+ * freed memory would falsify that measurement. Allowed again at any later time. */
 void tl_proof_end(tl_proof *proof);
 
 #endif

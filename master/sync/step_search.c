@@ -38,9 +38,9 @@ void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser,
     search->stop = TL_STOP_NONE;
     search->flags = 0;
     search->held = 0;
-    search->seen = 0;
+    search->moved_output = 0;
     search->refused = (tl_record_refused){0};
-    search->executed = false;
+    search->has_finite = false;
     search->idle = 0;
     search->stagnated = false;
     search->acquaints = false;
@@ -177,7 +177,7 @@ bool tl_step_search_may_guess(tl_step_search *search) {
     return search->guessed;
 }
 
-void tl_step_search_has_guess(tl_step_search *search) {
+void tl_step_search_end_guess(tl_step_search *search) {
     if (search->budget->now != NULL) {
         end_part(search, &search->synchroniser->times.guessing);
     }
@@ -206,7 +206,7 @@ bool tl_step_search_may_evaluate(tl_step_search *search, const double *u) {
 static void end_macro_step(tl_step_search *search, uint32_t depth) {
     const tl_time *rest = search->synchroniser->rest;
     tl_costs *costs = &search->synchroniser->exchange->costs;
-    tl_time before = costs->read - costs->seen;
+    tl_time before = costs->read - costs->measured_time;
     tl_time beside = tl_costs_lap(costs);
     search->synchroniser->times.beside += beside;
     if (2 * (costs->read - before - beside) > 3 * (rest[depth - 1] - rest[depth])) {
@@ -285,7 +285,7 @@ static double use_finite(tl_step_search *search, const double *u, bool nominal, 
         return HUGE_VAL;
     }
     double value = HUGE_VAL;
-    if (nominal && !search->executed) {
+    if (nominal && !search->has_finite) {
         value =
             penalties + tl_objective_leave_out(&synchroniser->objective, memory->candidate_course, memory->residuals);
     }
@@ -316,7 +316,7 @@ static double simulate(tl_step_search *search, const double *u, bool nominal) {
         return HUGE_VAL;
     }
     sum = isfinite(sum) ? sum : use_finite(search, u, nominal, penalties);
-    search->executed = search->executed || isfinite(sum);
+    search->has_finite = search->has_finite || isfinite(sum);
     return sum;
 }
 
@@ -406,8 +406,8 @@ static void probe_beside(tl_step_search *search, const double *u, const double *
     double change = tl_objective_change(&synchroniser->objective, synchroniser->memory.residuals, residuals);
     uint32_t bit = (uint32_t)1 << variable;
     if (change >= synchroniser->noise_floor * move) {
-        search->seen |= bit;
-    } else if ((search->seen & bit) == 0) {
+        search->moved_output |= bit;
+    } else if ((search->moved_output & bit) == 0) {
         search->held |= bit;
     }
 }
@@ -468,13 +468,13 @@ static bool is_valid_point(const tl_synchroniser *synchroniser, const double *u)
  * the outputs, but it would cost executions.) */
 static const double *evaluated_point(const tl_step_search *search, const double *u) {
     const tl_synchroniser *synchroniser = search->synchroniser;
-    double *trial = synchroniser->memory.trial;
+    double *evaluated_u = synchroniser->memory.evaluated_u;
     const double *nominal = synchroniser->memory.nominal;
     for (size_t i = 0; i < synchroniser->horizon.count; i++) {
-        trial[i] = fabs(u[i] - nominal[i]) <= LEAST_MOVE * synchroniser->space.step[i] ? nominal[i] : u[i];
+        evaluated_u[i] = fabs(u[i] - nominal[i]) <= LEAST_MOVE * synchroniser->space.step[i] ? nominal[i] : u[i];
     }
-    tl_step_search_hold(search, trial);
-    return trial;
+    tl_step_search_hold(search, evaluated_u);
+    return evaluated_u;
 }
 
 static bool is_finished(const tl_step_search *search) {

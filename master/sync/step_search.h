@@ -32,10 +32,10 @@ typedef struct tl_step_search {
     bool late;            /* a candidate was aborted because time ran out */
     bool nominal_follows; /* nominal is evaluated after the current candidate: time is reserved for it */
     tl_stop stop;
-    uint32_t flags; /* tl_flag */
-    uint32_t held;  /* bit v: variable v is not identifiable */
-    uint32_t seen;  /* bit v: variable v has moved an output */
-    bool executed;  /* J of some candidate was finite */
+    uint32_t flags;        /* tl_flag */
+    uint32_t held;         /* bit v: variable v is not identifiable */
+    uint32_t moved_output; /* bit v: variable v has moved an output */
+    bool has_finite;       /* J of some candidate was finite */
     tl_record_refused refused;
     uint32_t idle;      /* candidates since J was last reduced by at least 1 % */
     bool stagnated;     /* no progress for too long: the solver is stopped */
@@ -58,9 +58,9 @@ void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser,
 void tl_step_search_set_inputs(const tl_synchroniser *synchroniser, const double *u, uint32_t depth);
 
 /* may_guess(): true if there is time to ask the solver for a guess; else sets `stop`.
- * has_guess(): call it after the guess, to measure how long the guess took. */
+ * end_guess(): call it after the guess, to measure how long the guess took. */
 bool tl_step_search_may_guess(tl_step_search *search);
-void tl_step_search_has_guess(tl_step_search *search);
+void tl_step_search_end_guess(tl_step_search *search);
 
 /* True if the budget allows an evaluation of u, the evaluation of nominal if it is not done yet,
  * and the committed step; else sets `stop`. */

@@ -26,8 +26,8 @@ static bool take_arrays(tl_arena *arena, double **const *arrays, size_t array_co
 
 static bool take_memory(tl_synchroniser *synchroniser, tl_arena *arena) {
     tl_synchroniser_memory *memory = &synchroniser->memory;
-    double **const sequences[] = {&memory->committed, &memory->nominal, &memory->guess, &memory->start,
-                                  &memory->best,      &memory->trial,   &memory->lower, &memory->upper};
+    double **const sequences[] = {&memory->committed, &memory->nominal,     &memory->guess, &memory->start,
+                                  &memory->best,      &memory->evaluated_u, &memory->lower, &memory->upper};
     double **const vectors[] = {&memory->residuals, &memory->start_residuals, &memory->best_residuals,
                                 &memory->forecast,  &memory->noise,           &memory->factors};
     double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
@@ -188,7 +188,7 @@ static bool guess_by_solver(tl_step_search *search) {
     tl_objective_noise(&synchroniser->objective, memory->noise);
     const tl_forecast forecast = {memory->start, memory->forecast, memory->noise, memory->free, memory->nominal};
     bool guessed = synchroniser->solver->guess(synchroniser->optimiser, &forecast, memory->guess);
-    tl_step_search_has_guess(search);
+    tl_step_search_end_guess(search);
     return guessed;
 }
 
@@ -301,18 +301,18 @@ static void run_search(tl_step_search *search, double value) {
  * but a repetition only counts evaluations: it would use this one for the search. */
 static void hold_unidentifiable(tl_step_search *search) {
     const tl_synchroniser *synchroniser = search->synchroniser;
-    double *trial = synchroniser->memory.trial;
+    double *evaluated_u = synchroniser->memory.evaluated_u;
     if (search->held == 0 || tl_step_search_is_blind(search) || !isfinite(search->best_value) ||
         search->stop == TL_STOP_TIME) {
         return;
     }
-    memcpy(trial, synchroniser->memory.best, size_of_sequence(synchroniser));
-    tl_step_search_hold(search, trial);
-    if (memcmp(trial, synchroniser->memory.best, size_of_sequence(synchroniser)) != 0 &&
-        tl_step_search_may_evaluate(search, trial)) {
+    memcpy(evaluated_u, synchroniser->memory.best, size_of_sequence(synchroniser));
+    tl_step_search_hold(search, evaluated_u);
+    if (memcmp(evaluated_u, synchroniser->memory.best, size_of_sequence(synchroniser)) != 0 &&
+        tl_step_search_may_evaluate(search, evaluated_u)) {
         double best = search->best_value;
         search->best_value = HUGE_VAL;
-        (void)tl_step_search_evaluate(search, trial);
+        (void)tl_step_search_evaluate(search, evaluated_u);
         search->best_value = search->late ? best : search->best_value; /* it was not kept then */
     }
 }
@@ -663,7 +663,7 @@ static tl_status __attribute__((noinline)) step_searched(tl_synchroniser *synchr
     record->stop = search.stop;
     record->flags = search.flags | (is_without_nominal(&search, record->outcome) ? TL_FLAG_WITHOUT_NOMINAL : 0U);
     record->held = search.held;
-    if (search.executed || search.refused.by_output == 0) { /* else the output is not finite whatever u is */
+    if (search.has_finite || search.refused.by_output == 0) { /* else the output is not finite whatever u is */
         record->refused = search.refused;
     }
     record->flags |= record->refused.count != 0 ? (uint32_t)TL_FLAG_REFUSED : 0U;

@@ -49,7 +49,7 @@ typedef struct tl_synchroniser_memory {
     double *guess;
     double *start;            /* start point of the solver */
     double *best;             /* best candidate so far */
-    double *trial;            /* the solver's point as it is evaluated: see evaluated_point() in step_search.c */
+    double *evaluated_u;      /* the solver's point as it is evaluated: see evaluated_point() in step_search.c */
     double *residuals;        /* of the candidate evaluated last */
     double *start_residuals;  /* at `start` */
     double *best_residuals;   /* at `best` */

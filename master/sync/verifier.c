@@ -74,10 +74,10 @@ static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
 }
 
 /* It may fail, as any candidate may. */
-static tl_status step_elsewhere(const tl_restore_trial *trial, between between_calls, tl_error *error) {
+static tl_status step_between(const tl_restore_trial *trial, between between_calls, tl_error *error) {
     tl_status status = TL_OK;
     for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
-        write_inputs(trial, between_calls == FAR ? trial->elsewhere : trial->inputs, i);
+        write_inputs(trial, between_calls == FAR ? trial->distant_inputs : trial->inputs, i);
         if (between_calls == NEAR) {
             move_inputs(trial->component);
         }
@@ -93,7 +93,7 @@ static tl_status run_between(const tl_restore_trial *trial, between between_call
         return set_values(trial, error);
     }
     if (between_calls == NEAR || between_calls == FAR || between_calls == STATE) {
-        status = step_elsewhere(trial, between_calls, error);
+        status = step_between(trial, between_calls, error);
     }
     return status == TL_OK && between_calls == STATE ? tl_component_save(trial->component, second, error) : status;
 }
@@ -128,7 +128,7 @@ static tl_status run_experiment(const tl_restore_trial *trial, tl_restore_cause 
                                                        [TL_CAUSE_INCOMPLETE] = NEAR,
                                                        [TL_CAUSE_ONE_STATE] = STATE,
                                                        [TL_CAUSE_EVENTS] = FAR};
-    if (which == TL_CAUSE_EVENTS && trial->elsewhere == NULL) {
+    if (which == TL_CAUSE_EVENTS && trial->distant_inputs == NULL) {
         return TL_OK;
     }
     return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error)

@@ -33,8 +33,9 @@ typedef struct tl_restore_trial {
     fmi2FMUstate state;          /* an existing state, or NULL */
     const unsigned char *inputs; /* of the steps, one after the other, each of input_bytes */
     size_t input_bytes;
-    const unsigned char *elsewhere; /* inputs of as many steps that lead it to a distant state; NULL: no such trial */
-    unsigned char *outputs;         /* scratch: outputs of steps + 1 steps */
+    const unsigned char
+        *distant_inputs;    /* inputs of as many steps that lead it to a distant state; NULL: no such trial */
+    unsigned char *outputs; /* scratch: outputs of steps + 1 steps */
     size_t output_bytes;
 } tl_restore_trial;
 

@@ -39,8 +39,8 @@ static void forget_oldest(tl_reading_meter *meter, size_t count) {
     meter->count -= count;
 }
 
-void tl_reading_meter_see(tl_reading_meter *meter, tl_time time, double value, tl_quality quality,
-                          tl_metrics *metrics) {
+void tl_reading_meter_add_reading(tl_reading_meter *meter, tl_time time, double value, tl_quality quality,
+                                  tl_metrics *metrics) {
     if (time <= meter->newest) {
         return;
     }

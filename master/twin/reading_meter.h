@@ -34,7 +34,8 @@ tl_reading_meter *tl_reading_meter_create(tl_arena *arena, tl_time step, size_t 
 /* Adds the newest reading at a tick. A reading that is not later than the previous one is ignored.
  * An outlier (TL_OUTLIER) is only counted, in metrics->left_out. Any other reading that is not good
  * is ignored. */
-void tl_reading_meter_see(tl_reading_meter *meter, tl_time time, double value, tl_quality quality, tl_metrics *metrics);
+void tl_reading_meter_add_reading(tl_reading_meter *meter, tl_time time, double value, tl_quality quality,
+                                  tl_metrics *metrics);
 
 /* Adds the step that ends at `end` with output `y`, and compares the readings within it. `goes_on`:
  * the step started from the end of the step before, without a reset. */

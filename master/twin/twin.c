@@ -723,8 +723,8 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
     if (sample->stamps[signal] != TL_TIME_NEVER) {
         tl_time late = tl_time_of_step(0, twin->step, term->shift) - twin->look_back;
         double value = term->conversion.factor * sample->values[signal] + term->conversion.offset;
-        tl_reading_meter_see(twin->readers[match], sample->stamps[signal] - start - late, value,
-                             (tl_quality)sample->quality[signal], &twin->due[match]);
+        tl_reading_meter_add_reading(twin->readers[match], sample->stamps[signal] - start - late, value,
+                                     (tl_quality)sample->quality[signal], &twin->due[match]);
     }
 }
 

@@ -12,15 +12,16 @@
 #include "master/base/status.h"
 #include "master/twin/twin.h"
 
-/* Executes one candidate as a search does: T_P steps from the committed instant, with `value` for
- * variable `adjust` and the present values of all others. Then restores the committed instant. The
- * twin must have computed a step and must have no event horizon.
- * values:   tl_twin_value_count() values after the last step, 0 for those that no FMU delivers;
- *           undefined after a failure.
- * *failure: TL_FMU_FAILED or TL_FMU_FATAL if an FMU rejects a step, or if an output becomes NaN or
- *           infinite; the text begins with the name of the component. Else TL_OK.
- * Errors:   TL_FMU_FAILED if a component could not be restored; TL_FMU_FATAL. Then the twin has
- *           ended. */
+/* Executes one candidate as a search does: T_P steps from the state after the last committed step,
+ * with `value` for one adjusted variable and the present values of all others. Then restores that
+ * state. The twin must have computed a step. It must not use an event horizon (event_horizon.h).
+ * adjust:   index of the adjusted variable.
+ * values:   tl_twin_value_count() values at the end of the candidate, 0 for those that are no
+ *           output of an FMU; undefined after a failure.
+ * *failure: result of the candidate. TL_FMU_FAILED if an FMU rejects a step, or if an output
+ *           becomes NaN or infinite; the text begins with the name of the component. Else TL_OK.
+ * Returns TL_OK also if the candidate failed. Errors, after which the twin cannot be used any more:
+ * TL_FMU_FAILED if a component could not be restored; TL_FMU_FATAL if an FMU returned fmi2Fatal. */
 tl_status tl_twin_try_value(tl_twin *twin, size_t adjust, double value, double *values, tl_error *failure,
                             tl_error *error);
 

@@ -46,7 +46,7 @@ static int run(tl_assembly *assembly, const char *path) {
             break;
         }
         begun = ++ticks == FIRST_TICKS ? processor_time() : begun;
-        status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &recovery, &result, &error);
+        status = tl_twin_execute(assembly, &tick, TL_ATTACHED_NONE, &recovery, &result, &error);
         tl_summary_sample(&summary, config, &tick.sample);
         tl_lock_monitor_sample(&lock_monitor, &tick.sample);
         if (result.ready != 0) {

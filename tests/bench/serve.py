@@ -32,7 +32,7 @@ def counts(box):
     return [state[name] for name in COUNTS]
 
 
-def tell_twin(what, before, after, database):
+def print_twin(what, before, after, database):
     """Of the steps between the two."""
     lost = [new - old for old, new in zip(before, after)]
     used = sorted(nanoseconds / 1e6 for nanoseconds, in query(
@@ -59,8 +59,8 @@ def main():
         after = counts(box)
         memory = box.memory() / 2**20
         end_orderly(live)
-        tell_twin("undisturbed", before, between, live.database)
-        tell_twin("attacked", between, after, live.database)
+        print_twin("undisturbed", before, between, live.database)
+        print_twin("attacked", between, after, live.database)
     print(f"memory             {memory:6.1f} MiB")
     sys.exit(0 if is_good and memory <= LIMIT_MIB else 1)
 

@@ -192,7 +192,7 @@ static bool connect_link(tl_modbus_link *link, char *cause, size_t cause_size) {
     return link->descriptor >= 0;
 }
 
-static tl_modbus_health look(const tl_modbus_link *link) {
+static tl_modbus_health check(const tl_modbus_link *link) {
     unsigned what = tl_fuzz_take();
     tl_fuzz_hold(link->descriptor >= 0);
     if (what < 240) {
@@ -214,14 +214,14 @@ static void failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
 
 static tl_modbus_link *make(tl_time timeout) {
     static const tl_modbus_link_kind TCP = {.connect = connect_link,
-                                            .look = look,
+                                            .check = check,
                                             .ask = ask,
                                             .failed = failed,
                                             .close = close_link,
                                             .release = close_link};
     static const tl_modbus_link_kind LINE = {.is_line = true,
                                              .connect = connect_link,
-                                             .look = look,
+                                             .check = check,
                                              .ask = ask,
                                              .failed = failed,
                                              .close = close_link,

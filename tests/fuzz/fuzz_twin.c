@@ -76,9 +76,9 @@ static void use(const tl_config *config, const tl_record *record, FILE *table) {
     tl_trajectory_add(table, config, record);
 }
 
-static void take_result(const tl_config *config, tl_twin_tells tells, int64_t tick, FILE *table) {
+static void take_result(const tl_config *config, tl_twin_attached attached, int64_t tick, FILE *table) {
     static tl_twin_result honest;
-    size_t size = tl_twin_result_size(config, tells);
+    size_t size = tl_twin_result_size(config, attached);
     tl_twin_result *result = malloc(size); /* without spare bytes, so that a sanitizer detects an access outside */
     if (result == NULL) {
         return;
@@ -125,7 +125,7 @@ static void print(const tl_config *config) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const tl_twin_tells was_reported[] = {TL_TELLS_RECORDS, TL_TELLS_COUNTS};
+    static const tl_twin_attached attachments[] = {TL_ATTACHED_NONE, TL_ATTACHED_COUNTS};
     const tl_config *config = tl_fuzz_config(configuration);
     tl_error error;
     FILE *table = NULL;
@@ -136,9 +136,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_fuzz_hold(output != NULL && tl_trajectory_open("-", output, config, &table, &error) == TL_OK);
     summary = (tl_summary){0};
     least = 0;
-    tl_twin_tells tells = was_reported[tl_fuzz_take() % 2];
+    tl_twin_attached attached = attachments[tl_fuzz_take() % 2];
     for (int64_t tick = tl_fuzz_take() % MOST_TICKS; tick > 0 && !tl_fuzz_is_over(); tick--) {
-        take_result(config, tells, MOST_TICKS - tick, table);
+        take_result(config, attached, MOST_TICKS - tick, table);
     }
     if (take_account(config)) {
         print(config);

@@ -46,16 +46,16 @@ static int decode_line(const char *line) {
         data[length++] = (uint8_t)byte_at(at);
     }
     const tl_can_id *found = tl_can_map_find(&map, id, extended != 0);
-    for (size_t i = 0; found != NULL && i < found->slots; i++) {
-        const tl_can_entry *slot = &map.slots[found->first + i];
+    for (size_t i = 0; found != NULL && i < found->entries; i++) {
+        const tl_can_entry *entry = &map.entries[found->first + i];
         double value = 0;
-        if (length < slot->bytes || !tl_can_is_present(&slot->channel, data)) {
+        if (length < entry->bytes || !tl_can_is_present(&entry->channel, data)) {
             continue;
         }
-        if (tl_can_decode(&slot->channel, data, &value)) {
-            (void)printf("%s=%.17g ", config.signals[slot->index].plan.name, value);
+        if (tl_can_decode(&entry->channel, data, &value)) {
+            (void)printf("%s=%.17g ", config.signals[entry->index].plan.name, value);
         } else {
-            (void)printf("%s=nan ", config.signals[slot->index].plan.name);
+            (void)printf("%s=nan ", config.signals[entry->index].plan.name);
         }
     }
     (void)printf("\n");

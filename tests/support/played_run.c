@@ -18,12 +18,12 @@ static tl_played *const run = &the_run;
 
 /* ---- host of the activation ---- */
 
-static void look(void *context, tl_activation_view *seen) {
+static void read_view(void *context, tl_activation_view *seen) {
     (void)context;
     *seen = run->view;
 }
 
-static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
+static void get_active_hash(void *context, char hash[TL_SHA256_TEXT]) {
     (void)context;
     memcpy(hash, run->active_hash, sizeof run->active_hash);
 }
@@ -84,7 +84,7 @@ static void add_output(tl_run_status *work, double difference, double tolerance)
     output->tolerance = tolerance;
 }
 
-static void look_at_shadow(void *context, tl_activation_shadow *seen) {
+static void read_shadow(void *context, tl_activation_shadow *seen) {
     (void)context;
     tl_played_add(&run->shadow.work, &run->each);
     tl_played_add(&run->shadow.beside, &run->beside);
@@ -139,27 +139,27 @@ static void restart(void *context) {
     run->has_restarted = true;
 }
 
-static void tell(void *context, tl_severity severity, const char *text) {
+static void report_event(void *context, tl_severity severity, const char *text) {
     (void)context;
     (void)severity;
     TEST_ASSERT_NOT_EQUAL_INT(0, text[0]);
     run->events++;
 }
 
-static const tl_activation_host host = {.look = look,
-                                        .active_hash = tell_in_force,
+static const tl_activation_host host = {.read_view = read_view,
+                                        .active_hash = get_active_hash,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
                                         .use_tolerances = use_tolerances,
                                         .tune = tune,
                                         .tuning_result = tuning_result,
                                         .begin_shadow = begin_shadow,
-                                        .look_at_shadow = look_at_shadow,
+                                        .read_shadow = read_shadow,
                                         .end_shadow = end_shadow,
                                         .handover = handover,
                                         .handover_result = handover_result,
                                         .restart = restart,
-                                        .tell = tell};
+                                        .report = report_event};
 
 static void on_event(void *listener, const tl_control_reply *reply) {
     (void)listener;
@@ -220,7 +220,7 @@ void tl_played_begin(void) {
                                              .path = run->path,
                                              .allowed = run->allowed,
                                              .run_role = tl_played_be,
-                                             .say = on_event};
+                                             .reply = on_event};
     tl_activation_begin(&run->activation, &settings);
 }
 

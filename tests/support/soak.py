@@ -343,7 +343,7 @@ def sum_of(samples, name):
             if sample.settled and sample.at >= 2 * WARM_S]
 
 
-def tell_slope(what, unit, lives, say):
+def report_slope(what, unit, lives, say):
     """True if it grows."""
     slope = slope_of(lives)
     if slope is None or slope.seconds < ENOUGH_S:
@@ -355,24 +355,24 @@ def tell_slope(what, unit, lives, say):
     return grows
 
 
-def tell_counts(what, counts, say):
+def report_counts(what, counts, say):
     grows = count_grows(counts)
     if counts:
         say(f"{what:30}{counts[0]:6} first,{counts[-1]:7} last, {min(counts)} to {max(counts)}{'; GROWS' if grows else ''}")
     return grows
 
 
-def tell_growth(samples, say):
+def report_growth(samples, say):
     """The names of the values that grow."""
     found = []
     for role in ("supervisor", *ROLES):
         what = f"{role}, private memory"
-        found += [what] * tell_slope(what, "KiB", map(without_once, lives_of(samples, role, "private")), say)
+        found += [what] * report_slope(what, "KiB", map(without_once, lives_of(samples, role, "private")), say)
         for name, words in ("shared", "shared KiB mapped"), ("descriptors", "descriptors"), ("threads", "threads"):
             what = f"{role}, {words}"
-            found += [what] * tell_counts(what, [getattr(sample.prints[role], name) for sample in samples if sample.settled], say)
+            found += [what] * report_counts(what, [getattr(sample.prints[role], name) for sample in samples if sample.settled], say)
     what = "all, memory between faults"
-    found += [what] * tell_slope(what, "KiB", [sum_of(samples, "held")], say)
+    found += [what] * report_slope(what, "KiB", [sum_of(samples, "held")], say)
     return found
 
 
@@ -387,7 +387,7 @@ def soak(seconds, every, seed, say=print):
         wrong.append("\n".join(line for line in str(failure).splitlines() if "ticks missed" not in line))
     say("faults: " + ", ".join(f"{count} × {kind}" for kind, count in sorted(one.done.items())))
     say("recorded: " + one.accounts.describe() + f"; entries lost {sum(one.accounts.lost.values())}")
-    grown = tell_growth(one.sampler.samples if one.sampler else [], say)
+    grown = report_growth(one.sampler.samples if one.sampler else [], say)
     wrong += [f"grows: {', '.join(grown)}"] if grown else []
     for text in wrong:
         say(f"WRONG: {text}")

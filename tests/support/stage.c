@@ -34,22 +34,22 @@ static tl_stage_part *part_of(tl_member which) {
 
 /* ---- children ---- */
 
-static volatile sig_atomic_t was_reported;
+static volatile sig_atomic_t ended_by;
 
 static void note(int signal) {
-    was_reported = signal;
+    ended_by = signal;
 }
 
 static void beat(tl_thread_heartbeat *heartbeat) {
     tl_thread_heartbeat_beat(heartbeat);
     tl_stage_pause_ms(10);
-    if (was_reported != 0) {
+    if (ended_by != 0) {
         tl_fmu_calls_note_end_request();
     }
 }
 
 static void be_well(tl_thread_heartbeat *heartbeat) {
-    for (int i = 0; was_reported == 0 && i < 3000; i++) {
+    for (int i = 0; ended_by == 0 && i < 3000; i++) {
         beat(heartbeat);
     }
 }
@@ -263,15 +263,15 @@ static pid_t begin(void *context, tl_member which, const tl_start *start, tl_err
 static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
     tl_stage *on = context;
     on->was_killed_by_others = on->was_killed_by_others || by_others;
-    part_of(which)->was_reported++;
-    on->was_reported++;
+    part_of(which)->ends_reported++;
+    on->ends_reported++;
     if (on->better[0] != '\0') {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", on->better);
     }
     return on->blames;
 }
 
-static void tell(void *context, const char *text) {
+static void on_event(void *context, const char *text) {
     tl_stage *on = context;
     (void)snprintf(on->event, sizeof on->event, "%s", text);
 }
@@ -281,7 +281,7 @@ static tl_time damaged(void *context, tl_member which) {
     return on->damaged[which];
 }
 
-static void look(void *context, bool ends, tl_orders *orders) {
+static void read_orders(void *context, bool ends, tl_orders *orders) {
     (void)context;
     if (stage->play_on != NULL) {
         stage->play_on(ends, orders);
@@ -316,9 +316,9 @@ void tl_stage_set(void) {
     stage->settings = (tl_supervisor_settings){.has_duration = true,
                                                .begin = begin,
                                                .ended = ended,
-                                               .tell = tell,
+                                               .report = on_event,
                                                .damaged = damaged,
-                                               .look = look,
+                                               .read_orders = read_orders,
                                                .context = stage};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
@@ -347,7 +347,7 @@ void tl_stage_expect_said(const char *parts) {
     free(log);
 }
 
-void tl_stage_expect_told(const char *parts) {
+void tl_stage_expect_report(const char *parts) {
     tl_stage_expect_said(parts);
     TL_EXPECT_PARTS(parts, stage->event);
 }
@@ -396,5 +396,5 @@ bool tl_stage_is_ready(tl_member part) {
 }
 
 bool tl_stage_has_died(tl_member part) {
-    return stage->parts[part].was_reported > 0;
+    return stage->parts[part].ends_reported > 0;
 }

@@ -38,9 +38,9 @@ enum { TL_STAGE_STARTS = 32 };
 typedef struct tl_stage_part {
     const char *plan; /* NULL: there is no such member */
     int starts;
-    int order;        /* number of its last end, over all members */
-    int was_reported; /* ends that the supervisor reported */
-    pid_t pid;        /* of its last process */
+    int order;         /* number of its last end, over all members */
+    int ends_reported; /* ends that the supervisor reported */
+    pid_t pid;         /* of its last process */
     tl_heartbeats beats;
 } tl_stage_part;
 
@@ -59,7 +59,7 @@ typedef struct tl_stage {
     char reason[TL_STAGE_STARTS][TL_RESTARTS_REASON];
     unsigned processes[TL_STAGE_STARTS]; /* children of the supervisor, running or zombie */
     pid_t last;
-    int was_reported;                /* ends that the supervisor reported */
+    int ends_reported;               /* ends that the supervisor reported */
     char better[TL_RESTARTS_REASON]; /* replaces the supervisor's reason; "": not */
     bool was_killed_by_others;       /* as reported for any end of the twin */
     uint64_t blames;                 /* returned to the supervisor then */
@@ -98,7 +98,7 @@ int tl_stage_end(const char *plan, int number, long after_ms);
 /* Since the last call of these functions: one line of the log has all parts (message.h); the
  * last event for the database has them, too; there is neither a log line nor an event. */
 void tl_stage_expect_said(const char *parts);
-void tl_stage_expect_told(const char *parts);
+void tl_stage_expect_report(const char *parts);
 void tl_stage_expect_silence(void);
 
 /* State of a part, which is another member after a handover. */

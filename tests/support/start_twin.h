@@ -21,12 +21,13 @@ static inline void tl_test_be_twin(char *const *argv) {
 }
 
 /* Starts the process and builds the twin. `config` must outlive the child. */
-static inline tl_twin_child *tl_test_start_twin(const tl_config *config, tl_twin_tells tells, tl_account *account) {
+static inline tl_twin_child *tl_test_start_twin(const tl_config *config, tl_twin_attached attached,
+                                                tl_account *account) {
     static tl_twin_job job;
     const tl_twin_child_settings settings = {.job = &job, .config = config};
     tl_twin_child *child = NULL;
     tl_error error;
-    job = (tl_twin_job){.task = TL_TASK_STEP, .tells = tells, .path = config->path, .text = config->text};
+    job = (tl_twin_job){.task = TL_TASK_STEP, .attached = attached, .path = config->path, .text = config->text};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_start(&settings, &child, &error), error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_build(child, account, &error), error.text);
     return child;

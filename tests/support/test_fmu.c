@@ -567,7 +567,7 @@ static void pass_on(instance *self) {
 static void advance(instance *self, double step) {
     self->now.lineage = add_inputs(self, self->now.lineage);
     bool telling = self->fmu->control.telling;
-    double was_reported = telling ? TELLING * fraction(self->now.lineage) : 0.0;
+    double offset = telling ? TELLING * fraction(self->now.lineage) : 0.0;
     double raised = telling && self->now.booleans[BOOLEAN_FLAG] != fmi2False ? RAISED : 0.0;
     double *reals = self->now.reals;
     bool not_a_number = self->fmu->control.fault.kind == TL_TEST_NAN && is_faulty(self, TL_TEST_DO_STEP);
@@ -578,7 +578,7 @@ static void advance(instance *self, double step) {
         *y += (reals[REAL_LAG] > 0.0 ? step / reals[REAL_LAG] : 1.0) * (drive - *y);
         *y = reals[REAL_LAG] > 0.0 ? *y : drive;
         *y = not_a_number ? (double)NAN : *y;
-        *y += was_reported * (double)(c + 1);
+        *y += offset * (double)(c + 1);
         reals[REAL_SUM] += *y;
     }
     pass_on(self);

@@ -39,13 +39,13 @@ static void test_ids(void) {
     TEST_ASSERT_TRUE(tl_can_map_make(&map, channels, 5));
     TEST_ASSERT_EQUAL_size_t(4, map.id_count);
     for (size_t i = 0; i < 5; i++) {
-        TEST_ASSERT_EQUAL_size_t(order[i], map.slots[i].index);
-        TEST_ASSERT_EQUAL_size_t(channels[order[i]].field.start / 8U + 1, map.slots[i].bytes);
+        TEST_ASSERT_EQUAL_size_t(order[i], map.entries[i].index);
+        TEST_ASSERT_EQUAL_size_t(channels[order[i]].field.start / 8U + 1, map.entries[i].bytes);
     }
     const tl_can_id *two = tl_can_map_find(&map, 0x300, false);
     TEST_ASSERT_NOT_NULL(two);
     TEST_ASSERT_EQUAL_size_t(1, two->first);
-    TEST_ASSERT_EQUAL_size_t(2, two->slots);
+    TEST_ASSERT_EQUAL_size_t(2, two->entries);
     TEST_ASSERT_EQUAL_size_t(3, tl_can_map_find(&map, 0x100, true)->first);
     TEST_ASSERT_EQUAL_size_t(0, tl_can_map_find(&map, 0x100, false)->first);
     TEST_ASSERT_NULL(tl_can_map_find(&map, 0x300, true));

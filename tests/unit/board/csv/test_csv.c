@@ -349,15 +349,15 @@ static void feed(tl_csv_lines *lines, const char *text) {
 static void test_lines_after_one_that_is_too_long(void) {
     static tl_csv_lines lines;
     char *line = NULL;
-    int was_reported = 0;
+    int too_long = 0;
     feed(&lines, "first\n");
     TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));
     TEST_ASSERT_EQUAL_STRING("first", line);
     for (int i = 0; i < 20000; i++) {
         feed(&lines, "01234567");
-        was_reported += tl_csv_lines_take(&lines, false, &line) == TL_CSV_TOO_LONG ? 1 : 0;
+        too_long += tl_csv_lines_take(&lines, false, &line) == TL_CSV_TOO_LONG ? 1 : 0;
     }
-    TEST_ASSERT_EQUAL_INT(1, was_reported);
+    TEST_ASSERT_EQUAL_INT(1, too_long);
     TEST_ASSERT_EQUAL_INT64(2, lines.number);
     feed(&lines, "its end\nthird\n\nfif");
     TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));

@@ -34,32 +34,32 @@ static void make(void) {
     TEST_ASSERT_TRUE(tl_modbus_map_make(&map, channels, channel_count));
 }
 
-static void expect_read(size_t index, unsigned address, unsigned count, size_t slots) {
+static void expect_read(size_t index, unsigned address, unsigned count, size_t entries) {
     TEST_ASSERT_TRUE(index < map.read_count);
     TEST_ASSERT_EQUAL_UINT16(address, map.reads[index].address);
     TEST_ASSERT_EQUAL_UINT16(count, map.reads[index].count);
-    TEST_ASSERT_EQUAL_size_t(slots, map.reads[index].slots);
+    TEST_ASSERT_EQUAL_size_t(entries, map.reads[index].entries);
 }
 
 /* Each channel is in exactly one request, as a whole. Requests are within the limits. */
 static void expect_sound(void) {
     size_t seen[512] = {0};
-    size_t slot = 0;
+    size_t entry = 0;
     for (size_t i = 0; i < map.read_count; i++) {
         const tl_modbus_read *read = &map.reads[i];
         bool bits = read->table == TL_MODBUS_COIL || read->table == TL_MODBUS_DISCRETE;
         TEST_ASSERT_TRUE(read->count <= (bits ? 2000 : 125));
-        TEST_ASSERT_EQUAL_size_t(slot, read->first);
-        for (size_t k = 0; k < read->slots; k++, slot++) {
-            const tl_modbus_channel *channel = &map.slots[slot].channel;
-            TEST_ASSERT_EQUAL_UINT16(channels[map.slots[slot].index].address, channel->address);
-            TEST_ASSERT_EQUAL_INT(channels[map.slots[slot].index].type, channel->type);
+        TEST_ASSERT_EQUAL_size_t(entry, read->first);
+        for (size_t k = 0; k < read->entries; k++, entry++) {
+            const tl_modbus_channel *channel = &map.entries[entry].channel;
+            TEST_ASSERT_EQUAL_UINT16(channels[map.entries[entry].index].address, channel->address);
+            TEST_ASSERT_EQUAL_INT(channels[map.entries[entry].index].type, channel->type);
             TEST_ASSERT_EQUAL_UINT8(read->unit_id, channel->unit_id);
             TEST_ASSERT_EQUAL_INT(read->table, channel->table);
             TEST_ASSERT_TRUE(channel->address >= read->address);
             TEST_ASSERT_TRUE(channel->address + tl_modbus_registers(channel->type) <=
                              (size_t)read->address + read->count);
-            seen[map.slots[slot].index]++;
+            seen[map.entries[entry].index]++;
         }
     }
     for (size_t i = 0; i < channel_count; i++) {

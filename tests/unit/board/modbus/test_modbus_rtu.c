@@ -38,8 +38,8 @@ static tl_modbus_peer other = TL_MODBUS_PEER;
 static int master; /* the end of the peer */
 /* Guarded by the lock of the peer: */
 static answer_function *answer_now;
-static tl_time heard; /* time of the last request */
-static char path[64]; /* a link to the end of the driver */
+static tl_time last_request; /* time of the last request */
+static char path[64];        /* a link to the end of the driver */
 
 static uint16_t check_sum(const uint8_t *bytes, size_t size) {
     unsigned sum = 0xFFFF;
@@ -53,7 +53,7 @@ static uint16_t check_sum(const uint8_t *bytes, size_t size) {
 static answer_function *note(const uint8_t *request) {
     (void)pthread_mutex_lock(&other.lock);
     tl_modbus_peer_note(&other, request, REQUEST);
-    heard = tl_test_now();
+    last_request = tl_test_now();
     answer_function *answer = answer_now;
     (void)pthread_mutex_unlock(&other.lock);
     return answer;

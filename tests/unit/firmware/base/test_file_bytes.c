@@ -41,10 +41,10 @@ static void nothing(int number) {
 }
 
 static void test_pieces_and_signals(void) {
-    const struct sigaction heard = {.sa_handler = nothing}; /* without SA_RESTART: read() ends with EINTR */
+    const struct sigaction on_signal = {.sa_handler = nothing}; /* without SA_RESTART: read() ends with EINTR */
     pthread_t thread;
     reader = pthread_self();
-    TEST_ASSERT_EQUAL_INT(0, sigaction(SIGUSR1, &heard, NULL));
+    TEST_ASSERT_EQUAL_INT(0, sigaction(SIGUSR1, &on_signal, NULL));
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, say_and_interrupt, NULL));
     ssize_t size = tl_file_bytes_read(ends[0], bytes, sizeof bytes);
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));

@@ -119,7 +119,7 @@ static tl_status emulate(const char *path, const char *driving, uint64_t seed) {
     expect_ok(tl_config_read(path, &model_config, &report));
     tl_config_forget_delays(&model_config);
     tl_config_use_lookups(&model_config);
-    child = tl_test_start_twin(&model_config, TL_TELLS_OUTPUTS, &account);
+    child = tl_test_start_twin(&model_config, TL_ATTACHED_OUTPUTS, &account);
     const tl_twin_feed_settings model = {.config = &model_config, .account = &account, .child = child};
     return tl_emulation_open_model(&model, driving, seed, &emulation, &error);
 }

@@ -63,7 +63,7 @@ static void test_syntax_error(void) {
 static void test_no_memory(void) {
     tl_arena_seal(&arena);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, parse("{}"));
-    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, report.worst);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, report.first_status);
     TEST_ASSERT_NULL(root);
 }
 

@@ -33,7 +33,7 @@ static void open_made(const tl_elf_plan *plan) {
 }
 
 /* Appends a reference as "kind name ". */
-static bool tell_reference(void *context, tl_elf_reference reference) {
+static bool on_reference(void *context, tl_elf_reference reference) {
     char *all = context;
     static const char kinds[] = {
         [TL_ELF_NEEDED] = 'n', [TL_ELF_NAME] = 's', [TL_ELF_VERSION] = 'v', [TL_ELF_OTHER] = 'o'};
@@ -45,7 +45,7 @@ static bool tell_reference(void *context, tl_elf_reference reference) {
 
 static void expect_references(const char *expected) {
     char all[512] = "";
-    tl_elf_visit(&file, tell_reference, all);
+    tl_elf_visit(&file, on_reference, all);
     TEST_ASSERT_EQUAL_STRING(expected, all);
 }
 
@@ -217,7 +217,7 @@ static void try_everything(size_t length) {
     TEST_ASSERT_NOT_NULL(copy);
     memcpy(copy, bytes, length);
     if (tl_elf_open(&file, copy, length)) {
-        tl_elf_visit(&file, tell_reference, all);
+        tl_elf_visit(&file, on_reference, all);
         (void)rename_one("libtable.so", "001table.so");
         (void)tl_elf_unshare_symbols(&file);
         (void)tl_elf_opens_libraries(&file);

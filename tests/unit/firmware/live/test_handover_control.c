@@ -29,11 +29,11 @@ static tl_live_candidate *candidate;
 static tl_handover_control change;
 static tl_orders orders;
 static tl_time now;
-static char was_reported[200];
+static char last_event[200];
 
-static void tell(void *context, const char *text) {
+static void on_event(void *context, const char *text) {
     (void)context;
-    (void)snprintf(was_reported, sizeof was_reported, "%s", text);
+    (void)snprintf(last_event, sizeof last_event, "%s", text);
 }
 
 static void play_ready(tl_twin_slot *slot_index, pid_t pid, tl_time start) {
@@ -50,7 +50,7 @@ void setUp(void) {
     memset(&handover_block, 0, sizeof handover_block);
     memset(&config_manager, 0, sizeof config_manager);
     memset(&recorder, 0, sizeof recorder);
-    was_reported[0] = '\0';
+    last_event[0] = '\0';
     now = 1000 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
@@ -70,7 +70,7 @@ void setUp(void) {
                                    .recorder = &recorder,
                                    .step = config.step,
                                    .unconfined = false,
-                                   .tell = tell};
+                                   .report = on_event};
     play_ready(&slots[0], RUN, 900 * TL_SECOND);
 }
 
@@ -292,10 +292,10 @@ static void announce(void) {
     expect_obeyed(true);
 }
 
-static void expect_told_handover(int64_t tick, const char *hash) {
+static void expect_handover_event(int64_t tick, const char *hash) {
     char parts[64];
     (void)snprintf(parts, sizeof parts, "%lld|%.12s", (long long)tick, hash);
-    TL_EXPECT_PARTS(parts, was_reported);
+    TL_EXPECT_PARTS(parts, last_event);
 }
 
 static void test_a_handover(void) {
@@ -304,7 +304,7 @@ static void test_a_handover(void) {
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.handovers);
     TEST_ASSERT_EQUAL_UINT32(1, handover_block.to);
     TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, handover_block.tick);
-    expect_told_handover(handover_block.tick, slots[1].hash);
+    expect_handover_event(handover_block.tick, slots[1].hash);
     look_after(TL_SECOND / 10);
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_TRUE(orders.soon);
@@ -400,7 +400,7 @@ static void test_handovers_that_are_rejected(void) {
     expect_refused("shadow|ticks");
     TEST_ASSERT_EQUAL_UINT32(0, handover_block.handovers);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_RUNS, handover_block.shadow); /* it still runs */
-    TEST_ASSERT_EQUAL_STRING("", was_reported);
+    TEST_ASSERT_EQUAL_STRING("", last_event);
 }
 
 static void publish_tick(int64_t tick) {

@@ -87,7 +87,7 @@ static bool begin(const char *text, const char *of) {
 }
 
 static tl_activation_phase phase(void) {
-    functions.look_at_shadow(functions.context, &shadow);
+    functions.read_shadow(functions.context, &shadow);
     return shadow.phase;
 }
 
@@ -328,14 +328,14 @@ static void test_a_new_shadow_gets_no_old_tuning(void) {
 static void test_failures_are_those_of_the_configuration(void) {
     twins[0].number = 9;
     twins[0].first = 7;
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(2, view.figures.twin_failures);
     TEST_ASSERT_FALSE(view.figures.twin_alive);
     handover_block.slot_index = 1;
     twins[1].number = 3;
     twins[1].first = 3;
     tl_heartbeats_set_ready(&twins[1].beats);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(0, view.figures.twin_failures);
     TEST_ASSERT_TRUE(view.figures.twin_alive);
 }
@@ -343,14 +343,14 @@ static void test_failures_are_those_of_the_configuration(void) {
 /* The reason may contain the name of an FMU, so control characters are escaped. */
 static void test_why_the_twin_has_failed(void) {
     char failure[TL_HANDOVER_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("", view.figures.failure);
     tl_latest_publish(&handover_block.failure, failure, sizeof failure);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("it hung, in fmi2DoStep of mo\\x1Btor", view.figures.failure);
     memset(failure, 'x', sizeof failure); /* not terminated */
     tl_latest_publish(&handover_block.failure, failure, sizeof failure);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_size_t(TL_RUN_FAILURE - 1, strlen(view.figures.failure));
 }
 
@@ -359,18 +359,18 @@ static void test_measurements(void) {
     static tl_run_status figures;
     figures = (tl_run_status){.steps = 50, .plant_is_shut = true, .outputs = 2, .output = {{.pairs = 7}, {.pairs = 4}}};
     publish(0, &figures);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
     TEST_ASSERT_TRUE(view.figures.plant_is_shut);
     figures.outputs = 0; /* it matches no output */
     figures.plant_is_shut = false;
     publish(0, &figures);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(50, view.figures.pairs);
     TEST_ASSERT_FALSE(view.figures.plant_is_shut);
     figures.outputs = UINT32_MAX; /* an impossible number */
     publish(0, &figures);
-    functions.look(functions.context, &view);
+    functions.read_view(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
 }
 

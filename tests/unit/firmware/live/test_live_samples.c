@@ -35,7 +35,7 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-static void live_request(uint32_t number, int64_t from) {
+static void request_samples(uint32_t number, int64_t from) {
     live_status.resumed_from = from;
     live_status.resume = tl_live_request_of(7, number);
 }
@@ -48,18 +48,18 @@ static tl_status read_past(void) {
 static void test_one_wish_after_the_other(void) {
     tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(0, answer.live_request);
-    live_request(1, 40);
+    request_samples(1, 40);
     tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
-    live_request(2, NEWEST);
+    request_samples(2, NEWEST);
     tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
-    live_request(3, NEWEST + 1);
+    request_samples(3, NEWEST + 1);
     tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
@@ -68,7 +68,7 @@ static void test_one_wish_after_the_other(void) {
 
 /* Each request is answered once. */
 static void test_a_wish_that_was_answered(void) {
-    live_request(1, 40);
+    request_samples(1, 40);
     tl_live_samples_answer(&wishes, run.path);
     answer.size = 1;
     tl_live_samples_answer(&wishes, run.path);
@@ -77,7 +77,7 @@ static void test_a_wish_that_was_answered(void) {
 
 /* After the shadow has begun, the memory is freed and further requests are ignored. */
 static void test_nobody_wants_any_more(void) {
-    live_request(1, 40);
+    request_samples(1, 40);
     tl_live_samples_answer(&wishes, run.path);
     live_status.begun = 1;
     tl_live_samples_answer(&wishes, run.path);
@@ -85,13 +85,13 @@ static void test_nobody_wants_any_more(void) {
     for (size_t i = 0; i < ROOM; i++) {
         TEST_ASSERT_EQUAL_UINT8(0, bytes[i]);
     }
-    live_request(2, 40);
+    request_samples(2, 40);
     tl_live_samples_answer(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(tl_live_request_of(7, 1), answer.live_request);
 }
 
 static void test_a_database_that_is_none(void) {
-    live_request(1, 40);
+    request_samples(1, 40);
     tl_live_samples_answer(&wishes, "/nowhere/run.db");
     TEST_ASSERT_EQUAL_UINT64(live_status.resume, answer.live_request);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);

@@ -245,7 +245,7 @@ static void test_damage_of_another_member(void) {
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1500));
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
     TL_EXPECT_PARTS("plant|memory", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 static void end_after_the_second(bool ends, tl_orders *orders) {
@@ -266,7 +266,7 @@ static void test_damage_alone(void) {
     stage->damaged[TL_MEMBER_TWIN] = in_future();
     tl_stage_expect_code("w", 70);
     TL_EXPECT_PARTS("twin|memory", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 /* ---- failed starts ---- */

@@ -27,7 +27,7 @@ static void test_alone_a_failure_is_the_end(void) {
     stage->settings.unsupervised = true;
     tl_stage_expect_code("c", 70);
     TL_EXPECT_PARTS("twin|11|Segmentation fault|fmi2DoStep|motor", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 static void test_alone_a_failure_that_the_twin_logs_is_not_logged_again(void) {
@@ -45,7 +45,7 @@ static void test_alone_long_silence_is_the_end(void) {
     tl_stage_expect_code("f", 70);
     TL_EXPECT_PARTS("twin|\"cycle\"|fmi2DoStep|motor", stage->event);
     tl_test_expect_seconds(2, stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 static tl_time held_at, let_go_at;

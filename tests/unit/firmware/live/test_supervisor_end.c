@@ -82,7 +82,7 @@ static void test_told_to_end_and_deaf(void) {
     TEST_ASSERT_EQUAL_INT(75, tl_stage_signal("b", SIGTERM, 200, 300));
     TEST_ASSERT_EQUAL_INT(1, stage->starts);
     TL_EXPECT_PARTS("twin|6 s|fmi2DoStep|motor", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
     tl_stage_empty();
     tl_stage_expect_code("0", 0);
     expect_orderly_reason(stage->reason[0]);
@@ -113,7 +113,7 @@ static void test_recorders_that_cannot_keep_all(void) {
     TEST_ASSERT_EQUAL_INT(75, hurry("w"));
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
     TL_EXPECT_PARTS("recorder|2 s|fmi2DoStep|motor", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 /* The kernel has no free process; the end does not wait for one. */

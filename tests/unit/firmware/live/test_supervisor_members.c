@@ -28,7 +28,7 @@ static void test_all_end_in_order(void) {
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].order);
     TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
-    TEST_ASSERT_EQUAL_INT(3, stage->was_reported);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends_reported);
 }
 
 static void test_the_others_end_with_the_twin(void) {
@@ -45,7 +45,7 @@ static void test_they_are_always_restarted(void) {
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 9000));
     TEST_ASSERT_EQUAL_INT(7, stage->parts[TL_MEMBER_RECORDER].starts);
     TL_EXPECT_PARTS("recorder|5|11|Segmentation fault", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 static void test_a_member_that_never_starts_ends_all(void) {
@@ -60,7 +60,7 @@ static void test_a_recorder_that_hangs_at_the_end_is_restarted(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_expect_code("0", 0);
     TL_EXPECT_PARTS("recorder|6 s|fmi2DoStep|motor", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
     TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* after all others */
 }
@@ -94,7 +94,7 @@ static void test_a_recorder_that_crashes_when_it_is_replaced(void) {
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1200));
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
     TL_EXPECT_PARTS("recorder|11|Segmentation fault", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 static void change_it_in_the_end(bool ends, tl_orders *orders) {
@@ -181,7 +181,7 @@ static void test_a_config_manager_that_fails_and_one_that_finishes(void) {
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_CONFIG_MANAGER].starts);
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_CONFIG_MANAGER].order);
     TL_EXPECT_PARTS("11|Segmentation fault", stage->event);
-    tl_stage_expect_told(stage->event);
+    tl_stage_expect_report(stage->event);
 }
 
 int main(void) {

@@ -51,7 +51,7 @@ static void test_nobody_waits_for_the_service_manager(void) {
     (void)unlink(notify_path);
 }
 
-static bool hears(int socket_, const char *wanted) {
+static bool receives(int socket_, const char *wanted) {
     char text[TL_HEARTBEAT_STATUS] = "";
     for (int i = 0; i < 500; i++) {
         ssize_t size = recv(socket_, text, sizeof text - 1, 0);
@@ -72,9 +72,9 @@ static void test_ready_is_told_until_it_is_heard(void) {
     pid_t manager = fork();
     if (manager == 0) {
         tl_stage_pause_ms(500);
-        bool heard = hears(socket_, "READY=1");
+        bool received = receives(socket_, "READY=1");
         (void)kill(self, SIGTERM);
-        _exit(heard ? 0 : 1);
+        _exit(received ? 0 : 1);
     }
     tl_stage_expect_code("w", 0);
     int how = 1;
@@ -103,16 +103,16 @@ static void test_strokes_go_on_until_all_have_ended(void) {
     pid_t self = getpid();
     pid_t manager = fork();
     if (manager == 0) {
-        bool heard = hears(socket_, "READY=1");
+        bool received = receives(socket_, "READY=1");
         for (int i = 0; i < 1000 && !tl_stage_is_ready(TL_MEMBER_CONFIG_MANAGER); i++) {
-            tl_stage_pause_ms(hears(socket_, "WATCHDOG=1") ? 0 : 10);
+            tl_stage_pause_ms(receives(socket_, "WATCHDOG=1") ? 0 : 10);
         }
         (void)kill(self, SIGTERM);
-        heard = heard && hears(socket_, "STOPPING=1");
+        received = received && receives(socket_, "STOPPING=1");
         for (int i = 0; i < 8; i++) { /* 20 keepalives are due in 2 s */
-            heard = heard && hears(socket_, "WATCHDOG=1");
+            received = received && receives(socket_, "WATCHDOG=1");
         }
-        _exit(heard ? 0 : 1);
+        _exit(received ? 0 : 1);
     }
     tl_stage_expect_code("w", 0);
     int how = 1;

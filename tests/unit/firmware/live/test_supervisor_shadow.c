@@ -43,7 +43,7 @@ static void test_a_shadow_is_there_on_order(void) {
     TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "w", 700, order_for_a_while));
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].starts);
     TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].order);
-    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].was_reported);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].ends_reported);
     TEST_ASSERT_EQUAL_INT(1, stage->starts);
     tl_stage_expect_silence();
 }

@@ -440,24 +440,24 @@ static struct {
     size_t count;
     size_t signal[16];
     tl_reading reading[16];
-} heard;
+} received;
 
 static void on_event(void *context, size_t signal, const tl_reading *reading) {
-    TEST_ASSERT_EQUAL_PTR(&heard, context);
-    if (heard.count < sizeof heard.signal / sizeof heard.signal[0]) {
-        heard.signal[heard.count] = signal;
-        heard.reading[heard.count] = *reading;
+    TEST_ASSERT_EQUAL_PTR(&received, context);
+    if (received.count < sizeof received.signal / sizeof received.signal[0]) {
+        received.signal[received.count] = signal;
+        received.reading[received.count] = *reading;
     }
-    heard.count++;
+    received.count++;
 }
 
 static size_t hear_all(void) {
-    memset(&heard, 0, sizeof heard);
+    memset(&received, 0, sizeof received);
     open_recording();
-    tl_recording_listen(recording, on_event, &heard);
+    tl_recording_listen(recording, on_event, &received);
     while (next()) {
     }
-    return heard.count;
+    return received.count;
 }
 
 /* All rows, also several between two ticks. Not-a-number is reported; ranges are not checked. */
@@ -467,10 +467,10 @@ static void test_each_row_is_heard_once(void) {
     write_csv("time,speed,torque,door\n0,1,,\n0.002,2,,\n0.004,3,,\n0.006,n/a,,\n0.02,5,,\n");
     TEST_ASSERT_EQUAL_size_t(5, hear_all());
     for (size_t i = 0; i < 5; i++) {
-        TEST_ASSERT_EQUAL_size_t(1, heard.signal[i]);
-        TEST_ASSERT_EQUAL_INT(i == 3 ? TL_NOT_A_NUMBER : TL_GOOD, heard.reading[i].quality);
-        TEST_ASSERT_TRUE(i == 3 || heard.reading[i].value == speeds[i]);
-        TEST_ASSERT_EQUAL_INT64(tl_time_of_seconds(times[i]), heard.reading[i].stamp);
+        TEST_ASSERT_EQUAL_size_t(1, received.signal[i]);
+        TEST_ASSERT_EQUAL_INT(i == 3 ? TL_NOT_A_NUMBER : TL_GOOD, received.reading[i].quality);
+        TEST_ASSERT_TRUE(i == 3 || received.reading[i].value == speeds[i]);
+        TEST_ASSERT_EQUAL_INT64(tl_time_of_seconds(times[i]), received.reading[i].stamp);
     }
 }
 
@@ -483,20 +483,20 @@ static void test_a_run_is_heard(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end", NULL, &error));
     (void)hear_all();
     size_t good = 0;
-    for (size_t i = 0; i < heard.count && i < 16; i++) {
+    for (size_t i = 0; i < received.count && i < 16; i++) {
         tl_sample sample;
         int64_t seen = 0;
         for (; seen < 4; seen++) {
             tl_made_sample(seen, &sample);
-            if (sample.stamps[heard.signal[i]] == heard.reading[i].stamp) {
+            if (sample.stamps[received.signal[i]] == received.reading[i].stamp) {
                 break;
             }
         }
         TEST_ASSERT_TRUE(seen < 4);
-        TEST_ASSERT_EQUAL_INT(sample.quality[heard.signal[i]], heard.reading[i].quality);
-        good += heard.reading[i].quality == TL_GOOD ? 1 : 0;
+        TEST_ASSERT_EQUAL_INT(sample.quality[received.signal[i]], received.reading[i].quality);
+        good += received.reading[i].quality == TL_GOOD ? 1 : 0;
     }
-    TEST_ASSERT_TRUE(good > 3 && heard.count <= 12);
+    TEST_ASSERT_TRUE(good > 3 && received.count <= 12);
 }
 
 int main(void) {

@@ -145,12 +145,12 @@ static void test_killed_at_any_instruction(void) {
         look(&random);
         look_at_what_is_left();
     }
-    char was_reported[128];
-    (void)snprintf(was_reported, sizeof was_reported,
+    char message[128];
+    (void)snprintf(message, sizeof message,
                    "of %d kills %u left a slot odd, %u a post that was not counted; %lld posts", kills, left_odd,
                    left_uncounted, (long long)newest);
-    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, was_reported); /* otherwise the test was not effective */
-    TEST_MESSAGE(was_reported);
+    TEST_ASSERT_TRUE_MESSAGE(left_odd > 0, message); /* otherwise the test was not effective */
+    TEST_MESSAGE(message);
 }
 
 int main(void) {

@@ -111,13 +111,13 @@ static void drive(tl_channel *channel, uint32_t count, uint32_t wanted) {
     uint32_t sent = 0;
     uint32_t received = 0;
     bool steps = false;
-    bool was_reported = false;
+    bool has_sent_end = false;
     while (type != TL_MESSAGE_ENDED) {
         while (steps && sent < count && send_one(channel, TL_MESSAGE_TICK, TICK, sent)) {
             sent++;
             tl_channel_push(channel);
         }
-        was_reported = was_reported || (received == count && tl_channel_offer(channel, TL_MESSAGE_END, NULL));
+        has_sent_end = has_sent_end || (received == count && tl_channel_offer(channel, TL_MESSAGE_END, NULL));
         uint32_t taken = 0;
         while (tl_channel_take(channel, &type, payload) == TL_CHANNEL_SOMETHING) {
             taken++;

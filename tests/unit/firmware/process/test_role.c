@@ -26,7 +26,7 @@ static int gate[2];   /* the child ends when we close our end */
 
 static int inherited; /* a value that only a forked child has */
 
-static void tell_descriptors(FILE *out) {
+static void print_descriptors(FILE *out) {
     (void)fprintf(out, "open:");
     for (int i = 0; i < OPEN_LOOK; i++) {
         if (fcntl(i, F_GETFD) >= 0) {
@@ -36,7 +36,7 @@ static void tell_descriptors(FILE *out) {
     (void)fprintf(out, "\n");
 }
 
-static void tell_signals(FILE *out) {
+static void print_signals(FILE *out) {
     struct sigaction now;
     sigset_t mask;
     int blocked = 0;
@@ -53,7 +53,7 @@ static void tell_signals(FILE *out) {
 }
 
 /* Prints the title as ps shows it, after a change. */
-static void tell_own_title(FILE *out) {
+static void print_own_title(FILE *out) {
     char words[256] = "";
     tl_role_entitle("shadow [motor], which is too long for it");
     FILE *file = fopen("/proc/self/cmdline", "r");
@@ -80,13 +80,13 @@ static int be_role(const char *title, void *context) {
     }
     (void)prctl(PR_GET_PDEATHSIG, &death);
     (void)fprintf(out, "title: %s, inherited: %d\n", title, inherited);
-    tell_descriptors(out);
-    tell_signals(out);
+    print_descriptors(out);
+    print_signals(out);
     (void)fprintf(out, "leads its session: %s, death: %d, ", getsid(0) == getpid() ? "yes" : "no", death);
     (void)fprintf(out, "TMPDIR: %s, TL_TEST_A: %s, TL_TEST_B: %s\n", getenv("TMPDIR"), getenv("TL_TEST_A"),
                   getenv("TL_TEST_B"));
     if (title[strlen(title) - 1] == ' ') {
-        tell_own_title(out);
+        print_own_title(out);
     }
     (void)fflush(out);
     (void)!read(GATE, &byte, 1);

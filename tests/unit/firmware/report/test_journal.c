@@ -52,23 +52,23 @@ static void test_events_are_logged_in_order(void) {
     expect_drained("");
 }
 
-static void count_heard(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    size_t *heard = context;
+static void count_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    size_t *event_count = context;
     TEST_ASSERT_TRUE(tick != 7 && severity != TL_EVENT_WARNING && source != NULL && text != NULL);
-    (*heard)++;
+    (*event_count)++;
 }
 
 /* Events of a shadow go only to the log, and are marked there. */
 static void test_events_of_a_shadow(void) {
-    size_t heard = 0;
-    tl_journal_listen(&journal, count_heard, &heard);
+    size_t event_count = 0;
+    tl_journal_listen(&journal, count_event, &event_count);
     tl_journal_event(&journal, 6, TL_EVENT_INFO, "cycle", "before");
     tl_journal_set_apart(&journal, true);
     TEST_ASSERT_TRUE(tl_journal_is_apart(&journal));
     tl_journal_event(&journal, 7, TL_EVENT_WARNING, "cycle", "meanwhile");
     tl_journal_set_apart(&journal, false);
     tl_journal_event(&journal, 8, TL_EVENT_INFO, "cycle", "after");
-    TEST_ASSERT_EQUAL_size_t(2, heard);
+    TEST_ASSERT_EQUAL_size_t(2, event_count);
     expect_drained("twinlock: notice: cycle: before\n"
                    "twinlock: warning: shadow: cycle: meanwhile\n"
                    "twinlock: notice: cycle: after\n");

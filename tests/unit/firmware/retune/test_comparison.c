@@ -14,13 +14,13 @@ static tl_run_status before;
 static struct { tl_run_status work, beside; } now;
 static tl_comparison comparison;
 static char why[TL_COMPARISON_TEXT];
-static char was_reported[LINES][TL_COMPARISON_TEXT];
+static char line[LINES][TL_COMPARISON_TEXT];
 static size_t lines;
 
 static void on_event(void *context, const char *text) {
     (void)context;
     TEST_ASSERT_LESS_THAN_size_t(LINES, lines);
-    (void)snprintf(was_reported[lines++], TL_COMPARISON_TEXT, "%s", text);
+    (void)snprintf(line[lines++], TL_COMPARISON_TEXT, "%s", text);
 }
 
 static void set_output(tl_run_status *work, size_t index, const char *name, uint64_t pairs, double sum) {
@@ -80,14 +80,14 @@ static void test_text(void) {
     tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_report(&comparison, on_event, NULL);
     TEST_ASSERT_EQUAL_size_t(5, lines);
-    TL_EXPECT_PARTS("motor.omega|2 rad/s|1 rad/s", was_reported[0]);
-    expect_order("2 rad/s", "1 rad/s", was_reported[0]);
-    TL_EXPECT_PARTS("motor.i|good|matched", was_reported[1]);
-    expect_order("good", "matched", was_reported[1]);
-    TL_EXPECT_PARTS("motor.T|matched|2 rad/s", was_reported[2]);
-    expect_order("matched", "2 rad/s", was_reported[2]);
-    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|2 deadlines|100 %", was_reported[3]);
-    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|3|0 deadlines|100 %", was_reported[4]);
+    TL_EXPECT_PARTS("motor.omega|2 rad/s|1 rad/s", line[0]);
+    expect_order("2 rad/s", "1 rad/s", line[0]);
+    TL_EXPECT_PARTS("motor.i|good|matched", line[1]);
+    expect_order("good", "matched", line[1]);
+    TL_EXPECT_PARTS("motor.T|matched|2 rad/s", line[2]);
+    expect_order("matched", "2 rad/s", line[2]);
+    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|2 deadlines|100 %", line[3]);
+    TL_EXPECT_PARTS("5 evaluations|20 executions|2 ms|1000 steps|3|0 deadlines|100 %", line[4]);
 }
 
 static void test_impossible_values(void) {
@@ -101,8 +101,8 @@ static void test_impossible_values(void) {
     tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_report(&comparison, on_event, NULL);
     TEST_ASSERT_EQUAL_size_t(4, lines);
-    TL_EXPECT_PARTS("motor.omega|good|-", was_reported[0]);
-    TEST_ASSERT_NULL(strstr(was_reported[0], "rad/s"));
+    TL_EXPECT_PARTS("motor.omega|good|-", line[0]);
+    TEST_ASSERT_NULL(strstr(line[0], "rad/s"));
 }
 
 static void test_a_good_one(void) {
@@ -195,7 +195,7 @@ static void test_another_twin_of_the_run(void) {
     now.beside = (tl_run_status){.ticks = 500, .steps = 500, .lock.steps[TL_LOCK_LOCKED] = 500};
     tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_report(&comparison, on_event, NULL);
-    TL_EXPECT_PARTS("500 steps", was_reported[1]);
+    TL_EXPECT_PARTS("500 steps", line[1]);
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_evaluate(&comparison, 95.0, why));
 }
 
@@ -204,8 +204,8 @@ static void test_a_lock_that_was_not_judged(void) {
     memset(&now.work.lock, 0, sizeof now.work.lock);
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     tl_comparison_report(&comparison, on_event, NULL);
-    TL_EXPECT_PARTS("0 deadlines|lock", was_reported[2]);
-    TL_EXPECT_PARTS("lock|probation", was_reported[3]);
+    TL_EXPECT_PARTS("0 deadlines|lock", line[2]);
+    TL_EXPECT_PARTS("lock|probation", line[3]);
 }
 
 /* Sets how many of 100 steps are in lock, lost, or without a good signal. */
@@ -222,7 +222,7 @@ static void test_a_plant_that_was_gone(void) {
     set_lock(1, 3, 96);
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     tl_comparison_report(&comparison, on_event, NULL);
-    TL_EXPECT_PARTS("signal|96 %|lock", was_reported[3]);
+    TL_EXPECT_PARTS("signal|96 %|lock", line[3]);
     set_lock(0, 49, 51);
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, lock_monitor());
     set_lock(0, 50, 50);

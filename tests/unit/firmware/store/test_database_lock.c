@@ -42,7 +42,7 @@ static void one_at_a_time(void) {
 }
 
 /* The owner takes the lock, forks, sends its child's process number, and is killed. */
-static void own_and_die(int was_reported) {
+static void own_and_die(int own_pipe) {
     tl_database_lock lock = {.path = ""};
     if (tl_database_lock_take(path, TL_SECOND / 5, &lock, &error) == TL_OK) {
         pid_t stray = fork();
@@ -50,7 +50,7 @@ static void own_and_die(int was_reported) {
             (void)pause();
             _exit(0);
         }
-        if (write(was_reported, &stray, sizeof stray) == (ssize_t)sizeof stray) {
+        if (write(own_pipe, &stray, sizeof stray) == (ssize_t)sizeof stray) {
             (void)raise(SIGKILL);
         }
     }
@@ -58,24 +58,24 @@ static void own_and_die(int was_reported) {
 }
 
 static void a_child_of_a_dead_owner_holds_no_lock(void) {
-    int was_reported[2];
+    int own_pipe[2];
     int how = 0;
     pid_t stray = 0;
     tl_database_lock lock = {.path = ""};
-    TEST_ASSERT_EQUAL_INT(0, pipe(was_reported));
+    TEST_ASSERT_EQUAL_INT(0, pipe(own_pipe));
     pid_t owner = fork();
     if (owner == 0) {
-        own_and_die(was_reported[1]);
+        own_and_die(own_pipe[1]);
     }
     TEST_ASSERT_EQUAL_INT(owner, waitpid(owner, &how, 0));
     TEST_ASSERT_TRUE(WIFSIGNALED(how));
-    TEST_ASSERT_EQUAL_INT(sizeof stray, read(was_reported[0], &stray, sizeof stray));
+    TEST_ASSERT_EQUAL_INT(sizeof stray, read(own_pipe[0], &stray, sizeof stray));
     tl_status status = tl_database_lock_take(path, TL_SECOND / 5, &lock, &error);
     TEST_ASSERT_EQUAL_INT(0, kill(stray, SIGKILL));
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
     tl_database_lock_release(&lock);
-    (void)close(was_reported[0]);
-    (void)close(was_reported[1]);
+    (void)close(own_pipe[0]);
+    (void)close(own_pipe[1]);
 }
 
 /* If an owner's lock file was removed, the owner does not remove the lock file of the next

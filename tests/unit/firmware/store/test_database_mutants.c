@@ -148,13 +148,13 @@ static tl_status replay(void) {
     return status;
 }
 
-static void tell(void *context, tl_severity severity, const char *text) {
+static void on_event(void *context, tl_severity severity, const char *text) {
     (void)context;
     tl_record_queue_event(&box.queue, -1, severity, "resume", text);
 }
 
 static tl_resume_outcome try_past(const tl_resume *found, tl_summary *summary) {
-    const tl_resume_follow_settings following = {.assembly = &assembly, .queue = &box.queue, .tell = tell};
+    const tl_resume_follow_settings following = {.assembly = &assembly, .queue = &box.queue, .report = on_event};
     tl_resume resume;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     void *image = malloc(tl_resume_size(found));
@@ -181,7 +181,7 @@ static void restart(tl_summary *summary) {
         .fmus = recorded.fmus,
         .boot = recorded.boot,
         .components = tl_twin_get_facts(assembly.twin).components,
-        .tell = tell,
+        .report = on_event,
     };
     tl_resume_history *history = tl_resume_history_open(&settings);
     const tl_resume *found = NULL;

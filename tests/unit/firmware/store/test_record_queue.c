@@ -987,10 +987,10 @@ static void unused_memory_cannot_be_accessed(void) {
 
 /* ---- threads ---- */
 
-static int64_t was_reported[TELLERS];
+static int64_t newest[TELLERS];
 
-static void *tell(void *context) {
-    int64_t teller = (int64_t *)context - was_reported;
+static void *put_events(void *context) {
+    int64_t teller = (int64_t *)context - newest;
     char text[TL_EVENT_TEXT];
     memset(text, 'a' + (int)teller, sizeof text - 1);
     text[sizeof text - 1] = '\0';
@@ -1063,7 +1063,7 @@ static void threads_put_and_one_reads(void) {
     uint64_t events = 0;
     for (int i = 0; i < TELLERS; i++) {
         last[i] = -1;
-        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, &was_reported[i]));
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, put_events, &newest[i]));
     }
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[TELLERS], NULL, put_story, NULL));
     while (next < STORY) {

@@ -199,7 +199,7 @@ static void put_step(int64_t step) {
 }
 
 /* Puts events. Each one has the number of the process, the thread and the event. */
-static void *tell(void *context) {
+static void *put_events(void *context) {
     char text[TL_EVENT_TEXT];
     const char *source = context;
     for (int64_t number = 0;; number++) {
@@ -218,7 +218,7 @@ static void start_tellers(void) {
     static char sources[TELLERS][2] = {"0", "1"};
     pthread_t thread;
     for (int i = 0; i < TELLERS; i++) {
-        demand(pthread_create(&thread, NULL, tell, sources[i]) == 0, REFUSED);
+        demand(pthread_create(&thread, NULL, put_events, sources[i]) == 0, REFUSED);
     }
 }
 
@@ -267,7 +267,7 @@ static int64_t newest_checkpoint;
 static uint64_t events;
 static uint64_t skipped;
 static uint64_t checkpoints;
-static int64_t was_reported[TELLERS]; /* process · 10⁹ + number of the newest event */
+static int64_t newest_event[TELLERS]; /* process · 10⁹ + number of the newest event */
 
 static void take_entries(void) {
     uint64_t position = taken->ring;
@@ -281,7 +281,7 @@ static void take_entries(void) {
 
 static void check_event(const tl_recorder_event_entry *event) {
     char right[TL_EVENT_TEXT];
-    int64_t *last = &was_reported[event->source[0] == '1'];
+    int64_t *last = &newest_event[event->source[0] == '1'];
     memset(right, 'A' + (int)(event->tick % 1000000000 % 50), sizeof right);
     right[sizeof right - 1] = '\0';
     TEST_ASSERT_EQUAL_STRING(right, event->text);
@@ -369,7 +369,7 @@ static size_t usual_lives(void) {
 static void begin(void) {
     at = (progress){.sample = -1, .step = -1};
     newest_checkpoint = life = noted->life = -1;
-    memset(was_reported, 0xFF, sizeof was_reported);
+    memset(newest_event, 0xFF, sizeof newest_event);
     tl_record_queue_reader_open(&settings, readable.bytes, &reader);
     tl_record_queue_open(&settings, block.bytes, taken, &queue);
     TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT));

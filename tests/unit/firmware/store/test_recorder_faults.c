@@ -382,7 +382,7 @@ static void test_a_locked_database_cannot_be_opened(void) {
 
 /* ---- Many threads ---- */
 
-static void *tell(void *context) {
+static void *put_events(void *context) {
     for (int i = 0; i < EVENTS_EACH; i++) {
         tl_recorder_event(bench.recorder, i, TL_EVENT_INFO, "thread", context);
         if (i % 50 == 0) {
@@ -397,7 +397,7 @@ static void test_events_of_many_threads(void) {
     pthread_t threads[THREADS];
     open_recorder();
     for (int i = 0; i < THREADS; i++) {
-        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, names[i]));
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, put_events, names[i]));
     }
     for (int64_t tick = 0; tick < 2000; tick += 20) {
         tl_made_put(bench.recorder, tick, 20);
@@ -431,11 +431,11 @@ static int write_forever(const char *where) {
         (void)fprintf(stderr, "%s\n", bench.error.text);
         return EXIT_FAILURE;
     }
-    uint64_t was_reported = 0;
+    uint64_t report_count = 0;
     for (int64_t tick = 0;; tick += 10) {
         tl_made_put(bench.recorder, tick, 10);
         tl_recorder_event(bench.recorder, tick, TL_EVENT_INFO, "cycle", "ten ticks");
-        for (; was_reported < tl_recorder_get_counts(bench.recorder).written / WRITTEN_AT_ONCE; was_reported++) {
+        for (; report_count < tl_recorder_get_counts(bench.recorder).written / WRITTEN_AT_ONCE; report_count++) {
             if (write(STDOUT_FILENO, "", 1) != 1) {
                 return EXIT_FAILURE;
             }
@@ -447,7 +447,7 @@ static int write_forever(const char *where) {
 static void write_and_kill(uint32_t times, uint32_t microseconds) {
     pid_t child = 0;
     int status = 0;
-    int was_reported[2];
+    int output_pipe[2];
     char byte = 0;
     posix_spawn_file_actions_t actions;
     char self[PATH_MAX] = "";
@@ -455,20 +455,20 @@ static void write_and_kill(uint32_t times, uint32_t microseconds) {
     char *arguments[] = {self, self, option, bench.path, NULL};
     const char *emulator = getenv("TL_EMULATOR"); /* runs programs for another machine */
     TEST_ASSERT_TRUE(readlink("/proc/self/exe", self, sizeof self - 1) > 0);
-    TEST_ASSERT_EQUAL_INT(0, pipe2(was_reported, O_CLOEXEC));
+    TEST_ASSERT_EQUAL_INT(0, pipe2(output_pipe, O_CLOEXEC));
     (void)posix_spawn_file_actions_init(&actions);
-    (void)posix_spawn_file_actions_adddup2(&actions, was_reported[1], STDOUT_FILENO);
+    (void)posix_spawn_file_actions_adddup2(&actions, output_pipe[1], STDOUT_FILENO);
     TEST_ASSERT_EQUAL_INT(0, emulator == NULL ? posix_spawn(&child, self, &actions, NULL, arguments + 1, environ)
                                               : posix_spawn(&child, emulator, &actions, NULL, arguments, environ));
     (void)posix_spawn_file_actions_destroy(&actions);
-    (void)close(was_reported[1]);
+    (void)close(output_pipe[1]);
     for (uint32_t i = 0; i < times; i++) {
-        TEST_ASSERT_EQUAL_INT(1, read(was_reported[0], &byte, 1));
+        TEST_ASSERT_EQUAL_INT(1, read(output_pipe[0], &byte, 1));
     }
     usleep(microseconds);
     TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
-    (void)close(was_reported[0]);
+    (void)close(output_pipe[0]);
     TEST_ASSERT_TRUE(WIFSIGNALED(status)); /* was killed, did not exit */
 }
 

@@ -43,7 +43,7 @@ static char database[PATH_MAX];
 static tl_realtime_missing missing;
 static tl_live_tuning tuning;
 static tl_live_tuning_answer answer;
-static tl_live_tuning_head was_reported;
+static tl_live_tuning_head written;
 static tl_recorder_known known;
 
 /* ---- a slow FMU ---- */
@@ -78,11 +78,11 @@ void setUp(void) {
     memset(&missing, 0, sizeof missing);
     memset(&tuning, 0, sizeof tuning);
     memset(&answer, 0, sizeof answer);
-    memset(&was_reported, 0, sizeof was_reported);
-    tl_sha256(OTHER, strlen(OTHER), was_reported.hash);
-    was_reported.size = (uint32_t)strlen(OTHER);
+    memset(&written, 0, sizeof written);
+    tl_sha256(OTHER, strlen(OTHER), written.hash);
+    written.size = (uint32_t)strlen(OTHER);
     known = (tl_recorder_known){
-        .number = 2, .hash = was_reported.hash, .text = OTHER, .who = "ann", .origin = "test", .why = "it was wrong"};
+        .number = 2, .hash = written.hash, .text = OTHER, .who = "ann", .origin = "test", .why = "it was wrong"};
     slow_call = 0;
     reset_call = 0;
     checkpoint_bytes = 0;
@@ -324,22 +324,22 @@ static void test_a_reset_of_the_fmus(void) {
 /* The tolerance is so wide that no step is searched, until another tuning comes. */
 static void begin_wide(tl_time step, tl_pairing measurements) {
     make_twin(step, 0, measurements);
-    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
-    was_reported.tuning.match[0].tolerance = 100.0;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&twin.assembly, &was_reported.tuning, &error), error.text);
+    tl_config_tuning(&twin.assembly.config, &written.tuning);
+    written.tuning.match[0].tolerance = 100.0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&twin.assembly, &written.tuning, &error), error.text);
     start();
     watch(20);
-    was_reported.tuning.match[0].tolerance = 0.5;
-    was_reported.tuning.time = step / 2;
+    written.tuning.match[0].tolerance = 0.5;
+    written.tuning.time = step / 2;
 }
 
-static void tell(uint32_t number) {
-    TEST_ASSERT_EQUAL_UINT32(number, tl_live_tuning_write(&tuning, &was_reported, OTHER));
+static void request_tuning(uint32_t number) {
+    TEST_ASSERT_EQUAL_UINT32(number, tl_live_tuning_write(&tuning, &written, OTHER));
 }
 
-static void wait_for_answer(uint32_t number, tl_live_tuning_answer *heard) {
+static void wait_for_answer(uint32_t number, tl_live_tuning_answer *received) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
-    while (!tl_live_tuning_answered(&answer, number, heard)) {
+    while (!tl_live_tuning_answered(&answer, number, received)) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not answer");
         tl_clock_sleep_until(tl_clock_now(NULL) + MILLISECOND / 5);
     }
@@ -354,31 +354,31 @@ static double recorded(const char *what, const char *compared, int64_t number) {
 
 /* From one tick on, twin, lock monitor and budget have the new tuning. */
 static void retune_in_mode(tl_pairing measurements) {
-    tl_live_tuning_answer heard;
+    tl_live_tuning_answer received;
     begin_wide(2 * MILLISECOND, measurements);
-    tell(2);
-    wait_for_answer(2, &heard);
+    request_tuning(2);
+    wait_for_answer(2, &received);
     watch(shown.ticks + 20);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     int64_t lead = measurements == TL_AHEAD ? 0 : 1;
-    TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
-    TEST_ASSERT_TRUE(heard.tick >= 20);
+    TEST_ASSERT_EQUAL_UINT32(0, received.refused);
+    TEST_ASSERT_TRUE(received.tick >= 20);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, twin.assembly.config.match[0].tolerance);
     TEST_ASSERT_EQUAL_INT64(MILLISECOND, twin.assembly.config.budget_time);
-    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, "SELECT tick FROM tunings"));
+    TEST_ASSERT_EQUAL_INT64(received.tick, tl_sql_integer(database, "SELECT tick FROM tunings"));
     TEST_ASSERT_EQUAL_STRING("ann|test|it was wrong",
                              tl_sql_text(database, "SELECT who || '|' || origin || '|' || why FROM tunings"));
     TEST_ASSERT_EQUAL_STRING(OTHER, tl_sql_text(database, "SELECT text FROM tunings JOIN configurations ON hash = "
                                                           "configuration"));
     char sql[128];
     (void)snprintf(sql, sizeof sql, "SELECT tick FROM events WHERE source = 'retune' AND text LIKE '%%%.12s%%'",
-                   was_reported.hash);
-    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, sql));
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", heard.tick));
+                   written.hash);
+    TEST_ASSERT_EQUAL_INT64(received.tick, tl_sql_integer(database, sql));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", received.tick));
     /* An error of 5 is 0.05 of the wide tolerance, and ten of the other one.
      * So u is nominal before the tick, also if ticks were missed, and searched after it. */
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(applied)) FROM adjustments WHERE step", "<", heard.tick - lead));
-    TEST_ASSERT_TRUE(recorded("max(abs(applied)) FROM adjustments WHERE step", ">=", heard.tick - lead) > 0.5);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(applied)) FROM adjustments WHERE step", "<", received.tick - lead));
+    TEST_ASSERT_TRUE(recorded("max(abs(applied)) FROM adjustments WHERE step", ">=", received.tick - lead) > 0.5);
 }
 
 static void test_another_tuning_in_mode_lag(void) {
@@ -391,18 +391,18 @@ static void test_another_tuning_in_mode_ahead(void) {
 
 /* An invalid or unsuitable tuning changes nothing, and is reported. */
 static void test_a_tuning_that_is_rejected(void) {
-    tl_live_tuning_answer heard;
+    tl_live_tuning_answer received;
     begin_wide(2 * MILLISECOND, TL_LAG);
-    was_reported.tuning.evaluations = 61;
-    tell(2);
-    wait_for_answer(2, &heard);
-    TEST_ASSERT_EQUAL_UINT32(1, heard.refused);
-    TL_EXPECT_PARTS("61|60", heard.why);
-    was_reported.tuning.evaluations = 60;
-    was_reported.hash[0] = 'x';
-    tell(4);
-    wait_for_answer(4, &heard);
-    TL_EXPECT_PARTS("hash", heard.why);
+    written.tuning.evaluations = 61;
+    request_tuning(2);
+    wait_for_answer(2, &received);
+    TEST_ASSERT_EQUAL_UINT32(1, received.refused);
+    TL_EXPECT_PARTS("61|60", received.why);
+    written.tuning.evaluations = 60;
+    written.hash[0] = 'x';
+    request_tuning(4);
+    wait_for_answer(4, &received);
+    TL_EXPECT_PARTS("hash", received.why);
     watch(shown.ticks + 5);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_DOUBLE(100.0, twin.assembly.config.match[0].tolerance);
@@ -415,14 +415,14 @@ static void test_a_tuning_that_is_rejected(void) {
 
 /* After an interrupted write nothing happens until the next complete one. */
 static void test_a_tuning_that_is_half_written(void) {
-    tl_live_tuning_answer heard;
+    tl_live_tuning_answer received;
     begin_wide(2 * MILLISECOND, TL_LAG);
-    tuning.head.tuning = was_reported.tuning;
+    tuning.head.tuning = written.tuning;
     __atomic_store_n(&tuning.head.number, 1, __ATOMIC_RELEASE);
     watch(shown.ticks + 10);
     TEST_ASSERT_EQUAL_UINT32(0, answer.number);
-    tell(2);
-    wait_for_answer(2, &heard);
+    request_tuning(2);
+    wait_for_answer(2, &received);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
 }
@@ -434,10 +434,10 @@ static void test_a_tuning_that_the_twin_already_has(void) {
     tearDown();
     setUp();
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
-    tell(2);
+    tl_config_tuning(&twin.assembly.config, &written.tuning);
+    request_tuning(2);
     make_recorder();
-    tl_run_tuning configured = {.number = 2, .values = was_reported.tuning};
+    tl_run_tuning configured = {.number = 2, .values = written.tuning};
     tl_record_queue_name_configuration(&box.queue, &configured);
     start();
     watch(UINT64_MAX);
@@ -450,12 +450,12 @@ static void test_a_tuning_that_the_twin_already_has(void) {
 static void test_a_tuning_after_a_failed_resume(void) {
     static tl_record_queue_start before;
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&twin.assembly.config, &was_reported.tuning);
-    was_reported.tuning.margin = 0.25;
-    tell(2);
+    tl_config_tuning(&twin.assembly.config, &written.tuning);
+    written.tuning.margin = 0.25;
+    request_tuning(2);
     make_recorder();
-    tl_run_tuning taken = {.tick = 5, .number = 2, .values = was_reported.tuning};
-    memcpy(taken.hash, was_reported.hash, sizeof taken.hash);
+    tl_run_tuning taken = {.tick = 5, .number = 2, .values = written.tuning};
+    memcpy(taken.hash, written.hash, sizeof taken.hash);
     tl_account_take(twin.assembly.twin, &before.account);
     TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &before) && tl_record_queue_put_tuning(&box.queue, &taken));
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "failed resume"));

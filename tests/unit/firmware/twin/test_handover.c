@@ -321,7 +321,7 @@ static void expect_repeated(slot_index *self, int64_t number_of_run) {
     begin_again(self, tl_recording_get_beginning(recording), &recovery);
     while (tl_recording_next(recording, &tick, &over, &error) == TL_OK && !over) {
         TEST_ASSERT_EQUAL_INT_MESSAGE(
-            TL_OK, tl_twin_execute(&self->twin.assembly, &tick, TL_TELLS_RECORDS, &recovery, &result, &error),
+            TL_OK, tl_twin_execute(&self->twin.assembly, &tick, TL_ATTACHED_NONE, &recovery, &result, &error),
             error.text);
         compared += expect_same_step(&result);
     }
@@ -473,25 +473,25 @@ static void test_handovers_that_are_ignored(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(places[0].database, "SELECT count(*) FROM runs"));
 }
 
-static void tell_tuning(slot_index *self, double tolerance) {
+static void apply_tuning(slot_index *self, double tolerance) {
     tl_live_tuning_head head = {.size = (uint32_t)strlen(OTHER)};
-    tl_live_tuning_answer heard;
+    tl_live_tuning_answer received;
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     memcpy(head.hash, self->hash, sizeof head.hash);
     tl_config_tuning(&self->twin.assembly.config, &head.tuning);
     head.tuning.match[0].tolerance = tolerance;
-    uint32_t was_reported = tl_live_tuning_write(&self->tuning, &head, OTHER);
-    while (!tl_live_tuning_answered(&self->answer, was_reported, &heard)) {
+    uint32_t number = tl_live_tuning_write(&self->tuning, &head, OTHER);
+    while (!tl_live_tuning_answered(&self->answer, number, &received)) {
         TEST_ASSERT_TRUE(tl_clock_now(NULL) < until);
         live_on(MILLISECOND);
     }
-    TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
+    TEST_ASSERT_EQUAL_UINT32(0, received.refused);
 }
 
 /* A tuning that the shadow has taken applies from the first tick of its run on. */
 static void test_a_tuning_of_the_shadow(void) {
     begin_both(4 * MILLISECOND);
-    tell_tuning(&places[1], 0.25);
+    apply_tuning(&places[1], 0.25);
     live_until_tick(&places[1], places[1].shown.tick + 10);
     int64_t there = handover_to(1, 0);
     live_until_tick(&places[1], there + 10);
@@ -506,7 +506,7 @@ static void test_a_tuning_of_the_shadow(void) {
 /* The first twin keeps its tuning, and its second run records it. */
 static void test_a_tuning_of_the_run_before(void) {
     begin_both(4 * MILLISECOND);
-    tell_tuning(&places[0], 0.25);
+    apply_tuning(&places[0], 0.25);
     (void)handover_to(1, 0);
     int64_t back = handover_to(0, 0);
     live_until_tick(&places[0], back + 10);

@@ -131,21 +131,21 @@ static void invalid_blocks_are_rejected(void) {
 
 static void an_answer_is_read_completely(void) {
     tl_live_tuning_answer answer = {.number = 0};
-    tl_live_tuning_answer heard;
-    TEST_ASSERT_FALSE(tl_live_tuning_answered(&answer, 2, &heard));
+    tl_live_tuning_answer received;
+    TEST_ASSERT_FALSE(tl_live_tuning_answered(&answer, 2, &received));
     tl_live_tuning_answer_with(&answer, 2, 17, NULL);
-    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 2, &heard));
-    TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
-    TEST_ASSERT_EQUAL_INT64(17, heard.tick);
-    TEST_ASSERT_EQUAL_STRING("", heard.why);
+    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 2, &received));
+    TEST_ASSERT_EQUAL_UINT32(0, received.refused);
+    TEST_ASSERT_EQUAL_INT64(17, received.tick);
+    TEST_ASSERT_EQUAL_STRING("", received.why);
     tl_live_tuning_answer_with(&answer, 4, 19, "no");
-    TEST_ASSERT_FALSE(tl_live_tuning_answered(&answer, 2, &heard));
-    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 4, &heard));
-    TEST_ASSERT_EQUAL_UINT32(1, heard.refused);
-    TEST_ASSERT_EQUAL_STRING("no", heard.why);
+    TEST_ASSERT_FALSE(tl_live_tuning_answered(&answer, 2, &received));
+    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 4, &received));
+    TEST_ASSERT_EQUAL_UINT32(1, received.refused);
+    TEST_ASSERT_EQUAL_STRING("no", received.why);
     memset(answer.why, 'x', sizeof answer.why);
-    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 4, &heard));
-    TEST_ASSERT_EQUAL_size_t(sizeof heard.why - 1, strlen(heard.why));
+    TEST_ASSERT_TRUE(tl_live_tuning_answered(&answer, 4, &received));
+    TEST_ASSERT_EQUAL_size_t(sizeof received.why - 1, strlen(received.why));
 }
 
 /* ---- beside each other ---- */

@@ -22,7 +22,7 @@ static tl_twin_job order;
 static tl_component_methods checked;
 static tl_other_method found[TL_RECORDER_COMPONENTS];
 static tl_error error;
-static char was_reported[TL_OTHER_METHOD_TEXT];
+static char text[TL_OTHER_METHOD_TEXT];
 
 void setUp(void) {
     tl_report report = {0};
@@ -89,8 +89,8 @@ static void test_no_process(void) {
 /* ---- report ---- */
 
 static void expect_told(const tl_other_method *other, const char *parts) {
-    tl_other_method_describe(other, was_reported);
-    TL_EXPECT_PARTS(parts, was_reported);
+    tl_other_method_describe(other, text);
+    TL_EXPECT_PARTS(parts, text);
 }
 
 static void test_report_of_each_result(void) {
@@ -104,10 +104,10 @@ static void test_report_of_each_result(void) {
     expect_told(&other, "60 steps|\"rollback\": \"replay\"");
     other = (tl_other_method){.kind = TL_OTHER_METHOD_NONE};
     expect_told(&other, "cannot");
-    TEST_ASSERT_NULL(strstr(was_reported, "\"rollback\""));
+    TEST_ASSERT_NULL(strstr(text, "\"rollback\""));
     other = (tl_other_method){.kind = TL_OTHER_METHOD_UNKNOWN, .text = "cause 17"};
     expect_told(&other, "not|cause 17");
-    TEST_ASSERT_NULL(strstr(was_reported, "\"rollback\""));
+    TEST_ASSERT_NULL(strstr(text, "\"rollback\""));
 }
 
 /* The longest report fits. */
@@ -118,9 +118,9 @@ static void test_reports_are_not_cut(void) {
                                       .save = INT64_MAX / 2,
                                       .restore = INT64_MAX / 2,
                                       .bytes = UINT64_MAX};
-    tl_other_method_describe(&other, was_reported);
-    TL_EXPECT_PARTS("17592186044416.0 MiB|\"rollback\": \"memory\"", was_reported);
-    TEST_ASSERT_LESS_THAN_size_t(sizeof was_reported - 1, strlen(was_reported));
+    tl_other_method_describe(&other, text);
+    TL_EXPECT_PARTS("17592186044416.0 MiB|\"rollback\": \"memory\"", text);
+    TEST_ASSERT_LESS_THAN_size_t(sizeof text - 1, strlen(text));
 }
 
 int main(int argc, char **argv) {

@@ -152,7 +152,7 @@ static void run_again(void) {
         .config = &assembly.config, .account = &account, .watch = &watch, .lock_monitor = &lock_monitor};
     tl_summary summary;
     open_run(again_path);
-    tl_twin_child *child = tl_test_start_twin(&assembly.config, TL_TELLS_COUNTS, &account);
+    tl_twin_child *child = tl_test_start_twin(&assembly.config, TL_ATTACHED_COUNTS, &account);
     tl_lock_monitor_init(&lock_monitor, &assembly.config, &account);
     tl_journal_init(&journal, NULL);
     tl_watch_init(&watch, &assembly.config, &journal);

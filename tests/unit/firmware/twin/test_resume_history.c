@@ -30,13 +30,13 @@ static tl_resume_history *history;
 static unsigned char *image;
 static tl_resume resume;
 static tl_error error;
-static char was_reported[TOLD][TL_RESUME_TEXT];
+static char events[TOLD][TL_RESUME_TEXT];
 static tl_severity severities[TOLD];
-static size_t told_count;
+static size_t event_count;
 
 void setUp(void) {
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
-    told_count = 0;
+    event_count = 0;
     image = NULL;
     history = NULL;
 }
@@ -108,9 +108,9 @@ static void make(tl_pairing measurements) {
 
 static void on_event(void *context, tl_severity severity, const char *text) {
     TEST_ASSERT_EQUAL_PTR(&course, context);
-    TEST_ASSERT_LESS_THAN_size_t(TOLD, told_count);
-    severities[told_count] = severity;
-    (void)snprintf(was_reported[told_count++], TL_RESUME_TEXT, "%s", text);
+    TEST_ASSERT_LESS_THAN_size_t(TOLD, event_count);
+    severities[event_count] = severity;
+    (void)snprintf(events[event_count++], TL_RESUME_TEXT, "%s", text);
 }
 
 static void open_history(void) {
@@ -124,7 +124,7 @@ static void open_history(void) {
         .fmus = fmus,
         .boot = boot,
         .components = course.account.components,
-        .tell = on_event,
+        .report = on_event,
         .context = &course,
     };
     history = tl_resume_history_open(&settings);
@@ -147,8 +147,8 @@ static bool next(void) {
 }
 
 static void expect_told(size_t count, tl_severity severity, const char *parts) {
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, was_reported[0]);
-    TL_EXPECT_PARTS(parts, was_reported[count - 1]);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, event_count, events[0]);
+    TL_EXPECT_PARTS(parts, events[count - 1]);
     TEST_ASSERT_EQUAL_INT(severity, severities[count - 1]);
 }
 
@@ -166,7 +166,7 @@ static void follow(tl_resume_outcome wanted) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     tl_course_read(&course);
     TEST_ASSERT_EQUAL_INT(wanted, outcome);
@@ -244,7 +244,7 @@ static void test_older_resume_points(void) {
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_FALSE(next());
     TEST_ASSERT_FALSE(next());
-    TEST_ASSERT_EQUAL_size_t(0, told_count);
+    TEST_ASSERT_EQUAL_size_t(0, event_count);
 }
 
 /* If a checkpoint cannot be loaded, the twin is built again, and an older checkpoint is tried. */
@@ -269,18 +269,18 @@ static void test_unusable_checkpoints(void) {
     open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
-    TEST_ASSERT_EQUAL_size_t(2, told_count);
-    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|damaged", was_reported[0]);
-    TL_EXPECT_PARTS("checkpoint|tick 60|run 1|version", was_reported[1]);
+    TEST_ASSERT_EQUAL_size_t(2, event_count);
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|damaged", events[0]);
+    TL_EXPECT_PARTS("checkpoint|tick 60|run 1|version", events[1]);
     close_history();
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(0), sha256 ="
                          " 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'");
-    told_count = 0;
+    event_count = 0;
     open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     expect_told(2, TL_EVENT_WARNING, "tick 60|version");
-    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|empty", was_reported[0]);
+    TL_EXPECT_PARTS("checkpoint|tick 100|run 1|empty", events[0]);
 }
 
 /* The FMU fails with the damaged inputs, so the resume fails and a new run begins. */
@@ -292,7 +292,7 @@ static void test_inputs_with_which_an_fmu_fails(void) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FOLLOWED;
     const tl_resume_follow_settings settings = {
-        .assembly = &course.assembly, .queue = tl_course_queue(&course), .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = tl_course_queue(&course), .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&settings, &resume, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_RESUME_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);
@@ -317,13 +317,13 @@ static void expect_none(const char *statements, tl_severity severity, const char
     tl_kept_file whole = {NULL, 0};
     tl_kept_file_read(&whole, path);
     tl_sql_execute(path, statements);
-    told_count = 0;
+    event_count = 0;
     open_history();
     while (next()) {
-        TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, told_count, parts);
+        TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, event_count, parts);
     }
     expect_told(1, severity, parts);
-    expect_nouns(parts, was_reported[0]);
+    expect_nouns(parts, events[0]);
     close_history();
     tl_kept_file_write(&whole, path);
     tl_kept_file_free(&whole);
@@ -351,7 +351,7 @@ static void test_why_no_resume_point_is_found(void) {
     expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "FMU|run 1");
     expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "run 1|boot ID");
     expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO, "run 1|record.resume_s");
-    TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(was_reported[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(60, 4010, seconds_in(events[0]));
     expect_none("UPDATE beginnings SET start_ns = start_ns + 4000000000000", TL_EVENT_INFO, "clock|run 1");
     expect_none("DELETE FROM checkpoints; DELETE FROM main.samples WHERE tick = 140", TL_EVENT_INFO,
                 "run 1|checkpoint|FMU|ticks");
@@ -383,7 +383,7 @@ static void test_nothing_to_report(void) {
     open_history();
     TEST_ASSERT_NULL(history);
     TEST_ASSERT_FALSE(next());
-    TEST_ASSERT_EQUAL_size_t(0, told_count);
+    TEST_ASSERT_EQUAL_size_t(0, event_count);
 }
 
 static void test_no_database(void) {

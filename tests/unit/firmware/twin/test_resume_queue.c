@@ -28,9 +28,9 @@ static tl_record_queue queue; /* of the live twin */
 static tl_resume_queue *left;
 static tl_resume resume;
 static tl_error error;
-static char was_reported[TOLD][TL_RESUME_TEXT];
+static char events[TOLD][TL_RESUME_TEXT];
 static tl_severity severities[TOLD];
-static size_t told_count;
+static size_t event_count;
 
 static void make_memory(void) {
     memory_bytes = tl_record_queue_bytes(&settings);
@@ -54,7 +54,7 @@ static void open_course(tl_pairing measurements) {
 }
 
 void setUp(void) {
-    told_count = 0;
+    event_count = 0;
     left = NULL;
     memory = NULL;
 }
@@ -132,9 +132,9 @@ static void make(tl_pairing measurements) {
 
 static void on_event(void *context, tl_severity severity, const char *text) {
     TEST_ASSERT_EQUAL_PTR(&course, context);
-    TEST_ASSERT_LESS_THAN_size_t(TOLD, told_count);
-    severities[told_count] = severity;
-    (void)snprintf(was_reported[told_count++], TL_RESUME_TEXT, "%s", text);
+    TEST_ASSERT_LESS_THAN_size_t(TOLD, event_count);
+    severities[event_count] = severity;
+    (void)snprintf(events[event_count++], TL_RESUME_TEXT, "%s", text);
 }
 
 static void look(void) {
@@ -143,7 +143,7 @@ static void look(void) {
 }
 
 static void expect_past(tl_resumed_from from, int64_t first, int64_t last) {
-    TEST_ASSERT_TRUE_MESSAGE(tl_resume_queue_next(left, &resume), told_count > 0 ? was_reported[told_count - 1] : "");
+    TEST_ASSERT_TRUE_MESSAGE(tl_resume_queue_next(left, &resume), event_count > 0 ? events[event_count - 1] : "");
     TEST_ASSERT_EQUAL_INT(from, resume.from);
     TEST_ASSERT_EQUAL_INT64(TL_RESUME_UNNUMBERED, resume.run);
     TEST_ASSERT_EQUAL_INT64(first, resume.first);
@@ -153,14 +153,14 @@ static void expect_past(tl_resumed_from from, int64_t first, int64_t last) {
 }
 
 static void expect_told(size_t count, tl_severity severity, const char *parts) {
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, told_count, was_reported[0]);
-    TL_EXPECT_PARTS(parts, was_reported[count - 1]);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, event_count, events[0]);
+    TL_EXPECT_PARTS(parts, events[count - 1]);
     TEST_ASSERT_EQUAL_INT(severity, severities[count - 1]);
 }
 
 static void expect_none(const char *parts) {
     look();
-    told_count = 0;
+    event_count = 0;
     TEST_ASSERT_FALSE(tl_resume_queue_next(left, &resume));
     TEST_ASSERT_FALSE(tl_resume_queue_next(left, &resume));
     expect_told(1, TL_EVENT_INFO, parts);
@@ -172,7 +172,7 @@ static tl_resume_outcome follow_into(tl_record_queue *into) {
     tl_summary summary;
     tl_resume_outcome outcome = TL_RESUME_FAILED;
     const tl_resume_follow_settings following = {
-        .assembly = &course.assembly, .queue = into, .tell = on_event, .context = &course};
+        .assembly = &course.assembly, .queue = into, .report = on_event, .context = &course};
     expect_ok(tl_resume_follow(&following, &resume, &summary, &outcome, &error));
     course.next = resume.last + 1;
     return outcome;
@@ -270,7 +270,7 @@ static void test_older_resume_points(void) {
     expect_past(TL_RESUMED_CHECKPOINT, OLDER + 1, KILLED);
     expect_past(TL_RESUMED_INPUTS, OLDER + 1, KILLED);
     expect_past(TL_RESUMED_INPUTS, NEWER + 1, KILLED);
-    TEST_ASSERT_EQUAL_size_t(0, told_count);
+    TEST_ASSERT_EQUAL_size_t(0, event_count);
     TEST_ASSERT_FALSE(tl_resume_queue_next(left, &resume));
     expect_told(1, TL_EVENT_INFO, "resume point");
 }
@@ -412,7 +412,7 @@ static void test_only_a_hold_before(void) {
     be_born();
     look();
     TEST_ASSERT_NULL(left);
-    TEST_ASSERT_EQUAL_size_t(0, told_count);
+    TEST_ASSERT_EQUAL_size_t(0, event_count);
 }
 
 /* ---- no resume point ---- */
@@ -428,7 +428,7 @@ static void test_nothing_is_left(void) {
     course.assembly.config.record_resume = 0;
     look();
     TEST_ASSERT_NULL(left);
-    TEST_ASSERT_EQUAL_size_t(0, told_count);
+    TEST_ASSERT_EQUAL_size_t(0, event_count);
 }
 
 static void test_how_it_ended(void) {
@@ -513,7 +513,7 @@ static void test_a_full_ring(void) {
         TEST_ASSERT_LESS_THAN_INT64(5 * TL_SECOND, tl_clock_now(NULL) - began);
         TEST_ASSERT_GREATER_THAN_UINT64(1, tl_record_queue_lost(&queue));
     }
-    TEST_ASSERT_LESS_OR_EQUAL_size_t(1, told_count);
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(1, event_count);
 }
 
 /* ---- random damage ---- */
@@ -537,7 +537,7 @@ static void test_mutants(void) {
         }
         tl_record_queue_open(&settings, memory, &taken, &queue);
         look();
-        told_count = 0;
+        event_count = 0;
         for (int any = 0; any < 10 && tl_resume_queue_next(left, &resume); any++) {
             tl_resume_tick tick;
             found++;

@@ -200,7 +200,7 @@ static void be_liar(const char *lie) {
         tl_config_read_text(job.path, job.text, strlen(job.text), &config, &report) != TL_OK) {
         _exit(100);
     }
-    wire = tl_twin_wire(&config, job.tells);
+    wire = tl_twin_wire(&config, job.attached);
     if (tl_block_take(TL_TWIN_PARENTS_BLOCK, tl_channel_bytes(&wire, TL_PARENT), TL_BLOCK_WE_WRITE, &blocks[TL_PARENT],
                       &error) != TL_OK ||
         tl_block_take(TL_TWIN_OWN_BLOCK, tl_channel_bytes(&wire, TL_CHILD), TL_BLOCK_THEY_WRITE, &blocks[TL_CHILD],

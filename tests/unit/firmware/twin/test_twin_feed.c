@@ -84,7 +84,7 @@ static void open_feed(bool plant, bool paced) {
     tl_report report = {0};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(config_path, &config, &report));
     tl_config_use_lookups(&config);
-    child = tl_test_start_twin(&config, TL_TELLS_RECORDS, &account);
+    child = tl_test_start_twin(&config, TL_ATTACHED_NONE, &account);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recording_open(recording_path, &config, &recording, &error), error.text);
     const tl_twin_feed_settings settings = {
         .config = &config, .account = &account, .recording = recording, .child = child, .plant = plant, .paced = paced};

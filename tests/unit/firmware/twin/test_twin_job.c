@@ -10,7 +10,7 @@ static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* without 0, unlik
 static const unsigned char tunings[] = {8, 1, 77, 6};
 static const unsigned char live[] = {3, 0, 141};
 static const tl_twin_job order = {.task = TL_TASK_LIVE,
-                                  .tells = TL_TELLS_COUNTS,
+                                  .attached = TL_ATTACHED_COUNTS,
                                   .tick = -77,
                                   .checkpoint = checkpoint,
                                   .checkpoint_size = sizeof checkpoint,
@@ -41,7 +41,7 @@ void tearDown(void) {
 
 static void expect_order(void) {
     TEST_ASSERT_EQUAL_INT(order.task, job.task);
-    TEST_ASSERT_EQUAL_INT(order.tells, job.tells);
+    TEST_ASSERT_EQUAL_INT(order.attached, job.attached);
     TEST_ASSERT_EQUAL_INT64(order.tick, job.tick);
     TEST_ASSERT_EQUAL_STRING(order.path, job.path);
     TEST_ASSERT_EQUAL_STRING(order.text, job.text);

@@ -34,7 +34,7 @@
 enum { PULSE = 6, QUEUE = 8, GATE = 9, NUMBERS = 12, DONE = 42, WAIT_S = 20 };
 
 /* A block that the process writes. */
-typedef struct was_reported {
+typedef struct child_report {
     tl_fmu_calls calls;
     tl_confine_facts facts;
     struct rlimit locked;
@@ -47,7 +47,7 @@ typedef struct was_reported {
     unsigned open; /* a bit for each descriptor below NUMBERS */
     unsigned asked;
     int lives; /* written last */
-} was_reported;
+} child_report;
 
 /* ---- the process ---- */
 
@@ -55,7 +55,7 @@ static void sleep_for(tl_time time) {
     tl_clock_sleep_until(tl_clock_now(NULL) + time);
 }
 
-static void tell(was_reported *what, const tl_assembly *assembly, const tl_confine_facts *facts) {
+static void write_report(child_report *what, const tl_assembly *assembly, const tl_confine_facts *facts) {
     what->facts = *facts;
     what->user = getuid();
     what->has_files = assembly->files != NULL && assembly->files[0].descriptor >= 0;
@@ -70,7 +70,7 @@ static void tell(was_reported *what, const tl_assembly *assembly, const tl_confi
 }
 
 /* Longer than a test. A forked process has the count of requests of its parent. */
-static int wait_long(was_reported *what) {
+static int wait_long(child_report *what) {
     const unsigned before = tl_interrupt_times();
     for (int i = 0; i < 3 * WAIT_S * 1000; i++) {
         sleep_for(TL_SECOND / 1000);
@@ -80,7 +80,7 @@ static int wait_long(was_reported *what) {
 }
 
 /* Tries each call twice, and continues. */
-static int ask(was_reported *what) {
+static int ask(child_report *what) {
     what->is_refused = true;
     for (int i = 0; i < 2; i++) {
         what->is_refused = what->is_refused && tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0);
@@ -89,19 +89,19 @@ static int ask(was_reported *what) {
     return DONE;
 }
 
-static int hang(was_reported *what) {
+static int hang(child_report *what) {
     tl_fmu_calls_use(&what->calls);
     tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
     return wait_long(what);
 }
 
-static int print(was_reported *what) {
+static int print(child_report *what) {
     (void)what;
     (void)!write(STDOUT_FILENO, "printed\n", 8);
     return DONE;
 }
 
-static int end(was_reported *what) {
+static int end(child_report *what) {
     (void)what;
     return DONE;
 }
@@ -109,13 +109,13 @@ static int end(was_reported *what) {
 static int live(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
     static const struct {
         const char *name;
-        int (*act)(was_reported *what);
+        int (*act)(child_report *what);
     } acts[] = {{"end", end}, {"wait", wait_long}, {"ask", ask}, {"hang", hang}, {"print", print}};
     tl_block block;
-    if (tl_block_take(PULSE, sizeof(was_reported), TL_BLOCK_THEY_WRITE, &block, NULL) != TL_OK) {
+    if (tl_block_take(PULSE, sizeof(child_report), TL_BLOCK_THEY_WRITE, &block, NULL) != TL_OK) {
         return 100;
     }
-    tell(block.bytes, assembly, facts);
+    write_report(block.bytes, assembly, facts);
     for (size_t i = 0; i < sizeof acts / sizeof acts[0]; i++) {
         if (strlen(acts[i].name) == job->live_size && memcmp(acts[i].name, job->live, job->live_size) == 0) {
             return acts[i].act(block.bytes);
@@ -132,7 +132,7 @@ static tl_scratch scratch; /* TMPDIR */
 static tl_config config;
 static tl_twin_job order;
 static tl_block block;
-static const was_reported *seen;
+static const child_report *seen;
 static tl_twin_process_settings settings;
 static tl_twin_process *process;
 static tl_error error;
@@ -159,7 +159,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", scratch.folder, 1));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("pulse", sizeof(was_reported), TL_BLOCK_THEY_WRITE, &block, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("pulse", sizeof(child_report), TL_BLOCK_THEY_WRITE, &block, &error));
     seen = block.bytes;
     order = (tl_twin_job){.task = TL_TASK_LIVE, .path = LOCK, .text = config.text};
     act("end");
@@ -343,29 +343,29 @@ static void test_the_start_does_not_wait(void) {
 
 /* ---- refused calls ---- */
 
-typedef struct heard {
+typedef struct refusals {
     pthread_t thread;
     int count;
     char texts[4][TL_FMU_REFUSAL_TEXT];
-} heard;
+} refusals;
 
 static void on_event(void *context, const char *text) {
-    heard *all = context;
+    refusals *all = context;
     all->thread = pthread_self();
     (void)snprintf(all->texts[all->count++ % 4], TL_FMU_REFUSAL_TEXT, "%s", text);
 }
 
-static void expect_two(const heard *all) {
+static void expect_two(const refusals *all) {
     TEST_ASSERT_EQUAL_INT(2, all->count);
     for (int i = 0; i < 2; i++) {
         TL_EXPECT_PARTS(i == 0 ? "thread|FMU|socket" : "thread|FMU|kill", all->texts[i]);
     }
 }
 
-/* The log, the listener and the caller of tell() each get a refusal once. */
+/* The log, the listener and the job each get a refusal once. */
 static void test_refusals_are_reported_once(void) {
-    heard all = {.count = 0};
-    heard asked = {.count = 0};
+    refusals all = {.count = 0};
+    refusals asked = {.count = 0};
     need_notifications();
     act("ask");
     settings.on_event = on_event;

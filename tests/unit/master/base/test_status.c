@@ -48,7 +48,7 @@ static void keep(void *context, tl_status status, const char *where, const char 
 static void a_report_takes_every_problem_and_remembers_the_first_status(void) {
     kept last = {0};
     tl_report report = {.add = keep, .context = &last};
-    TEST_ASSERT_EQUAL_INT(TL_OK, report.worst);
+    TEST_ASSERT_EQUAL_INT(TL_OK, report.first_status);
     tl_report_add(&report, TL_BAD_DATA, "connect[2][0]", "found %s", "\"x\"");
     TEST_ASSERT_EQUAL_STRING("connect[2][0]", last.where);
     TEST_ASSERT_EQUAL_STRING("found \"x\"", last.text);
@@ -57,7 +57,7 @@ static void a_report_takes_every_problem_and_remembers_the_first_status(void) {
     TEST_ASSERT_EQUAL_UINT64(2, last.count);
     TEST_ASSERT_EQUAL_UINT64(2, report.count);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, last.status);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, report.worst);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, report.first_status);
 }
 
 static void a_report_may_only_count(void) {

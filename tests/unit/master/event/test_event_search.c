@@ -118,10 +118,10 @@ static void a_plateau_without_an_end_is_given_up(void) {
     TEST_ASSERT_NOT_NULL(tl_event_search_find(&search, 0.5));
     TEST_ASSERT_NOT_NULL(tl_event_search_find(&search, 2.0));
     TEST_ASSERT_TRUE(search.count < 20);
-    TEST_ASSERT_TRUE(tl_event_search_best(&search) == &search.trials[0]); /* the first of equal ones */
+    TEST_ASSERT_TRUE(tl_event_search_best(&search) == &search.candidates[0]); /* the first of equal ones */
 }
 
-static void the_room_for_trials_is_the_limit(void) {
+static void the_room_for_candidates_is_the_limit(void) {
     make(&tl_nelder_mead, 1e-9, 0.0, HUGE_VAL); /* a step so small that it must be widened 30 times */
     search.most = 5;
     travel = 55 * 0.023;
@@ -131,8 +131,8 @@ static void the_room_for_trials_is_the_limit(void) {
     TEST_ASSERT_TRUE(tl_event_search_is_full(&search));
 }
 
-/* A failed trial gives no information, and the search does not continue from it. */
-static void a_trial_that_fails_is_passed_by(void) {
+/* A failed candidate gives no information, and the search does not continue from it. */
+static void a_candidate_that_fails_is_passed_by(void) {
     make(&tl_nelder_mead, 0.01, 0.0, 1.0);
     travel = 55 * 0.023;
     wanted = 55;
@@ -171,8 +171,8 @@ int main(void) {
     RUN_TEST(any_plant_is_found);
     RUN_TEST(a_guess_that_is_exact_is_all);
     RUN_TEST(a_plateau_without_an_end_is_given_up);
-    RUN_TEST(the_room_for_trials_is_the_limit);
-    RUN_TEST(a_trial_that_fails_is_passed_by);
+    RUN_TEST(the_room_for_candidates_is_the_limit);
+    RUN_TEST(a_candidate_that_fails_is_passed_by);
     RUN_TEST(the_same_question_has_the_same_answer);
     return UNITY_END();
 }

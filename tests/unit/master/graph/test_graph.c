@@ -551,7 +551,7 @@ static void every_problem_is_reported_at_once(void) {
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
     TEST_ASSERT_EQUAL_UINT64(5, plan.report.count);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, plan.report.worst);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, plan.report.first_status);
 }
 
 /* ---- numbers ---- */

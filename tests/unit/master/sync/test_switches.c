@@ -65,10 +65,10 @@ static void build(size_t count, uint32_t prediction, int64_t dwell) {
 }
 
 /* Bits of the true states and of the commands. */
-static const tl_record *tick(unsigned real, unsigned was_reported) {
+static const tl_record *tick(unsigned real, unsigned reported) {
     for (size_t i = 0; i < switches; i++) {
         run.sample.values[i] = (double)(real >> i & 1U);
-        run.sample.values[switches + i] = (double)(was_reported >> i & 1U);
+        run.sample.values[switches + i] = (double)(reported >> i & 1U);
     }
     run.sample.values[2 * switches] = 1.0; /* 0 in the twin */
     return tl_test_run_tick(&run, &call_log);
@@ -93,13 +93,13 @@ static void what_is_real_is_found_whatever_is_told(void) {
         for (unsigned number = 0; number < 4096; number++) {
             unsigned all = (1U << count) - 1;
             unsigned real = (number * 5 + number / 7) & all;
-            unsigned was_reported = (number / 3) & all;
+            unsigned reported = (number / 3) & all;
             unsigned before = committed(&run.record);
-            const tl_record *record = tick(real, was_reported);
+            const tl_record *record = tick(real, reported);
             TEST_ASSERT_EQUAL_HEX32(real, committed(record));
             TEST_ASSERT_EQUAL_INT(real == before ? TL_FIRST_GUESS : TL_OPTIMISED, record->outcome);
             TEST_ASSERT_TRUE(record->evaluations <= 1 + count); /* the start, and each negation */
-            record = tick(real, was_reported);
+            record = tick(real, reported);
             TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
             TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
         }

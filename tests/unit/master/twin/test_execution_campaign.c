@@ -123,22 +123,22 @@ static bool is_missed(int64_t tick) {
 enum { STRUCTURE, SEQUENCES, BOTH, WAYS, SLOTS = 1 << 18 };
 
 /* Counts of one component in a run that saves nothing. */
-typedef struct heard {
+typedef struct step_counts {
     uint64_t steps;
     int64_t committed;
     uint64_t needed[WAYS]; /* executions that each way of saving needs at least */
-} heard;
+} step_counts;
 
-static heard ears[TL_TEST_COMPONENTS];
+static step_counts counts[TL_TEST_COMPONENTS];
 static uint64_t lineages[SLOTS]; /* hash table; 0: free */
 static size_t lineage_count;
-static uint64_t unheard; /* steps of the rollback check, at the beginning */
+static uint64_t uncounted; /* steps of the rollback check, at the beginning */
 
-static void listen_anew(uint64_t first) {
-    memset(ears, 0, sizeof ears);
+static void reset_counts(uint64_t first) {
+    memset(counts, 0, sizeof counts);
     memset(lineages, 0, sizeof lineages);
     lineage_count = 0;
-    unheard = first;
+    uncounted = first;
 }
 
 /* Returns true if it is new. */
@@ -165,19 +165,19 @@ static uint32_t reach_of(size_t k) {
 static void on_event(void *context, const tl_test_fmu *fmu, const tl_test_entry *step, uint64_t lineage) {
     (void)context;
     size_t k = (size_t)(fmu - network.fmus);
-    heard *ear = &ears[k];
+    step_counts *count = &counts[k];
     seen.finals += step->final && plan.plan.saving.sequences;
-    if (step->instance != 0 || ear->steps++ < unheard) {
+    if (step->instance != 0 || count->steps++ < uncounted) {
         return;
     }
-    int64_t depth = llround(step->time / 0.1) - ear->committed;
+    int64_t depth = llround(step->time / 0.1) - count->committed;
     bool kept = step->status == fmi2OK; /* failed steps are repeated each time */
-    ear->committed += step->final && kept;
+    count->committed += step->final && kept;
     bool matters = step->final || depth < (int64_t)reach_of(k);
     uint64_t own = tl_test_mix(lineage + k);
-    ear->needed[STRUCTURE] += matters;
-    ear->needed[SEQUENCES] += !kept || add_lineage(tl_test_mix(own + SEQUENCES));
-    ear->needed[BOTH] += matters && (!kept || add_lineage(tl_test_mix(own + BOTH)));
+    count->needed[STRUCTURE] += matters;
+    count->needed[SEQUENCES] += !kept || add_lineage(tl_test_mix(own + SEQUENCES));
+    count->needed[BOTH] += matters && (!kept || add_lineage(tl_test_mix(own + BOTH)));
 }
 
 static void listen(void) {
@@ -337,7 +337,7 @@ static void assert_ledger(void) {
 static void assert_oracle(tl_plan_saving saving) {
     for (size_t k = 0; k < network.count && saving.nodes == 0; k++) {
         int way = !saving.sequences ? STRUCTURE : saving.structure ? way_of(k) : SEQUENCES;
-        TEST_ASSERT_EQUAL_UINT64_MESSAGE(ears[k].needed[way], done(k), where);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(counts[k].needed[way], done(k), where);
     }
 }
 
@@ -371,7 +371,7 @@ static uint64_t count_proof_steps(void) {
 
 /* Nothing saved: K·steps + K·T_P·E. */
 static void assert_plain(void) {
-    listen_anew(count_proof_steps());
+    reset_counts(count_proof_steps());
     listen();
     drive("nothing saved", (tl_plan_saving){.structure = false}, &reference);
     assert_ledger();
@@ -481,7 +481,7 @@ static void assert_cost(const uint64_t *before, uint64_t plant_before) {
     for (size_t k = 0; k < network.count; k++) {
         uint64_t executions = tl_test_rig_done(&saving_rig, k);
         TEST_ASSERT_EQUAL_UINT64_MESSAGE(tl_test_rig_predicted(&saving_rig, k), executions, where);
-        TEST_ASSERT_EQUAL_UINT64_MESSAGE(ears[k].needed[way_of(k)] - before[k], executions, where);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(counts[k].needed[way_of(k)] - before[k], executions, where);
     }
     uint64_t executions = tl_test_rig_done(&saving_rig, network.count);
     TEST_ASSERT_EQUAL_UINT64_MESSAGE(tl_test_rig_predicted(&saving_rig, network.count), executions, where);
@@ -499,7 +499,7 @@ static void assert_most(bool first, uint32_t steps) {
 
 static void note_needs(uint64_t *needs) {
     for (size_t k = 0; k < network.count; k++) {
-        needs[k] = ears[k].needed[way_of(k)];
+        needs[k] = counts[k].needed[way_of(k)];
     }
 }
 
@@ -554,7 +554,7 @@ static void make_fragile(tl_test_random *random) {
 
 static void start_rigs(tl_test_random *random) {
     memset(known, 0, sizeof known);
-    listen_anew(0);
+    reset_counts(0);
     listen();
     plant_lineage = 0;
     plant_sequences = 0;

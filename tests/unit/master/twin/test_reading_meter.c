@@ -22,7 +22,7 @@ void tearDown(void) {
 }
 
 static void see(tl_time time, double value) {
-    tl_reading_meter_see(meter, time, value, TL_GOOD, &metrics);
+    tl_reading_meter_add_reading(meter, time, value, TL_GOOD, &metrics);
 }
 
 static void step(tl_time end, double y) {
@@ -64,10 +64,10 @@ static void the_same_reading_counts_once(void) {
     step(10, 0);
     for (int i = 0; i < 3; i++) {
         see(15, 1);
-        tl_reading_meter_see(meter, 16, 1000, TL_OUTLIER, &metrics);
+        tl_reading_meter_add_reading(meter, 16, 1000, TL_OUTLIER, &metrics);
     }
-    tl_reading_meter_see(meter, 17, 1000, TL_STALE, &metrics);
-    tl_reading_meter_see(meter, 18, (double)NAN, TL_GOOD, &metrics);
+    tl_reading_meter_add_reading(meter, 17, 1000, TL_STALE, &metrics);
+    tl_reading_meter_add_reading(meter, 18, (double)NAN, TL_GOOD, &metrics);
     step(20, 0);
     expect(1, 1);
     TEST_ASSERT_EQUAL_UINT64(1, metrics.left_out);

@@ -454,7 +454,7 @@ static void a_start_value_that_is_fatal_ends_all_calls_of_the_fmu(void) {
     tl_test_fmu_fail(&fmus[0], TL_TEST_SET_REAL, TL_TEST_FATAL, 1, 1);
     TEST_ASSERT_NULL(tl_test_plan_build(&plan));
     TEST_ASSERT_NOT_NULL(tl_test_plan_problem(&plan, "components.m", "fmi2Fatal"));
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, plan.report.worst);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, plan.report.first_status);
     TEST_ASSERT_EQUAL_UINT64(2, call_log.count); /* fmi2Instantiate, fmi2SetReal */
 }
 

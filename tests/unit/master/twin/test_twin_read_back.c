@@ -34,7 +34,7 @@ static void begin(tl_test_scene_kind kind) {
     }
 }
 
-static tl_status tell(size_t capacity) {
+static tl_status write_twin(size_t capacity) {
     return tl_twin_write_states(first.run.twin, bytes, capacity, &size, here, &first.run.error);
 }
 
@@ -50,20 +50,19 @@ static void read_back(size_t component) {
 
 /* Writing states does not change the further run of the twin. */
 static void expect_undisturbed(tl_test_scene_kind kind) {
-    tl_record was_reported[TICKS];
+    tl_record records[TICKS];
     for (int i = 0; i < TICKS; i++) {
         tl_test_scene_show(&first);
         tl_test_run_step(&first.run);
-        was_reported[i] = first.run.record;
+        records[i] = first.run.record;
     }
     tl_test_scene_end(&first);
     begin(kind);
     for (int i = 0; i < TICKS; i++) {
         tl_test_scene_show(&first);
         tl_test_run_step(&first.run);
-        TEST_ASSERT_EQUAL_INT64(was_reported[i].step, first.run.record.step);
-        TEST_ASSERT_EQUAL_MEMORY_MESSAGE(was_reported[i].y, first.run.record.y, sizeof(double),
-                                         tl_test_scene_name(kind));
+        TEST_ASSERT_EQUAL_INT64(records[i].step, first.run.record.step);
+        TEST_ASSERT_EQUAL_MEMORY_MESSAGE(records[i].y, first.run.record.y, sizeof(double), tl_test_scene_name(kind));
     }
 }
 
@@ -71,7 +70,7 @@ static void test_exact_in_every_mode(void) {
     for (tl_test_scene_kind kind = TL_SCENE_LAG; kind < TL_SCENES; kind++) {
         const char *name = tl_test_scene_name(kind);
         begin(kind);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tell(BYTES), first.run.error.text);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, write_twin(BYTES), first.run.error.text);
         if (size == 0) {
             TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, kind); /* an FMU would have to repeat steps */
             tl_test_scene_end(&first);
@@ -93,7 +92,7 @@ static void test_exact_in_every_mode(void) {
 /* An instance without initialisation can take a state. */
 static void test_exact_without_initialisation(void) {
     begin(TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     tl_test_scene_build(&other, TL_SCENE_LAG);
     read_back(B);
     TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, there.outcome);
@@ -102,7 +101,7 @@ static void test_exact_without_initialisation(void) {
 /* An incomplete state shows in an output, which is reported with both values. */
 static void test_it_differs(void) {
     begin(TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     begin_to_read(TL_SCENE_LAG);
     other.fmus[B].control.state_lies = true;
     read_back(B);
@@ -118,7 +117,7 @@ static void test_it_differs(void) {
 static void test_it_differs_here(void) {
     begin(TL_SCENE_FREE); /* without a rollback check */
     first.fmus[B].control.state_lies = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, here[0].outcome);
     TEST_ASSERT_EQUAL_INT(TL_READ_BACK_DIFFERS, here[B].outcome);
 }
@@ -131,7 +130,7 @@ static void test_it_is_refused(void) {
                 {TL_TEST_SET_STATE, "b|fmi2SetFMUstate|fmi2Error"},
                 {TL_TEST_DO_STEP, "b|fmi2DoStep|fmi2Error"}};
     begin(TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     for (size_t i = 0; i < sizeof ways / sizeof ways[0]; i++) {
         begin_to_read(TL_SCENE_LAG);
         tl_test_fmu_fail(&other.fmus[B], ways[i].call, TL_TEST_ERROR, 1, UINT64_MAX);
@@ -146,23 +145,23 @@ static void test_it_is_refused(void) {
 static void test_a_twin_that_cannot_write(void) {
     begin(TL_SCENE_LAG);
     tl_test_fmu_fail(&first.fmus[B], TL_TEST_SERIALIZE, TL_TEST_ERROR, 1, UINT64_MAX);
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, write_twin(BYTES));
     TEST_ASSERT_EQUAL_size_t(0, size);
     expect_undisturbed(TL_SCENE_LAG);
 }
 
 static void test_no_states_before_the_first_step(void) {
     tl_test_scene_build(&first, TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     TEST_ASSERT_EQUAL_size_t(0, size);
 }
 
 static void test_too_little_room(void) {
     begin(TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     const size_t needed = size;
     memset(bytes, 0x55, sizeof bytes);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(needed - 1));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(needed - 1));
     TEST_ASSERT_EQUAL_size_t(needed, size);
     TEST_ASSERT_EACH_EQUAL_HEX8(0x55, bytes + needed - 1, BYTES - needed + 1);
 }
@@ -170,7 +169,7 @@ static void test_too_little_room(void) {
 /* Bytes of a wrong length, and with wrong numbers. */
 static void test_damaged_bytes(void) {
     begin(TL_SCENE_LAG);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_OK, write_twin(BYTES));
     begin_to_read(TL_SCENE_LAG);
     const size_t whole = size;
     for (size = 0; size < whole; size += 7) {
