@@ -91,11 +91,12 @@ def test_horizons():
 
 
 def test_other_brakes():
-    """In mode ahead, a twin follows the newest measurement. Its error is at least the change of the plant to the next one."""
+    """In mode ahead, a twin follows the newest measurement. Its error is at least the change of the plant to the next one.
+    A measurement that may be an outlier waits for the next one, which costs a little after a jump."""
     for shape in brakes.SHAPES:
         for seed in SEEDS[:2]:
             recording = brakes.make_recording(PROGRAM, scratch(), seed, shape)
-            check_lock(recording, max(0.5, (1.0 + campaign.OWN_PART) * campaign.unrest(recording)), (1.12, 0.36))
+            check_lock(recording, max(0.6, (1.0 + campaign.OWN_PART) * campaign.unrest(recording)), (1.12, 0.36))
 
 
 main()

@@ -10,7 +10,7 @@
 #include "tests/support/made_run.h"
 #include "tests/support/message.h"
 
-enum { RING = 64 * 1024, CHECKPOINT = 100, DIGEST = 8 /* bytes after each entry */ };
+enum { RING = 128 * 1024, CHECKPOINT = 100, DIGEST = 8 /* bytes after each entry */ };
 
 static const tl_record_queue_settings settings = {.shape = {.plant = TL_MADE_PLANT,
                                                             .match = TL_MADE_MATCH,
@@ -80,13 +80,13 @@ static void put_step(void) {
 static void more_than_a_ring_holds(void) {
     queue.control->head = RING + 1;
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
-    expect_fault("65537 bytes|65536");
+    expect_fault("131073 bytes|131072");
 }
 
 static void less_than_was_taken(void) {
     queue.control->head = 5;
     TEST_ASSERT_EQUAL_UINT64(6, tl_record_queue_reader_end(&reader, 6));
-    expect_fault("18446744073709551615 bytes|65536");
+    expect_fault("18446744073709551615 bytes|131072");
 }
 
 /* A sample waits for its step, unless the reader knows that the step is missing. If it comes later,
@@ -117,7 +117,7 @@ static void more_waits_than_a_ring_holds(void) {
     queue.control->head = 10;
     queue.control->put = RING + 1;
     TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
-    expect_fault("65537 bytes|65536");
+    expect_fault("131073 bytes|131072");
 }
 
 static void an_unknown_kind(void) {
