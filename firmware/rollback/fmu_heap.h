@@ -35,9 +35,15 @@ typedef struct tl_fmu_heap_thread {
     int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
 } tl_fmu_heap_thread;
 
-/* Called before and after a call of the FMU opens a library whose path is known. `library`: what
- * dlopen() has returned; NULL before. */
-typedef void tl_fmu_heap_note_opening(void *context, bool is_opened, void *library);
+typedef enum tl_fmu_library_change {
+    TL_FMU_LIBRARY_OPENS,
+    TL_FMU_LIBRARY_OPENED,
+    TL_FMU_LIBRARY_CLOSED
+} tl_fmu_library_change;
+
+/* Called before and after a call of the FMU opens a library whose path is known, and after it has
+ * closed one. `library`: what dlopen() has returned; NULL if it has not opened one. */
+typedef void tl_fmu_heap_note_opening(void *context, tl_fmu_library_change change, void *library);
 
 /* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {

@@ -507,6 +507,7 @@ NEXT(void *, mremap, (void *, size_t, size_t, int, ...))
 NEXT(int, mprotect, (void *, size_t, int))
 NEXT(int, madvise, (void *, size_t, int))
 NEXT(void *, dlopen, (const char *, int))
+NEXT(int, dlclose, (void *))
 NEXT(int, pthread_key_create, (pthread_key_t *, void (*)(void *)))
 NEXT(int, pthread_key_delete, (pthread_key_t))
 NEXT(int, open, (const char *, int, ...))
@@ -865,13 +866,13 @@ int tl_noted_creat64(const char *path, mode_t mode) {
  * copies do not contain their memory. */
 static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     (void)tl_fmu_libc_enter(NULL);
-    heap->note_opening(heap->context, false, NULL);
+    heap->note_opening(heap->context, TL_FMU_LIBRARY_OPENS, NULL);
     (void)tl_fmu_libc_enter(heap->opens_outside ? NULL : heap);
     opening_heap = heap->opens_outside ? heap : NULL;
     void *library = own_dlopen(path, mode);
     opening_heap = NULL;
     (void)tl_fmu_libc_enter(NULL);
-    heap->note_opening(heap->context, true, library);
+    heap->note_opening(heap->context, TL_FMU_LIBRARY_OPENED, library);
     (void)tl_fmu_libc_enter(heap);
     return library;
 }
@@ -944,6 +945,18 @@ void *dlopen(const char *path, int mode) {
     }
     const char *found = heap == NULL || heap->note_opening == NULL ? NULL : find_library(CALLER, path);
     return found == NULL ? own_dlopen(path, mode) : open_and_report(heap, found, mode);
+}
+
+/* Reports that the FMU has closed a library: another one may get its addresses. */
+int dlclose(void *library) {
+    find_dlclose();
+    int failed = own_dlclose(library);
+    tl_fmu_heap *heap = tl_fmu_libc_enter(NULL);
+    if (heap != NULL && heap->note_opening != NULL) {
+        heap->note_opening(heap->context, TL_FMU_LIBRARY_CLOSED, NULL);
+    }
+    (void)tl_fmu_libc_enter(heap);
+    return failed;
 }
 
 /* ---- mapped memory ---- */

@@ -33,6 +33,7 @@ typedef struct tl_fmu_memory_state {
     size_t room;                      /* bytes of `bytes` */
     size_t used;                      /* bytes of the heap */
     size_t regions;                   /* number of regions in it */
+    uint32_t openings;                /* as in tl_fmu_memory */
     tl_fmu_pages *
         pages; /* NULL: `bytes` contains everything, first the heap, then the regions; else `bytes` contains only the regions outside of `version` */
     tl_fmu_version version;
@@ -329,19 +330,44 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
+/* Regions of a closed library leave the list if they are the last ones and have no page storage. */
+static void note_closing(tl_fmu_memory *memory) {
+    tl_fmu_regions now;
+    tl_fmu_regions_forget_closed();
+    if (!memory->are_found) {
+        return;
+    }
+    if (tl_fmu_regions_find(memory->folder, &now, NULL) != TL_OK || now.count < memory->paged ||
+        !begins_with(&memory->places, &now)) {
+        (void)snprintf(memory->left, sizeof memory->left, "closed a library that its copies contain");
+        return;
+    }
+    while (memory->places.count > now.count) {
+        free(memory->opened_as[--memory->places.count]);
+        memory->opened_as[memory->places.count] = NULL;
+    }
+    memory->places = now;
+}
+
 /* The contents of new regions are kept, because earlier copies lack them. */
-static void note_opening(void *context, bool is_opened, void *library) {
+static void note_opening(void *context, tl_fmu_library_change change, void *library) {
     tl_fmu_memory *memory = context;
     size_t known = memory->places.count;
-    if (!is_opened) {
+    if (change == TL_FMU_LIBRARY_OPENS) {
         memory->loaded = tl_fmu_regions_loaded();
+        return;
+    }
+    if (change == TL_FMU_LIBRARY_CLOSED) {
+        note_closing(memory);
         return;
     }
     tl_fmu_regions_claim(memory->folder, library, memory->loaded);
     if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
         return;
     }
+    memory->openings++;
     for (size_t i = known; i < memory->places.count; i++) {
+        memory->opened_in[i] = memory->openings;
         const tl_fmu_region *region = &memory->places.place[i];
         memory->opened_as[i] = malloc(region->size);
         if (memory->opened_as[i] != NULL) {
@@ -453,6 +479,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     note_used(memory);
     kept->used = used;
     kept->regions = memory->places.count;
+    kept->openings = memory->openings;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
     kept->key_count = memory->heap->key_count;
@@ -527,8 +554,15 @@ bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
 }
 
+/* Returns true if a library in the state was closed since; it may have been opened again. */
+static bool lacks_library(const tl_fmu_memory *memory, const memory_state *kept) {
+    return kept->regions > memory->places.count ||
+           (kept->regions > 0 && memory->opened_in[kept->regions - 1] > kept->openings);
+}
+
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
     return has_unknown_library(memory, state) ? "opened a library since the copy was made"
+           : lacks_library(memory, state)     ? "closed a library since the copy was made"
            : !are_threads_asleep(memory)      ? "a thread"
                                               : tl_fmu_memory_remaining(memory);
 }

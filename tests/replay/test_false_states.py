@@ -95,11 +95,12 @@ def test_a_limit_hides_the_difference():
 
 
 def test_a_library_that_the_first_step_opens_by_name():
-    """A rollback of the proof resets its variables, too. The results are those of an FMU without a library."""
+    """A rollback of the proof resets its variables, too. The results are those of an FMU without a library. The last FMU closes
+    it in each step."""
     if SANITIZER:
         raise Skip("a sanitizer replaces the allocator: no copies of FMU memory")
-    for searched in ".", "further":
-        fmu = keeper_fmu.make_by_name(searched)
+    for searched in (".",), ("further",), (".", "-DCLOSES=1"):
+        fmu = keeper_fmu.make_by_name(*searched)
         chosen = steps_of(keeper_fmu.config(fmu, "memory"))
         expect(chosen == steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory")), f"{searched}: steps of the proof are counted")
         expect(chosen == steps_of(keeper_fmu.config(fmu, "memory"), "--plain"), f"{searched}: other values without savings")

@@ -86,13 +86,13 @@ def make_limits(**macros):
 
 
 @functools.cache
-def make_by_name(searched="."):
+def make_by_name(searched=".", *macros):
     """The path of one that opens its library by name in the first step: see by_name.c. The library lies in the folder `searched`,
-    relative to the FMU's binary, and is found by the binary's search path."""
+    relative to the FMU's binary, and is found by the binary's search path. `macros`: of by_name.c, as for a compiler."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     hostile_fmu.compile_shared(folder / "libcount.so", [KEEPER / "count.c"], {})
-    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-shared", f"-Wl,-rpath,$ORIGIN/{searched}",
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, *macros, "-I", folder, "-shared", f"-Wl,-rpath,$ORIGIN/{searched}",
                              "-o", folder / "lag.so", KEEPER / "by_name.c", *hostile_fmu.OWN_STATE, "-lm")
     hostile_fmu.package(folder / "by_name.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so", (searched, folder / "libcount.so"))
     return folder / "by_name.fmu"

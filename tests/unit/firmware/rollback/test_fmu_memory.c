@@ -304,7 +304,7 @@ static void copy_file(const char *from_path, const char *to_path) {
 
 /* Opens a copy of the FMU's binary under another name. Its data is in no earlier state.
  * Tries each binary, because only one is for this machine. `in_call`: by a call of the FMU. */
-static void open_late_library(const char *name, bool in_call) {
+static void *open_late_library(const char *name, bool in_call) {
     char pattern[PATH_MAX];
     char late[PATH_MAX];
     void *opened = NULL;
@@ -321,6 +321,7 @@ static void open_late_library(const char *name, bool in_call) {
     }
     globfree(&found);
     TEST_ASSERT_NOT_NULL(opened);
+    return opened;
 }
 
 /* A state from before the library was opened restores its data as they were after opening, a later
@@ -331,7 +332,7 @@ static void test_a_library_that_is_opened_late(void) {
     void *after = NULL;
     save(&before);
     size_t known = memory->places.count;
-    open_late_library("late.so", true);
+    (void)open_late_library("late.so", true);
     TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
     TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
     unsigned char *data = memory->places.place[known].begin;
@@ -349,12 +350,57 @@ static void test_a_library_that_is_opened_late(void) {
     tl_fmu_memory_forget(after);
 }
 
+static void close_in_call(void *library) {
+    (void)tl_fmu_libc_enter(fmu.guard.memory->heap);
+    TEST_ASSERT_EQUAL_INT(0, dlclose(library));
+    (void)tl_fmu_libc_enter(NULL);
+}
+
+/* States without the library stay valid. States that contain it do not, also if it is opened again.
+ */
+static void test_a_library_that_is_opened_and_closed(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *before = NULL;
+    void *inside = NULL;
+    save(&before);
+    size_t known = memory->places.count;
+    for (int round = 0; round < 3; round++) {
+        void *library = open_late_library("closed.so", true);
+        TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
+        TEST_ASSERT_TRUE(inside == NULL || tl_fmu_memory_obstacle(memory, inside) != NULL);
+        save(&inside);
+        close_in_call(library);
+        TEST_ASSERT_EQUAL_UINT64(known, memory->places.count);
+        TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, inside));
+        TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, before));
+        tl_fmu_memory_restore(memory, before);
+    }
+    save(&inside);
+    TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, inside));
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(inside);
+}
+
+/* All states contain it, so no copy is possible any more. */
+static void test_a_library_that_states_contain_is_closed(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *state = NULL;
+    void *first = open_late_library("first.so", true);
+    void *last = open_late_library("last.so", true);
+    save(&state);
+    close_in_call(first);
+    TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, state));
+    tl_fmu_memory_forget(state);
+    expect_left("closed|library");
+    close_in_call(last);
+}
+
 /* Its contents after opening are not known, so an earlier state cannot be restored. */
 static void test_a_library_that_no_call_has_opened(void) {
     void *before = NULL;
     void *after = NULL;
     save(&before);
-    open_late_library("unknown.so", false);
+    (void)open_late_library("unknown.so", false);
     save(&after);
     TEST_ASSERT_NOT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, before));
     TEST_ASSERT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, after));
@@ -618,6 +664,8 @@ int main(void) {
     RUN_TEST(test_a_file);
     RUN_TEST(test_a_process);
     RUN_TEST(test_a_library_that_is_opened_late);
+    RUN_TEST(test_a_library_that_is_opened_and_closed);
+    RUN_TEST(test_a_library_that_states_contain_is_closed);
     RUN_TEST(test_a_library_that_no_call_has_opened);
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
