@@ -6,7 +6,7 @@
  *          restores which blocks are allocated.
  * Range:   all addresses are reserved at once, without memory, and made usable in pieces when they
  *          are needed. So no block ever moves, and a process with locked memory locks only the used
- *          part.
+ *          part. With 64 bits, the heaps of all runs have the same addresses if these are free.
  * Blocks:  in size classes, four per doubling. A freed block waits in a list of its class for the
  *          next allocation of that class. Blocks are never split or joined, so that the same calls
  *          always yield the same addresses.

@@ -2,6 +2,7 @@
 """FMUs with wrong states of several kinds: the program finds each before the first step and names the kind."""
 import json
 import platform
+import sys
 
 import keeper_fmu
 from twinlock_test import (FMUS, NOT_LOCKED, SANITIZER, Skip, expect, expect_line, expect_no_line, has_line, main, run, run_well, scratch,
@@ -133,6 +134,14 @@ def test_the_global_locale_of_cpp():
     expected = steps_of(keeper_fmu.config(keeper_fmu.make_late(10**6), "memory"))
     for method in ("memory", "replay"):
         expect(steps_of(keeper_fmu.config(fmu, method)) == expected, f"{method}: other values than without the locale")
+
+
+def test_results_that_depend_on_addresses():
+    """An FMU gets the same addresses in each run."""
+    if SANITIZER or sys.maxsize < 2**32:
+        raise Skip("a heap with chosen addresses needs 64 bits and the program's allocator")
+    config = keeper_fmu.config(keeper_fmu.make_address(), "memory")
+    expect(steps_of(config) == steps_of(config), "other values in the second run")
 
 
 def test_no_method():

@@ -127,6 +127,12 @@ def make_met(**macros):
 
 
 @functools.cache
+def make_address():
+    """The path of one whose results depend on addresses: see address.c."""
+    return _make_model("address")
+
+
+@functools.cache
 def make_slow(**macros):
     """The path of one whose states are exact but slow: see slow.c."""
     return _make_model("slow", **macros)
