@@ -22,13 +22,14 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <time.h>
 
 #include "master/base/status.h"
 
-/* Most threads of an FMU that are watched, most keys of thread-specific values, and most
- * descriptors. */
-enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024 };
+/* Most threads of an FMU that are watched, most keys of thread-specific values, most
+ * descriptors, and most streams that are only written. */
+enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024, TL_FMU_HEAP_LOGS = 32 };
 
 typedef struct tl_fmu_heap_thread {
     clockid_t clock; /* of its processor time */
@@ -47,14 +48,14 @@ typedef void tl_fmu_heap_note_opening(void *context, tl_fmu_library_change chang
 
 /* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {
-    unsigned char *base;     /* NULL: no heap */
-    size_t reserved;         /* bytes of address range */
-    size_t usable;           /* bytes from the beginning that are accessible; never decreases */
-    size_t highest;          /* bytes from the beginning that may differ from zero */
-    void *first;             /* the first block: state of rand() and similar functions */
-    bool has_outside_memory; /* the FMU also has memory outside of the heap */
-    bool has_reserved;       /* the FMU has reserved addresses outside of the heap, without access */
-    bool has_threads;        /* the FMU has started threads that are not allowed */
+    unsigned char *base;             /* NULL: no heap */
+    size_t reserved;                 /* bytes of address range */
+    size_t usable;                   /* bytes from the beginning that are accessible; never decreases */
+    size_t highest;                  /* bytes from the beginning that may differ from zero */
+    struct tl_fmu_heap_first *first; /* the first block: state of rand() and similar functions */
+    bool has_outside_memory;         /* the FMU also has memory outside of the heap */
+    bool has_reserved;               /* the FMU has reserved addresses outside of the heap, without access */
+    bool has_threads;                /* the FMU has started threads that are not allowed */
     bool
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
     bool
@@ -72,6 +73,9 @@ typedef struct tl_fmu_heap {
     bool changes_environment;                /* a call has changed an environment variable */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
+    FILE *logs[TL_FMU_HEAP_LOGS];            /* streams that calls have opened for writing only; NULL: free entry */
+    char log_modes[TL_FMU_HEAP_LOGS];        /* how they were opened: 'w' or 'a' */
+    uint32_t saved_logs;                     /* bits: streams that states may contain */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */
     bool is_taken;    /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;

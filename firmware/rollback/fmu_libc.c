@@ -46,10 +46,12 @@ __thread tl_fmu_heap *tl_fmu_libc_heap;
 /* The same size as in the C library, so that it yields the same numbers. */
 enum { STATE = 128, FIRST_SEED = 1 };
 
-typedef struct random_state {
+/* The first block of a heap; a rollback restores it. */
+typedef struct tl_fmu_heap_first {
     struct random_data data;   /* of rand() and random() */
     struct drand48_data words; /* of drand48() and related functions */
     char state[STATE];
+    uint32_t logs; /* bits: streams of the heap that the FMU has open */
 } random_state;
 
 static void begin_random(random_state *self) {
@@ -239,6 +241,10 @@ void tl_fmu_libc_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KE
     (void)heap;
     (void)values;
     (void)count;
+}
+
+void tl_fmu_libc_keep_logs(tl_fmu_heap *heap) {
+    (void)heap;
 }
 
 #else
@@ -516,6 +522,8 @@ NEXT(int, openat, (int, const char *, int, ...))
 NEXT(int, openat64, (int, const char *, int, ...))
 NEXT(FILE *, fopen, (const char *, const char *))
 NEXT(FILE *, fopen64, (const char *, const char *))
+NEXT(int, fclose, (FILE *))
+NEXT(int, setvbuf, (FILE *, char *, int, size_t))
 NEXT(DIR *, opendir, (const char *))
 NEXT(int, pipe, (int *))
 NEXT(int, pipe2, (int *, int))
@@ -694,6 +702,9 @@ static int note_opened(const char *path, int flags, int opened) {
     if (opened >= 0 && tl_fmu_libc_heap != NULL && (flags & O_ACCMODE) != O_RDONLY && !is_device) {
         tl_fmu_libc_heap->writes_files = true;
     }
+    if (opened >= 0 && opened < TL_FMU_HEAP_DESCRIPTORS && tl_fmu_libc_heap != NULL) {
+        tl_fmu_libc_heap->is_opened[opened] = false; /* the call may have closed another file with this number */
+    }
     return (flags & O_ACCMODE) == O_WRONLY ? opened : note_descriptor(opened);
 }
 
@@ -745,14 +756,105 @@ static FILE *note_file(const char *path, const char *mode, FILE *opened) {
     return opened;
 }
 
+/* Returns the index of a stream that is only written; TL_FMU_HEAP_LOGS: it is none. */
+static unsigned find_log(const tl_fmu_heap *heap, const FILE *stream) {
+    unsigned i = heap != NULL ? 0 : TL_FMU_HEAP_LOGS;
+    while (i < TL_FMU_HEAP_LOGS && heap->logs[i] != stream) {
+        i++;
+    }
+    return i;
+}
+
+static bool is_same_file(const char *path, FILE *stream) {
+    struct stat wanted;
+    struct stat opened;
+    return stat(path, &wanted) == 0 && fstat(fileno(stream), &opened) == 0 && wanted.st_dev == opened.st_dev &&
+           wanted.st_ino == opened.st_ino;
+}
+
+/* Returns the index of a stream that a rollback has left open; TL_FMU_HEAP_LOGS: none. */
+static unsigned find_left_log(const tl_fmu_heap *heap, const char *path, const char *mode) {
+    unsigned i = 0;
+    while (i < TL_FMU_HEAP_LOGS && (heap->logs[i] == NULL || (heap->first->logs >> i & 1U) != 0 ||
+                                    heap->log_modes[i] != mode[0] || !is_same_file(path, heap->logs[i]))) {
+        i++;
+    }
+    return i;
+}
+
+/* Opens a file that is only written. The stream and its buffer lie outside of the heap, because
+ * the C library has a list of all streams. A rollback to before the opening leaves it open, because
+ * another state may contain it. If the FMU then opens the file again, it gets this stream again, so
+ * that the descriptors do not run out. */
+static FILE *open_log(tl_fmu_heap *heap, const char *path, const char *mode,
+                      FILE *(*open_file)(const char *, const char *)) {
+    unsigned i = strchr(mode, 'x') == NULL ? find_left_log(heap, path, mode) : TL_FMU_HEAP_LOGS;
+    bool is_left = i < TL_FMU_HEAP_LOGS;
+    FILE *stream = is_left ? heap->logs[i] : open_file(path, mode);
+    if (is_left && mode[0] == 'w') {
+        rewind(stream);
+        (void)!ftruncate(fileno(stream), 0);
+    }
+    for (i = is_left ? i : 0; i < TL_FMU_HEAP_LOGS && heap->logs[i] != NULL && !is_left; i++) {
+    }
+    if (stream == NULL || i == TL_FMU_HEAP_LOGS) {
+        return stream;
+    }
+    (void)own_setvbuf(stream, NULL, _IOFBF, 0); /* allocates the buffer now */
+    heap->logs[i] = stream;
+    heap->log_modes[i] = mode[0];
+    heap->first->logs |= 1U << i;
+    return stream;
+}
+
+static FILE *open_stream(const char *path, const char *mode, FILE *(*open_file)(const char *, const char *)) {
+    bool is_log = tl_fmu_libc_heap != NULL && mode[0] != 'r' && strchr(mode, '+') == NULL;
+    tl_fmu_heap *heap = is_log ? tl_fmu_libc_enter(NULL) : NULL;
+    FILE *opened = is_log ? open_log(heap, path, mode, open_file) : open_file(path, mode);
+    if (is_log) {
+        (void)tl_fmu_libc_enter(heap);
+    }
+    (void)note_file(path, mode, opened);
+    if (is_log && opened != NULL && find_log(heap, opened) == TL_FMU_HEAP_LOGS) { /* it must be closed in this call */
+        (void)note_descriptor(fileno(opened));
+    }
+    return opened;
+}
+
 FILE *tl_noted_fopen(const char *path, const char *mode) {
     find_fopen();
-    return note_file(path, mode, own_fopen(path, mode));
+    return open_stream(path, mode, own_fopen);
 }
 
 FILE *tl_noted_fopen64(const char *path, const char *mode) {
     find_fopen64();
-    return note_file(path, mode, own_fopen64(path, mode));
+    return open_stream(path, mode, own_fopen64);
+}
+
+/* A stream that a state may contain stays open. */
+int fclose(FILE *stream) {
+    find_fclose();
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    unsigned i = find_log(heap, stream);
+    if (i < TL_FMU_HEAP_LOGS) {
+        heap->first->logs &= ~(1U << i);
+        if ((heap->saved_logs >> i & 1U) != 0) {
+            return fflush(stream);
+        }
+        heap->logs[i] = NULL;
+    }
+    return own_fclose(stream);
+}
+
+/* A buffer of the FMU may be freed by a rollback while the stream is open. */
+int setvbuf(FILE *stream, char *buffer, int kind, size_t size) {
+    find_setvbuf();
+    bool is_log = find_log(tl_fmu_libc_heap, stream) < TL_FMU_HEAP_LOGS;
+    return is_log ? own_setvbuf(stream, NULL, kind, 0) : own_setvbuf(stream, buffer, kind, size);
+}
+
+void tl_fmu_libc_keep_logs(tl_fmu_heap *heap) {
+    heap->saved_logs |= heap->first->logs;
 }
 
 DIR *opendir(const char *path) {

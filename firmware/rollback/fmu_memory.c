@@ -484,6 +484,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     kept->flags = memory->flags;
     kept->key_count = memory->heap->key_count;
     tl_fmu_libc_read_keys(memory->heap, kept->keys);
+    tl_fmu_libc_keep_logs(memory->heap);
     return TL_OK;
 }
 

@@ -350,7 +350,7 @@ static void test_a_library_that_is_opened_late(void) {
     tl_fmu_memory_forget(after);
 }
 
-static void close_in_call(void *library) {
+static void close_library(void *library) {
     (void)tl_fmu_libc_enter(fmu.guard.memory->heap);
     TEST_ASSERT_EQUAL_INT(0, dlclose(library));
     (void)tl_fmu_libc_enter(NULL);
@@ -369,7 +369,7 @@ static void test_a_library_that_is_opened_and_closed(void) {
         TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
         TEST_ASSERT_TRUE(inside == NULL || tl_fmu_memory_obstacle(memory, inside) != NULL);
         save(&inside);
-        close_in_call(library);
+        close_library(library);
         TEST_ASSERT_EQUAL_UINT64(known, memory->places.count);
         TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, inside));
         TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, before));
@@ -388,11 +388,11 @@ static void test_a_library_that_states_contain_is_closed(void) {
     void *first = open_late_library("first.so", true);
     void *last = open_late_library("last.so", true);
     save(&state);
-    close_in_call(first);
+    close_library(first);
     TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, state));
     tl_fmu_memory_forget(state);
     expect_left("closed|library");
-    close_in_call(last);
+    close_library(last);
 }
 
 /* Its contents after opening are not known, so an earlier state cannot be restored. */
@@ -522,6 +522,100 @@ static void test_a_file_that_is_written(void) {
     save(&state);
     tl_fmu_memory_forget(state);
     TEST_ASSERT_EQUAL_INT(0, close(file));
+}
+
+static FILE *open_in_call(const char *path, const char *mode, const char *text) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    FILE *opened = fopen(path, mode);
+    TEST_ASSERT_NOT_NULL(opened);
+    TEST_ASSERT_EQUAL_INT(0, setvbuf(opened, NULL, _IOLBF, 0));
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, opened));
+    tl_fmu_memory_leave(fmu.guard.memory);
+    return opened;
+}
+
+static int close_in_call(FILE *opened) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    int failed = fclose(opened);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    return failed;
+}
+
+static void expect_content(const char *path, const char *wanted) {
+    char found[64] = "";
+    FILE *file = fopen(path, "r");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)!fread(found, 1, sizeof found - 1, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_STRING(wanted, found);
+}
+
+/* Opened after a state, which is restored: the C library's list of streams stays valid, and no
+ * descriptor is lost. A state that contains the stream stays valid. */
+static void test_a_log_that_stays_open(void) {
+    char path[] = "/tmp/twinlock-log-XXXXXX";
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *before = NULL;
+    void *inside = NULL;
+    TEST_ASSERT_EQUAL_INT(0, close(mkstemp(path)));
+    memory->watched = 0;
+    save(&before);
+    FILE *log = open_in_call(path, "a", "1\n");
+    for (int i = 0; i < 3; i++) {
+        tl_fmu_memory_restore(memory, before);
+        TEST_ASSERT_EQUAL_PTR(log, open_in_call(path, "a", "2\n"));
+        TEST_ASSERT_EQUAL_INT(0, fflush(NULL));
+    }
+    expect_content(path, "1\n2\n2\n2\n");
+    FILE *other = open_in_call("/dev/null", "a", "");
+    TEST_ASSERT_TRUE(other != log);
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(other)); /* no state contains it */
+    save(&inside);
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(log)); /* the state contains it, so it stays open */
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fcntl(fileno(log), F_GETFD));
+    tl_fmu_memory_restore(memory, inside);
+    tl_fmu_memory_restore(memory, before);
+    FILE *emptied = open_in_call(path, "w", "3\n");
+    TEST_ASSERT_TRUE(emptied != log);
+    tl_fmu_memory_restore(memory, before);
+    TEST_ASSERT_EQUAL_PTR(emptied, open_in_call(path, "w", "4\n"));
+    expect_content(path, "4\n");
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+    FILE *again = open_in_call(path, "a", "5\n"); /* another file */
+    TEST_ASSERT_TRUE(again != log);
+    expect_content(path, "5\n");
+    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(inside);
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+}
+
+/* Then one that stays open is no longer covered. */
+static void test_more_logs_than_are_noted(void) {
+    FILE *logs[TL_FMU_HEAP_LOGS + 1];
+    fmu.guard.memory->watched = 0;
+    for (int i = 0; i <= TL_FMU_HEAP_LOGS; i++) {
+        TEST_ASSERT_NULL(tl_fmu_memory_remaining(fmu.guard.memory));
+        logs[i] = open_in_call("/dev/null", "w", "");
+    }
+    expect_left("open file");
+    for (int i = 0; i <= TL_FMU_HEAP_LOGS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, close_in_call(logs[i]));
+    }
+}
+
+/* The descriptor of a log may have been that of a file that the call has closed. */
+static void test_a_log_with_the_number_of_a_closed_file(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    memory->watched = 0;
+    tl_fmu_memory_enter(memory);
+    int first = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    (void)close(first);
+    FILE *log = fopen("/dev/null", "ae");
+    tl_fmu_memory_leave(memory);
+    TEST_ASSERT_EQUAL_INT(first, fileno(log));
+    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(log));
 }
 
 /* Each of them leaves something that a rollback does not undo. */
@@ -669,6 +763,9 @@ int main(void) {
     RUN_TEST(test_a_library_that_no_call_has_opened);
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
+    RUN_TEST(test_a_log_that_stays_open);
+    RUN_TEST(test_more_logs_than_are_noted);
+    RUN_TEST(test_a_log_with_the_number_of_a_closed_file);
     RUN_TEST(test_folders_and_names_that_are_changed);
     RUN_TEST(test_environment_that_is_changed);
     RUN_TEST(test_threads_that_are_not_started_by_posix);
