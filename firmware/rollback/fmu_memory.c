@@ -1,6 +1,7 @@
 /* Rollback by memory, see fmu_memory.h. */
 #include "firmware/rollback/fmu_memory.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <fenv.h>
 #include <stdint.h>
@@ -449,7 +450,15 @@ static memory_state *take_reserved(tl_fmu_memory *memory) {
     return taken;
 }
 
+/* The C library keeps the address of the loader's last error, which may lie in the heap. Two calls
+ * free it. */
+static void forget_loader_error(void) {
+    while (dlerror() != NULL) {
+    }
+}
+
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
+    forget_loader_error();
     const char *side_effect = are_threads_asleep(memory) ? tl_fmu_memory_remaining(memory) : "a thread";
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
@@ -571,6 +580,7 @@ const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
     bool is_complete = kept->pages == NULL;
+    forget_loader_error();
     bool was_written = memory->heap->was_written;
     note_used(memory);
     memory->heap->was_written = false;
