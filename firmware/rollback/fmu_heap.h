@@ -54,7 +54,7 @@ typedef struct tl_fmu_heap {
     size_t highest;                  /* bytes from the beginning that may differ from zero */
     struct tl_fmu_heap_first *first; /* the first block: state of rand() and similar functions */
     bool has_outside_memory;         /* the FMU also has memory outside of the heap */
-    bool has_reserved;               /* the FMU has reserved addresses outside of the heap, without access */
+    bool has_reserved;               /* the FMU has mapped memory outside of the heap that is not writable */
     bool has_threads;                /* the FMU has started threads that are not allowed */
     bool
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */

@@ -30,6 +30,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/timerfd.h>
 #include <threads.h>
 #include <time.h>
 #include <unistd.h>
@@ -514,14 +515,23 @@ NEXT(int, mprotect, (void *, size_t, int))
 NEXT(int, madvise, (void *, size_t, int))
 NEXT(void *, dlopen, (const char *, int))
 NEXT(int, dlclose, (void *))
+NEXT(void *, dlmopen, (Lmid_t, const char *, int))
 NEXT(int, pthread_key_create, (pthread_key_t *, void (*)(void *)))
 NEXT(int, pthread_key_delete, (pthread_key_t))
+NEXT(int, tss_create, (tss_t *, tss_dtor_t))
+NEXT(void, tss_delete, (tss_t))
 NEXT(int, open, (const char *, int, ...))
 NEXT(int, open64, (const char *, int, ...))
 NEXT(int, openat, (int, const char *, int, ...))
 NEXT(int, openat64, (int, const char *, int, ...))
 NEXT(FILE *, fopen, (const char *, const char *))
 NEXT(FILE *, fopen64, (const char *, const char *))
+NEXT(FILE *, freopen, (const char *, const char *, FILE *))
+NEXT(FILE *, freopen64, (const char *, const char *, FILE *))
+NEXT(int, mkstemp, (char *))
+NEXT(int, mkstemp64, (char *))
+NEXT(FILE *, tmpfile, (void))
+NEXT(FILE *, tmpfile64, (void))
 NEXT(int, fclose, (FILE *))
 NEXT(int, setvbuf, (FILE *, char *, int, size_t))
 NEXT(DIR *, opendir, (const char *))
@@ -643,29 +653,54 @@ uint32_t tl_fmu_libc_threads_alive(const tl_fmu_heap *heap) {
 
 /* ---- thread-specific values ---- */
 
-typedef char keys_are_unsigned[sizeof(pthread_key_t) == sizeof(unsigned) ? 1 : -1];
+typedef char keys_are_unsigned[sizeof(pthread_key_t) == sizeof(unsigned) && sizeof(tss_t) == sizeof(unsigned) ? 1 : -1];
+
+static void note_key(unsigned key) {
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    if (heap != NULL && heap->key_count < TL_FMU_HEAP_KEYS) {
+        heap->keys[heap->key_count++] = key;
+    } else if (heap != NULL) {
+        heap->has_outside_memory = true;
+    }
+}
+
+/* A restore cannot create the same key again. */
+static void note_deleted_key(unsigned key) {
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    for (uint32_t i = 0; heap != NULL && i < heap->key_count; i++) {
+        heap->has_outside_memory = heap->has_outside_memory || heap->keys[i] == key;
+    }
+}
 
 int pthread_key_create(pthread_key_t *key, void (*destructor)(void *)) {
     find_pthread_key_create();
-    tl_fmu_heap *heap = tl_fmu_libc_heap;
     int failed = own_pthread_key_create(key, destructor);
-    if (failed == 0 && heap != NULL && heap->key_count < TL_FMU_HEAP_KEYS) {
-        heap->keys[heap->key_count++] = *key;
-    } else if (failed == 0 && heap != NULL) {
-        heap->has_outside_memory = true;
+    if (failed == 0) {
+        note_key(*key);
     }
     return failed;
 }
 
 int pthread_key_delete(pthread_key_t key) {
     find_pthread_key_delete();
-    tl_fmu_heap *heap = tl_fmu_libc_heap;
-    for (uint32_t i = 0; heap != NULL && i < heap->key_count; i++) {
-        if (heap->keys[i] == key) {
-            heap->has_outside_memory = true; /* a restore cannot create the same key again */
-        }
-    }
+    note_deleted_key(key);
     return own_pthread_key_delete(key);
+}
+
+/* The C library's keys are the same for both standards. */
+int tss_create(tss_t *key, tss_dtor_t destructor) {
+    find_tss_create();
+    int failed = own_tss_create(key, destructor);
+    if (failed == thrd_success) {
+        note_key(*key);
+    }
+    return failed;
+}
+
+void tss_delete(tss_t key) {
+    find_tss_delete();
+    note_deleted_key(key);
+    own_tss_delete(key);
 }
 
 void tl_fmu_libc_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]) {
@@ -715,6 +750,12 @@ int tl_noted_openat(int folder, const char *path, int flags, ...) __asm__("opena
 int tl_noted_openat64(int folder, const char *path, int flags, ...) __asm__("openat64");
 FILE *tl_noted_fopen(const char *path, const char *mode) __asm__("fopen");
 FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
+FILE *tl_noted_freopen(const char *path, const char *mode, FILE *stream) __asm__("freopen");
+FILE *tl_noted_freopen64(const char *path, const char *mode, FILE *stream) __asm__("freopen64");
+int tl_noted_mkstemp(char *name) __asm__("mkstemp");
+int tl_noted_mkstemp64(char *name) __asm__("mkstemp64");
+FILE *tl_noted_tmpfile(void) __asm__("tmpfile");
+FILE *tl_noted_tmpfile64(void) __asm__("tmpfile64");
 
 /* Reads the argument `mode` after `flags`. It exists only with O_CREAT or O_TMPFILE. */
 #define READ_MODE(mode, flags)                                                                                         \
@@ -857,6 +898,42 @@ void tl_fmu_libc_keep_logs(tl_fmu_heap *heap) {
     heap->saved_logs |= heap->first->logs;
 }
 
+static FILE *note_stream(FILE *opened) {
+    (void)note_descriptor(opened != NULL ? fileno(opened) : -1);
+    return opened;
+}
+
+/* A rollback does not return a stream to its former file. */
+FILE *tl_noted_freopen(const char *path, const char *mode, FILE *stream) {
+    find_freopen();
+    return note_stream(own_freopen(path, mode, stream));
+}
+
+FILE *tl_noted_freopen64(const char *path, const char *mode, FILE *stream) {
+    find_freopen64();
+    return note_stream(own_freopen64(path, mode, stream));
+}
+
+FILE *tl_noted_tmpfile(void) {
+    find_tmpfile();
+    return note_stream(own_tmpfile());
+}
+
+FILE *tl_noted_tmpfile64(void) {
+    find_tmpfile64();
+    return note_stream(own_tmpfile64());
+}
+
+int tl_noted_mkstemp(char *name) {
+    find_mkstemp();
+    return note_descriptor(own_mkstemp(name));
+}
+
+int tl_noted_mkstemp64(char *name) {
+    find_mkstemp64();
+    return note_descriptor(own_mkstemp64(name));
+}
+
 DIR *opendir(const char *path) {
     find_opendir();
     DIR *opened = own_opendir(path);
@@ -896,6 +973,7 @@ NOTED(note_descriptor, dup3, (int descriptor, int wanted, int flags), (descripto
 NOTED(note_descriptor, epoll_create1, (int flags), (flags))
 NOTED(note_descriptor, memfd_create, (const char *name, unsigned flags), (name, flags))
 NOTED(note_descriptor, eventfd, (unsigned count, int flags), (count, flags))
+NOTED(note_descriptor, timerfd_create, (int clock, int flags), (clock, flags))
 
 /* Own names, because the headers rename fcntl() on some machines. */
 int tl_noted_fcntl(int descriptor, int command, ...) __asm__("fcntl");
@@ -1049,6 +1127,18 @@ void *dlopen(const char *path, int mode) {
     return found == NULL ? own_dlopen(path, mode) : open_and_report(heap, found, mode);
 }
 
+/* In another namespace, the library uses another copy of the C library, with its own allocator. The
+ * last call here is a jump, see above. */
+void *dlmopen(Lmid_t space, const char *path, int mode) {
+    if (own_dlmopen == NULL) {
+        find_dlmopen();
+    }
+    if (tl_fmu_libc_heap != NULL) {
+        tl_fmu_libc_heap->has_outside_memory = true;
+    }
+    return own_dlmopen(space, path, mode);
+}
+
 /* Reports that the FMU has closed a library: another one may get its addresses. */
 int dlclose(void *library) {
     find_dlclose();
@@ -1079,7 +1169,7 @@ void *tl_fmu_libc_map(void *address, size_t size, int protection, int flags, int
 static void *map_from_heap(const void *caller, size_t size, int protection, int flags) {
     tl_fmu_heap *heap = find_server(caller);
     if (heap == NULL || (protection & PROT_WRITE) == 0) {
-        if (heap != NULL && protection == PROT_NONE) {
+        if (heap != NULL) {
             heap->has_reserved = true;
         }
         return NULL;
@@ -1132,7 +1222,7 @@ void *mremap(void *address, size_t size, size_t new_size, int flags, ...) {
     return mapping;
 }
 
-/* Memory that is not writable cannot be restored. Neither can memory that the FMU has reserved
+/* Memory that is not writable cannot be restored. Neither can memory that the FMU has mapped
  * outside of its heap, and makes writable now. */
 int mprotect(void *address, size_t size, int protection) {
     find_mprotect();

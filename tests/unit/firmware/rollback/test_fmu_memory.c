@@ -17,6 +17,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/timerfd.h>
 #include <sys/wait.h>
 #include <threads.h>
 #include <time.h>
@@ -416,6 +417,20 @@ static int open_stream(void) {
     return fileno(stream);
 }
 
+static int open_other_file(void) {
+    stream = freopen("/dev/null", "we", fopen("/dev/null", "re"));
+    return fileno(stream);
+}
+
+static int open_temporary(void) {
+    stream = tmpfile();
+    return fileno(stream);
+}
+
+static int open_clock(void) {
+    return timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
+}
+
 static int open_folder(void) {
     folder = opendir("/");
     return dirfd(folder);
@@ -481,6 +496,9 @@ static void test_a_descriptor_that_is_opened_late(void) {
     } kinds[] = {{open_by_name, close},
                  {open_in_folder, close},
                  {open_stream, close_stream},
+                 {open_other_file, close_stream},
+                 {open_temporary, close_stream},
+                 {open_clock, close},
                  {open_folder, close_folder},
                  {open_by_pipe, close},
                  {open_copy, close},
@@ -695,12 +713,12 @@ static void test_threads_that_are_not_started_by_posix(void) {
 }
 
 /* An allocator that reserves addresses, and makes them usable as needed. */
-static void test_memory_that_was_reserved(void) {
+static void try_protected(int protection) {
     tl_fmu_memory *memory = fmu.guard.memory;
     const size_t size = 1 << 20;
     tl_fmu_memory_enter(memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *own = mmap(NULL, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    void *own = mmap(NULL, size, protection, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     tl_fmu_memory_leave(memory);
     TEST_ASSERT_TRUE(own != MAP_FAILED);
     TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
@@ -714,6 +732,11 @@ static void test_memory_that_was_reserved(void) {
 }
 
 /* Values of keys are restored; a key that was created later is deleted. */
+static void test_memory_that_is_made_writable(void) {
+    try_protected(PROT_NONE);
+    try_protected(PROT_READ);
+}
+
 static void test_thread_specific_values(void) {
     tl_fmu_memory *memory = fmu.guard.memory;
     int values[2] = {0};
@@ -739,6 +762,85 @@ static void test_thread_specific_values(void) {
     tl_fmu_memory_leave(memory);
     expect_left("memory");
     tl_fmu_memory_forget(state);
+}
+
+static void test_thread_specific_values_of_c11(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    int values[2] = {0};
+    tss_t key;
+    void *state = NULL;
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(thrd_success, tss_create(&key, NULL));
+    (void)tss_set(key, &values[0]);
+    tl_fmu_memory_leave(memory);
+    save(&state);
+    (void)tss_set(key, &values[1]);
+    tl_fmu_memory_restore(memory, state);
+    TEST_ASSERT_EQUAL_PTR(&values[0], tss_get(key));
+    tl_fmu_memory_enter(memory);
+    tss_delete(key);
+    tl_fmu_memory_leave(memory);
+    expect_left("memory");
+    tl_fmu_memory_forget(state);
+}
+
+static void fail_to_find(bool reads) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    TEST_ASSERT_NULL(dlsym(RTLD_DEFAULT, "no_such_function"));
+    const char *text = reads ? dlerror() : "";
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_NOT_NULL(text);
+}
+
+/* The C library has its address. After a restore, it must not free or change the FMU's memory. */
+static void test_an_error_of_the_loader(void) {
+    enum { SIZE = 24, COUNT = 8 };
+    tl_fmu_memory *memory = fmu.guard.memory;
+    for (int i = 0; i < 4; i++) {
+        unsigned char *blocks[COUNT];
+        void *state = NULL;
+        if (i >= 2) {
+            fail_to_find(i % 2 == 0);
+        }
+        save(&state);
+        fail_to_find(i % 2 == 0);
+        tl_fmu_memory_restore(memory, state);
+        tl_fmu_memory_enter(memory);
+        for (int k = 0; k < COUNT; k++) {
+            blocks[k] = malloc(SIZE);
+            TEST_ASSERT_NOT_NULL(blocks[k]);
+            memset(blocks[k], k + 1, SIZE);
+        }
+        tl_fmu_memory_leave(memory);
+        fail_to_find(true);
+        fail_to_find(false);
+        for (int k = 0; k < COUNT; k++) {
+            TEST_ASSERT_EACH_EQUAL_UINT8(k + 1, blocks[k], SIZE);
+            free(blocks[k]);
+        }
+        tl_fmu_memory_forget(state);
+    }
+}
+
+/* It has its own allocator. */
+static void test_a_library_in_another_namespace(void) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    void *library = dlmopen(LM_ID_NEWLM, "libm.so.6", RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_NOT_NULL(library);
+    expect_left("memory");
+    TEST_ASSERT_EQUAL_INT(0, dlclose(library));
+}
+
+static void test_a_temporary_file(void) {
+    char path[] = "/tmp/twinlock-temporary-XXXXXX";
+    fmu.guard.memory->watched = 0;
+    tl_fmu_memory_enter(fmu.guard.memory);
+    int descriptor = mkstemp(path);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    expect_left("open file");
+    TEST_ASSERT_EQUAL_INT(0, close(descriptor));
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
 }
 
 int main(void) {
@@ -769,7 +871,11 @@ int main(void) {
     RUN_TEST(test_folders_and_names_that_are_changed);
     RUN_TEST(test_environment_that_is_changed);
     RUN_TEST(test_threads_that_are_not_started_by_posix);
-    RUN_TEST(test_memory_that_was_reserved);
+    RUN_TEST(test_memory_that_is_made_writable);
     RUN_TEST(test_thread_specific_values);
+    RUN_TEST(test_thread_specific_values_of_c11);
+    RUN_TEST(test_an_error_of_the_loader);
+    RUN_TEST(test_a_library_in_another_namespace);
+    RUN_TEST(test_a_temporary_file);
     return UNITY_END();
 }
