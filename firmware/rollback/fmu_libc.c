@@ -797,7 +797,7 @@ static FILE *note_file(const char *path, const char *mode, FILE *opened) {
     return opened;
 }
 
-/* Returns the index of a stream that is only written; TL_FMU_HEAP_LOGS: it is none. */
+/* Returns the index of a stream that is only written; TL_FMU_HEAP_LOGS: there is no such stream. */
 static unsigned find_log(const tl_fmu_heap *heap, const FILE *stream) {
     unsigned i = heap != NULL ? 0 : TL_FMU_HEAP_LOGS;
     while (i < TL_FMU_HEAP_LOGS && heap->logs[i] != stream) {

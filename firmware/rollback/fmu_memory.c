@@ -602,6 +602,23 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     tl_fmu_libc_write_keys(memory->heap, kept->keys, kept->key_count);
 }
 
+bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state) {
+    const memory_state *kept = state;
+    bool is_complete = kept->pages == NULL;
+    const unsigned char *bytes = kept->bytes + (is_complete ? kept->used : 0);
+    bool is_same = tl_fmu_heap_used(memory->heap) == kept->used && memory->places.count == kept->regions &&
+                   (is_complete ? memcmp(memory->heap->base, kept->bytes, kept->used) == 0
+                                : tl_fmu_pages_are_same(memory->pages, &kept->version, kept->used));
+    for (size_t i = 0; i < kept->regions && is_same; i++) {
+        const tl_fmu_region *region = &memory->places.place[i];
+        if (is_complete || !is_in_pages(memory, i)) {
+            is_same = !is_late(memory, i) && memcmp(region->begin, bytes, region->size) == 0;
+            bytes += region->size;
+        }
+    }
+    return is_same;
+}
+
 void tl_fmu_memory_forget(void *state) {
     memory_state *kept = state;
     if (kept != NULL && kept->pages != NULL) {

@@ -132,6 +132,10 @@ bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
 
+/* Returns true if the memory has the same bits as the state. Exception flags are not compared.
+ * Returns false if a library was opened late. */
+bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state);
+
 /* Frees a state; NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
 

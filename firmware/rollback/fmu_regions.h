@@ -49,7 +49,7 @@ void tl_fmu_regions_exclude(void);
  * `opened`: as dlopen() has returned it; NULL: none. */
 void tl_fmu_regions_claim(const char *folder, void *opened, size_t from);
 
-/* Forgets the users of closed libraries, because another library may be loaded to the same address. */
+/* Forgets the users of closed libraries, because their addresses may be used again. */
 void tl_fmu_regions_forget_closed(void);
 
 /* Finds the regions of an FMU: of all loaded libraries in `folder`, an absolute path without links,

@@ -30,8 +30,8 @@ def make(**macros):
 
 @functools.cache
 def make_late(step):
-    """The path of one whose states are right until it has executed `step` steps: see late.c. They are far faster than copies
-    of its memory."""
+    """The path of one whose states are right in its first `step` inner steps: see late.c. They are far faster than copies of its
+    memory."""
     return _make_model("late", LATE=step, TOUCHES=PAGES)
 
 
@@ -53,7 +53,7 @@ def make_masked(limit, pages=0):
 
 @functools.cache
 def make_later(name, step):
-    """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources.
+    """The path of one that is exact until this step; `name` is "late", "cold", "clock" or "ring", see these sources.
     Its states are far faster than copies of its memory."""
     return _make_model(name, LATE=step, TOUCHES=PAGES)
 

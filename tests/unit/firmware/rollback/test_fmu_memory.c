@@ -176,6 +176,34 @@ static void test_a_state_that_is_used_again_grows(void) {
     tl_fmu_memory_forget(state);
 }
 
+/* A small FMU, then a large one, whose states consist of pages. */
+static void test_memory_with_the_same_bits(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    for (size_t size = 100; size <= 200000; size += 199900) {
+        void *state = NULL;
+        tl_fmu_memory_enter(memory);
+        unsigned char *block = calloc(size, 1);
+        tl_fmu_memory_leave(memory);
+        save(&state);
+        TEST_ASSERT_TRUE(tl_fmu_memory_is_same(memory, state));
+        block[size - 1] ^= 1;
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        block[size - 1] ^= 1;
+        TEST_ASSERT_TRUE(tl_fmu_memory_is_same(memory, state));
+        unsigned char *data = memory->places.place[0].begin;
+        data[0] ^= 1;
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        data[0] ^= 1;
+        tl_fmu_memory_enter(memory);
+        unsigned char *more = malloc(30000);
+        tl_fmu_memory_leave(memory);
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        tl_fmu_memory_restore(memory, state);
+        TEST_ASSERT_TRUE(more != NULL && tl_fmu_memory_is_same(memory, state));
+        tl_fmu_memory_forget(state);
+    }
+}
+
 /* A block that is freed between two calls is allocated again after a restore, also if no call came
  * between. */
 static void test_a_block_that_is_freed_between_calls(void) {
@@ -853,6 +881,7 @@ int main(void) {
     RUN_TEST(test_any_order);
     RUN_TEST(test_by_the_function_table);
     RUN_TEST(test_a_state_that_is_used_again_grows);
+    RUN_TEST(test_memory_with_the_same_bits);
     RUN_TEST(test_a_block_that_is_freed_between_calls);
     RUN_TEST(test_exceptions_are_its_own);
     RUN_TEST(test_a_thread);
