@@ -40,6 +40,7 @@ typedef struct tl_fmu_guard {
     void *
         instantiated; /* private: copy of the memory from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
     void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */
+    void *noted;      /* private: copy of the memory, to compare with it during the proof; NULL: no copy */
     bool was_proved;  /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
     uint32_t name;    /* number of the FMU's name in fmu_call.h, for calls without an instance */
     unsigned logged_changes; /* bits: changes of the process that were already logged, for calls without an instance */

@@ -163,7 +163,9 @@ static fmi2Status keep_start(fmi2Component component) {
 
 static void drop_copy(tl_fmu_guard *guard) {
     tl_fmu_memory_forget(guard->full_copy);
+    tl_fmu_memory_forget(guard->noted);
     guard->full_copy = NULL;
+    guard->noted = NULL;
 }
 
 static size_t size_start(fmi2Component component) {
@@ -317,6 +319,20 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     return fmi2OK;
 }
 
+static fmi2Status note_memory(fmi2Component component) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    tl_fmu_memory_freeze_estimate(guard->memory, true);
+    fmi2Status status = tl_memory_state_save(component, &guard->noted);
+    tl_fmu_memory_freeze_estimate(guard->memory, false);
+    return status;
+}
+
+static bool is_memory_same(fmi2Component component) {
+    const tl_fmu_guarded *self = component;
+    return tl_fmu_memory_is_same(self->guard->memory, self->guard->noted);
+}
+
 /* ---- first method ---- */
 
 void tl_rollback_method_choose(tl_fmu_guard *guard) {
@@ -326,7 +342,9 @@ void tl_rollback_method_choose(tl_fmu_guard *guard) {
                                               .end_proof = end_proof,
                                               .size = size_start,
                                               .has_choice = has_choice,
-                                              .prefer_copy = prefer_copy};
+                                              .prefer_copy = prefer_copy,
+                                              .note_memory = note_memory,
+                                              .is_memory_same = is_memory_same};
     bool by_memory = guard->by_memory;
     roll_back_by(guard, &guard->by_states);
     /* A Python FMU's own states contain only the variables that its author has registered. */

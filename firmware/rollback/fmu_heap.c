@@ -86,10 +86,22 @@ static bool make_usable(tl_fmu_heap *heap, size_t end) {
     return true;
 }
 
+/* Results of some FMUs depend on addresses. So heaps get the same ones in each run if they are
+ * free: from 64 GiB on, which no machine with 64 bits uses by itself. 0: any. */
+static void *choose_address(size_t size) {
+    static uint64_t next = sizeof(void *) > 4 ? (uint64_t)64 << 30 : 0;
+    uint64_t chosen = next;
+    void *address = NULL;
+    next += chosen != 0 ? size : 0;
+    memcpy(&address, &chosen, sizeof address); /* with 32 bits: NULL */
+    return address;
+}
+
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error) {
     *heap = (tl_fmu_heap){.reserved = round_up(reserve, PIECE)};
+    void *address = choose_address(heap->reserved);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *range = mmap(NULL, heap->reserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    void *range = mmap(address, heap->reserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (range == MAP_FAILED) {
         return tl_fail(error, TL_TRY_AGAIN, "no address range for the heap of an FMU: %s", strerror(errno));
     }

@@ -6,7 +6,7 @@
  *          restores which blocks are allocated.
  * Range:   all addresses are reserved at once, without memory, and made usable in pieces when they
  *          are needed. So no block ever moves, and a process with locked memory locks only the used
- *          part.
+ *          part. With 64 bits, the heaps of all runs have the same addresses if these are free.
  * Blocks:  in size classes, four per doubling. A freed block waits in a list of its class for the
  *          next allocation of that class. Blocks are never split or joined, so that the same calls
  *          always yield the same addresses.
@@ -22,33 +22,40 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <time.h>
 
 #include "master/base/status.h"
 
-/* Most threads of an FMU that are watched, most keys of thread-specific values, and most
- * descriptors. */
-enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024 };
+/* Most threads of an FMU that are watched, most keys of thread-specific values, most
+ * descriptors, and most streams that are only written. */
+enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024, TL_FMU_HEAP_LOGS = 32 };
 
 typedef struct tl_fmu_heap_thread {
     clockid_t clock; /* of its processor time */
     int64_t ran;     /* processor time when it was last checked, ns; -1: it has ended */
 } tl_fmu_heap_thread;
 
-/* Called before and after a call of the FMU opens a library whose path is known. `library`: what
- * dlopen() has returned; NULL before. */
-typedef void tl_fmu_heap_note_opening(void *context, bool is_opened, void *library);
+typedef enum tl_fmu_library_change {
+    TL_FMU_LIBRARY_OPENS,
+    TL_FMU_LIBRARY_OPENED,
+    TL_FMU_LIBRARY_CLOSED
+} tl_fmu_library_change;
+
+/* Called before and after a call of the FMU opens a library whose path is known, and after it has
+ * closed one. `library`: what dlopen() has returned; NULL if it has not opened one. */
+typedef void tl_fmu_heap_note_opening(void *context, tl_fmu_library_change change, void *library);
 
 /* Fields are private, except those that the user sets. */
 typedef struct tl_fmu_heap {
-    unsigned char *base;     /* NULL: no heap */
-    size_t reserved;         /* bytes of address range */
-    size_t usable;           /* bytes from the beginning that are accessible; never decreases */
-    size_t highest;          /* bytes from the beginning that may differ from zero */
-    void *first;             /* the first block: state of rand() and similar functions */
-    bool has_outside_memory; /* the FMU also has memory outside of the heap */
-    bool has_reserved;       /* the FMU has reserved addresses outside of the heap, without access */
-    bool has_threads;        /* the FMU has started threads that are not allowed */
+    unsigned char *base;             /* NULL: no heap */
+    size_t reserved;                 /* bytes of address range */
+    size_t usable;                   /* bytes from the beginning that are accessible; never decreases */
+    size_t highest;                  /* bytes from the beginning that may differ from zero */
+    struct tl_fmu_heap_first *first; /* the first block: state of rand() and similar functions */
+    bool has_outside_memory;         /* the FMU also has memory outside of the heap */
+    bool has_reserved;               /* the FMU has mapped memory outside of the heap that is not writable */
+    bool has_threads;                /* the FMU has started threads that are not allowed */
     bool
         allows_threads; /* set by the user: threads that calls start are served from this heap too, and may sleep between calls */
     bool
@@ -66,6 +73,9 @@ typedef struct tl_fmu_heap {
     bool changes_environment;                /* a call has changed an environment variable */
     bool has_opened;                         /* `is_opened` has an entry; cleared by the user, like the entries */
     bool is_opened[TL_FMU_HEAP_DESCRIPTORS]; /* descriptors that calls have opened, and perhaps closed again */
+    FILE *logs[TL_FMU_HEAP_LOGS];            /* streams that calls have opened for writing only; NULL: free entry */
+    char log_modes[TL_FMU_HEAP_LOGS];        /* how they were opened: 'w' or 'a' */
+    uint32_t saved_logs;                     /* bits: streams that states may contain */
     bool was_written; /* a call has begun or a block was freed; cleared by fmu_memory.h at each save and restore */
     bool is_taken;    /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;

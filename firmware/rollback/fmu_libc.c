@@ -30,6 +30,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/timerfd.h>
 #include <threads.h>
 #include <time.h>
 #include <unistd.h>
@@ -46,10 +47,12 @@ __thread tl_fmu_heap *tl_fmu_libc_heap;
 /* The same size as in the C library, so that it yields the same numbers. */
 enum { STATE = 128, FIRST_SEED = 1 };
 
-typedef struct random_state {
+/* The first block of a heap; a rollback restores it. */
+typedef struct tl_fmu_heap_first {
     struct random_data data;   /* of rand() and random() */
     struct drand48_data words; /* of drand48() and related functions */
     char state[STATE];
+    uint32_t logs; /* bits: streams of the heap that the FMU has open */
 } random_state;
 
 static void begin_random(random_state *self) {
@@ -239,6 +242,10 @@ void tl_fmu_libc_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KE
     (void)heap;
     (void)values;
     (void)count;
+}
+
+void tl_fmu_libc_keep_logs(tl_fmu_heap *heap) {
+    (void)heap;
 }
 
 #else
@@ -507,14 +514,26 @@ NEXT(void *, mremap, (void *, size_t, size_t, int, ...))
 NEXT(int, mprotect, (void *, size_t, int))
 NEXT(int, madvise, (void *, size_t, int))
 NEXT(void *, dlopen, (const char *, int))
+NEXT(int, dlclose, (void *))
+NEXT(void *, dlmopen, (Lmid_t, const char *, int))
 NEXT(int, pthread_key_create, (pthread_key_t *, void (*)(void *)))
 NEXT(int, pthread_key_delete, (pthread_key_t))
+NEXT(int, tss_create, (tss_t *, tss_dtor_t))
+NEXT(void, tss_delete, (tss_t))
 NEXT(int, open, (const char *, int, ...))
 NEXT(int, open64, (const char *, int, ...))
 NEXT(int, openat, (int, const char *, int, ...))
 NEXT(int, openat64, (int, const char *, int, ...))
 NEXT(FILE *, fopen, (const char *, const char *))
 NEXT(FILE *, fopen64, (const char *, const char *))
+NEXT(FILE *, freopen, (const char *, const char *, FILE *))
+NEXT(FILE *, freopen64, (const char *, const char *, FILE *))
+NEXT(int, mkstemp, (char *))
+NEXT(int, mkstemp64, (char *))
+NEXT(FILE *, tmpfile, (void))
+NEXT(FILE *, tmpfile64, (void))
+NEXT(int, fclose, (FILE *))
+NEXT(int, setvbuf, (FILE *, char *, int, size_t))
 NEXT(DIR *, opendir, (const char *))
 NEXT(int, pipe, (int *))
 NEXT(int, pipe2, (int *, int))
@@ -634,29 +653,54 @@ uint32_t tl_fmu_libc_threads_alive(const tl_fmu_heap *heap) {
 
 /* ---- thread-specific values ---- */
 
-typedef char keys_are_unsigned[sizeof(pthread_key_t) == sizeof(unsigned) ? 1 : -1];
+typedef char keys_are_unsigned[sizeof(pthread_key_t) == sizeof(unsigned) && sizeof(tss_t) == sizeof(unsigned) ? 1 : -1];
+
+static void note_key(unsigned key) {
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    if (heap != NULL && heap->key_count < TL_FMU_HEAP_KEYS) {
+        heap->keys[heap->key_count++] = key;
+    } else if (heap != NULL) {
+        heap->has_outside_memory = true;
+    }
+}
+
+/* A restore cannot create the same key again. */
+static void note_deleted_key(unsigned key) {
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    for (uint32_t i = 0; heap != NULL && i < heap->key_count; i++) {
+        heap->has_outside_memory = heap->has_outside_memory || heap->keys[i] == key;
+    }
+}
 
 int pthread_key_create(pthread_key_t *key, void (*destructor)(void *)) {
     find_pthread_key_create();
-    tl_fmu_heap *heap = tl_fmu_libc_heap;
     int failed = own_pthread_key_create(key, destructor);
-    if (failed == 0 && heap != NULL && heap->key_count < TL_FMU_HEAP_KEYS) {
-        heap->keys[heap->key_count++] = *key;
-    } else if (failed == 0 && heap != NULL) {
-        heap->has_outside_memory = true;
+    if (failed == 0) {
+        note_key(*key);
     }
     return failed;
 }
 
 int pthread_key_delete(pthread_key_t key) {
     find_pthread_key_delete();
-    tl_fmu_heap *heap = tl_fmu_libc_heap;
-    for (uint32_t i = 0; heap != NULL && i < heap->key_count; i++) {
-        if (heap->keys[i] == key) {
-            heap->has_outside_memory = true; /* a restore cannot create the same key again */
-        }
-    }
+    note_deleted_key(key);
     return own_pthread_key_delete(key);
+}
+
+/* The C library's keys are the same for both standards. */
+int tss_create(tss_t *key, tss_dtor_t destructor) {
+    find_tss_create();
+    int failed = own_tss_create(key, destructor);
+    if (failed == thrd_success) {
+        note_key(*key);
+    }
+    return failed;
+}
+
+void tss_delete(tss_t key) {
+    find_tss_delete();
+    note_deleted_key(key);
+    own_tss_delete(key);
 }
 
 void tl_fmu_libc_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]) {
@@ -693,6 +737,9 @@ static int note_opened(const char *path, int flags, int opened) {
     if (opened >= 0 && tl_fmu_libc_heap != NULL && (flags & O_ACCMODE) != O_RDONLY && !is_device) {
         tl_fmu_libc_heap->writes_files = true;
     }
+    if (opened >= 0 && opened < TL_FMU_HEAP_DESCRIPTORS && tl_fmu_libc_heap != NULL) {
+        tl_fmu_libc_heap->is_opened[opened] = false; /* the call may have closed another file with this number */
+    }
     return (flags & O_ACCMODE) == O_WRONLY ? opened : note_descriptor(opened);
 }
 
@@ -703,6 +750,12 @@ int tl_noted_openat(int folder, const char *path, int flags, ...) __asm__("opena
 int tl_noted_openat64(int folder, const char *path, int flags, ...) __asm__("openat64");
 FILE *tl_noted_fopen(const char *path, const char *mode) __asm__("fopen");
 FILE *tl_noted_fopen64(const char *path, const char *mode) __asm__("fopen64");
+FILE *tl_noted_freopen(const char *path, const char *mode, FILE *stream) __asm__("freopen");
+FILE *tl_noted_freopen64(const char *path, const char *mode, FILE *stream) __asm__("freopen64");
+int tl_noted_mkstemp(char *name) __asm__("mkstemp");
+int tl_noted_mkstemp64(char *name) __asm__("mkstemp64");
+FILE *tl_noted_tmpfile(void) __asm__("tmpfile");
+FILE *tl_noted_tmpfile64(void) __asm__("tmpfile64");
 
 /* Reads the argument `mode` after `flags`. It exists only with O_CREAT or O_TMPFILE. */
 #define READ_MODE(mode, flags)                                                                                         \
@@ -744,14 +797,141 @@ static FILE *note_file(const char *path, const char *mode, FILE *opened) {
     return opened;
 }
 
+/* Returns the index of a stream that is only written; TL_FMU_HEAP_LOGS: there is no such stream. */
+static unsigned find_log(const tl_fmu_heap *heap, const FILE *stream) {
+    unsigned i = heap != NULL ? 0 : TL_FMU_HEAP_LOGS;
+    while (i < TL_FMU_HEAP_LOGS && heap->logs[i] != stream) {
+        i++;
+    }
+    return i;
+}
+
+static bool is_same_file(const char *path, FILE *stream) {
+    struct stat wanted;
+    struct stat opened;
+    return stat(path, &wanted) == 0 && fstat(fileno(stream), &opened) == 0 && wanted.st_dev == opened.st_dev &&
+           wanted.st_ino == opened.st_ino;
+}
+
+/* Returns the index of a stream that a rollback has left open; TL_FMU_HEAP_LOGS: none. */
+static unsigned find_left_log(const tl_fmu_heap *heap, const char *path, const char *mode) {
+    unsigned i = 0;
+    while (i < TL_FMU_HEAP_LOGS && (heap->logs[i] == NULL || (heap->first->logs >> i & 1U) != 0 ||
+                                    heap->log_modes[i] != mode[0] || !is_same_file(path, heap->logs[i]))) {
+        i++;
+    }
+    return i;
+}
+
+/* Opens a file that is only written. The stream and its buffer lie outside of the heap, because
+ * the C library has a list of all streams. A rollback to before the opening leaves it open, because
+ * another state may contain it. If the FMU then opens the file again, it gets this stream again, so
+ * that the descriptors do not run out. */
+static FILE *open_log(tl_fmu_heap *heap, const char *path, const char *mode,
+                      FILE *(*open_file)(const char *, const char *)) {
+    unsigned i = strchr(mode, 'x') == NULL ? find_left_log(heap, path, mode) : TL_FMU_HEAP_LOGS;
+    bool is_left = i < TL_FMU_HEAP_LOGS;
+    FILE *stream = is_left ? heap->logs[i] : open_file(path, mode);
+    if (is_left && mode[0] == 'w') {
+        rewind(stream);
+        (void)!ftruncate(fileno(stream), 0);
+    }
+    for (i = is_left ? i : 0; i < TL_FMU_HEAP_LOGS && heap->logs[i] != NULL && !is_left; i++) {
+    }
+    if (stream == NULL || i == TL_FMU_HEAP_LOGS) {
+        return stream;
+    }
+    (void)own_setvbuf(stream, NULL, _IOFBF, 0); /* allocates the buffer now */
+    heap->logs[i] = stream;
+    heap->log_modes[i] = mode[0];
+    heap->first->logs |= 1U << i;
+    return stream;
+}
+
+static FILE *open_stream(const char *path, const char *mode, FILE *(*open_file)(const char *, const char *)) {
+    bool is_log = tl_fmu_libc_heap != NULL && mode[0] != 'r' && strchr(mode, '+') == NULL;
+    tl_fmu_heap *heap = is_log ? tl_fmu_libc_enter(NULL) : NULL;
+    FILE *opened = is_log ? open_log(heap, path, mode, open_file) : open_file(path, mode);
+    if (is_log) {
+        (void)tl_fmu_libc_enter(heap);
+    }
+    (void)note_file(path, mode, opened);
+    if (is_log && opened != NULL && find_log(heap, opened) == TL_FMU_HEAP_LOGS) { /* it must be closed in this call */
+        (void)note_descriptor(fileno(opened));
+    }
+    return opened;
+}
+
 FILE *tl_noted_fopen(const char *path, const char *mode) {
     find_fopen();
-    return note_file(path, mode, own_fopen(path, mode));
+    return open_stream(path, mode, own_fopen);
 }
 
 FILE *tl_noted_fopen64(const char *path, const char *mode) {
     find_fopen64();
-    return note_file(path, mode, own_fopen64(path, mode));
+    return open_stream(path, mode, own_fopen64);
+}
+
+/* A stream that a state may contain stays open. */
+int fclose(FILE *stream) {
+    find_fclose();
+    tl_fmu_heap *heap = tl_fmu_libc_heap;
+    unsigned i = find_log(heap, stream);
+    if (i < TL_FMU_HEAP_LOGS) {
+        heap->first->logs &= ~(1U << i);
+        if ((heap->saved_logs >> i & 1U) != 0) {
+            return fflush(stream);
+        }
+        heap->logs[i] = NULL;
+    }
+    return own_fclose(stream);
+}
+
+/* A buffer of the FMU may be freed by a rollback while the stream is open. */
+int setvbuf(FILE *stream, char *buffer, int kind, size_t size) {
+    find_setvbuf();
+    bool is_log = find_log(tl_fmu_libc_heap, stream) < TL_FMU_HEAP_LOGS;
+    return is_log ? own_setvbuf(stream, NULL, kind, 0) : own_setvbuf(stream, buffer, kind, size);
+}
+
+void tl_fmu_libc_keep_logs(tl_fmu_heap *heap) {
+    heap->saved_logs |= heap->first->logs;
+}
+
+static FILE *note_stream(FILE *opened) {
+    (void)note_descriptor(opened != NULL ? fileno(opened) : -1);
+    return opened;
+}
+
+/* A rollback does not return a stream to its former file. */
+FILE *tl_noted_freopen(const char *path, const char *mode, FILE *stream) {
+    find_freopen();
+    return note_stream(own_freopen(path, mode, stream));
+}
+
+FILE *tl_noted_freopen64(const char *path, const char *mode, FILE *stream) {
+    find_freopen64();
+    return note_stream(own_freopen64(path, mode, stream));
+}
+
+FILE *tl_noted_tmpfile(void) {
+    find_tmpfile();
+    return note_stream(own_tmpfile());
+}
+
+FILE *tl_noted_tmpfile64(void) {
+    find_tmpfile64();
+    return note_stream(own_tmpfile64());
+}
+
+int tl_noted_mkstemp(char *name) {
+    find_mkstemp();
+    return note_descriptor(own_mkstemp(name));
+}
+
+int tl_noted_mkstemp64(char *name) {
+    find_mkstemp64();
+    return note_descriptor(own_mkstemp64(name));
 }
 
 DIR *opendir(const char *path) {
@@ -793,6 +973,7 @@ NOTED(note_descriptor, dup3, (int descriptor, int wanted, int flags), (descripto
 NOTED(note_descriptor, epoll_create1, (int flags), (flags))
 NOTED(note_descriptor, memfd_create, (const char *name, unsigned flags), (name, flags))
 NOTED(note_descriptor, eventfd, (unsigned count, int flags), (count, flags))
+NOTED(note_descriptor, timerfd_create, (int clock, int flags), (clock, flags))
 
 /* Own names, because the headers rename fcntl() on some machines. */
 int tl_noted_fcntl(int descriptor, int command, ...) __asm__("fcntl");
@@ -865,13 +1046,13 @@ int tl_noted_creat64(const char *path, mode_t mode) {
  * copies do not contain their memory. */
 static void *open_and_report(tl_fmu_heap *heap, const char *path, int mode) {
     (void)tl_fmu_libc_enter(NULL);
-    heap->note_opening(heap->context, false, NULL);
+    heap->note_opening(heap->context, TL_FMU_LIBRARY_OPENS, NULL);
     (void)tl_fmu_libc_enter(heap->opens_outside ? NULL : heap);
     opening_heap = heap->opens_outside ? heap : NULL;
     void *library = own_dlopen(path, mode);
     opening_heap = NULL;
     (void)tl_fmu_libc_enter(NULL);
-    heap->note_opening(heap->context, true, library);
+    heap->note_opening(heap->context, TL_FMU_LIBRARY_OPENED, library);
     (void)tl_fmu_libc_enter(heap);
     return library;
 }
@@ -946,6 +1127,30 @@ void *dlopen(const char *path, int mode) {
     return found == NULL ? own_dlopen(path, mode) : open_and_report(heap, found, mode);
 }
 
+/* In another namespace, the library uses another copy of the C library, with its own allocator. The
+ * last call here is a jump, see above. */
+void *dlmopen(Lmid_t space, const char *path, int mode) {
+    if (own_dlmopen == NULL) {
+        find_dlmopen();
+    }
+    if (tl_fmu_libc_heap != NULL) {
+        tl_fmu_libc_heap->has_outside_memory = true;
+    }
+    return own_dlmopen(space, path, mode);
+}
+
+/* Reports that the FMU has closed a library: another one may get its addresses. */
+int dlclose(void *library) {
+    find_dlclose();
+    int failed = own_dlclose(library);
+    tl_fmu_heap *heap = tl_fmu_libc_enter(NULL);
+    if (heap != NULL && heap->note_opening != NULL) {
+        heap->note_opening(heap->context, TL_FMU_LIBRARY_CLOSED, NULL);
+    }
+    (void)tl_fmu_libc_enter(heap);
+    return failed;
+}
+
 /* ---- mapped memory ---- */
 
 void *sbrk(intptr_t more) {
@@ -964,7 +1169,7 @@ void *tl_fmu_libc_map(void *address, size_t size, int protection, int flags, int
 static void *map_from_heap(const void *caller, size_t size, int protection, int flags) {
     tl_fmu_heap *heap = find_server(caller);
     if (heap == NULL || (protection & PROT_WRITE) == 0) {
-        if (heap != NULL && protection == PROT_NONE) {
+        if (heap != NULL) {
             heap->has_reserved = true;
         }
         return NULL;
@@ -1017,7 +1222,7 @@ void *mremap(void *address, size_t size, size_t new_size, int flags, ...) {
     return mapping;
 }
 
-/* Memory that is not writable cannot be restored. Neither can memory that the FMU has reserved
+/* Memory that is not writable cannot be restored. Neither can memory that the FMU has mapped
  * outside of its heap, and makes writable now. */
 int mprotect(void *address, size_t size, int protection) {
     find_mprotect();

@@ -21,7 +21,8 @@
  *          calls the FMU.
  * Files:   the heap notes the descriptors that a call opens by functions of the C library, because
  *          a file that stays open is not part of a copy. It also notes that files are written,
- *          moved or removed; a file that is only written may stay open.
+ *          moved or removed; a file that is only written may stay open. Then its stream lies
+ *          outside of the heap, and is used again if the FMU opens the file again.
  * Outside: functions of the C library that store data in the library run outside of the heap. These
  *          are functions for environment, locales, time zones, exit handlers and users. If this
  *          data were in the heap, the library would find old contents after a restore. So the data
@@ -67,6 +68,9 @@ uint32_t tl_fmu_libc_threads_alive(const tl_fmu_heap *heap);
  * the keys that were created since `count` values were read. Do nothing with a sanitizer. */
 void tl_fmu_libc_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]);
 void tl_fmu_libc_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KEYS], uint32_t count);
+
+/* Call it when a state is saved: streams that the FMU has open then are never closed. */
+void tl_fmu_libc_keep_logs(tl_fmu_heap *heap);
 
 extern __thread tl_fmu_heap *tl_fmu_libc_heap __attribute__((tls_model("initial-exec"))); /* private */
 

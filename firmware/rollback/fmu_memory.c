@@ -1,6 +1,7 @@
 /* Rollback by memory, see fmu_memory.h. */
 #include "firmware/rollback/fmu_memory.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <fenv.h>
 #include <stdint.h>
@@ -33,6 +34,7 @@ typedef struct tl_fmu_memory_state {
     size_t room;                      /* bytes of `bytes` */
     size_t used;                      /* bytes of the heap */
     size_t regions;                   /* number of regions in it */
+    uint32_t openings;                /* as in tl_fmu_memory */
     tl_fmu_pages *
         pages; /* NULL: `bytes` contains everything, first the heap, then the regions; else `bytes` contains only the regions outside of `version` */
     tl_fmu_version version;
@@ -329,19 +331,44 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
+/* Regions of a closed library leave the list if they are the last ones and have no page storage. */
+static void note_closing(tl_fmu_memory *memory) {
+    tl_fmu_regions now;
+    tl_fmu_regions_forget_closed();
+    if (!memory->are_found) {
+        return;
+    }
+    if (tl_fmu_regions_find(memory->folder, &now, NULL) != TL_OK || now.count < memory->paged ||
+        !begins_with(&memory->places, &now)) {
+        (void)snprintf(memory->left, sizeof memory->left, "closed a library that its copies contain");
+        return;
+    }
+    while (memory->places.count > now.count) {
+        free(memory->opened_as[--memory->places.count]);
+        memory->opened_as[memory->places.count] = NULL;
+    }
+    memory->places = now;
+}
+
 /* The contents of new regions are kept, because earlier copies lack them. */
-static void note_opening(void *context, bool is_opened, void *library) {
+static void note_opening(void *context, tl_fmu_library_change change, void *library) {
     tl_fmu_memory *memory = context;
     size_t known = memory->places.count;
-    if (!is_opened) {
+    if (change == TL_FMU_LIBRARY_OPENS) {
         memory->loaded = tl_fmu_regions_loaded();
+        return;
+    }
+    if (change == TL_FMU_LIBRARY_CLOSED) {
+        note_closing(memory);
         return;
     }
     tl_fmu_regions_claim(memory->folder, library, memory->loaded);
     if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
         return;
     }
+    memory->openings++;
     for (size_t i = known; i < memory->places.count; i++) {
+        memory->opened_in[i] = memory->openings;
         const tl_fmu_region *region = &memory->places.place[i];
         memory->opened_as[i] = malloc(region->size);
         if (memory->opened_as[i] != NULL) {
@@ -423,7 +450,15 @@ static memory_state *take_reserved(tl_fmu_memory *memory) {
     return taken;
 }
 
+/* The C library keeps the address of the loader's last error, which may lie in the heap. Two calls
+ * free it. */
+static void forget_loader_error(void) {
+    while (dlerror() != NULL) {
+    }
+}
+
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
+    forget_loader_error();
     const char *side_effect = are_threads_asleep(memory) ? tl_fmu_memory_remaining(memory) : "a thread";
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
@@ -453,10 +488,12 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     note_used(memory);
     kept->used = used;
     kept->regions = memory->places.count;
+    kept->openings = memory->openings;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
     kept->key_count = memory->heap->key_count;
     tl_fmu_libc_read_keys(memory->heap, kept->keys);
+    tl_fmu_libc_keep_logs(memory->heap);
     return TL_OK;
 }
 
@@ -527,8 +564,15 @@ bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
 }
 
+/* Returns true if a library in the state was closed since; it may have been opened again. */
+static bool lacks_library(const tl_fmu_memory *memory, const memory_state *kept) {
+    return kept->regions > memory->places.count ||
+           (kept->regions > 0 && memory->opened_in[kept->regions - 1] > kept->openings);
+}
+
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
     return has_unknown_library(memory, state) ? "opened a library since the copy was made"
+           : lacks_library(memory, state)     ? "closed a library since the copy was made"
            : !are_threads_asleep(memory)      ? "a thread"
                                               : tl_fmu_memory_remaining(memory);
 }
@@ -536,6 +580,7 @@ const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
     bool is_complete = kept->pages == NULL;
+    forget_loader_error();
     bool was_written = memory->heap->was_written;
     note_used(memory);
     memory->heap->was_written = false;
@@ -555,6 +600,23 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory->raised = kept->raised;
     memory->flags = kept->flags;
     tl_fmu_libc_write_keys(memory->heap, kept->keys, kept->key_count);
+}
+
+bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state) {
+    const memory_state *kept = state;
+    bool is_complete = kept->pages == NULL;
+    const unsigned char *bytes = kept->bytes + (is_complete ? kept->used : 0);
+    bool is_same = tl_fmu_heap_used(memory->heap) == kept->used && memory->places.count == kept->regions &&
+                   (is_complete ? memcmp(memory->heap->base, kept->bytes, kept->used) == 0
+                                : tl_fmu_pages_are_same(memory->pages, &kept->version, kept->used));
+    for (size_t i = 0; i < kept->regions && is_same; i++) {
+        const tl_fmu_region *region = &memory->places.place[i];
+        if (is_complete || !is_in_pages(memory, i)) {
+            is_same = !is_late(memory, i) && memcmp(region->begin, bytes, region->size) == 0;
+            bytes += region->size;
+        }
+    }
+    return is_same;
 }
 
 void tl_fmu_memory_forget(void *state) {

@@ -76,15 +76,17 @@ typedef struct tl_fmu_memory {
     tl_fmu_regions places; /* private, from here on */
     bool are_found;        /* `places` is valid */
     unsigned char *opened_as
-        [TL_FMU_REGIONS];       /* contents of regions of libraries when they were opened in a call; NULL: not known */
-    size_t loaded;              /* libraries before the one that a call opens now */
-    size_t paged;               /* regions that existed when `pages` was created */
-    uint32_t settled_threads;   /* threads_started of the heap when its threads were found asleep */
-    uint32_t live_threads;      /* number of them that had not ended */
-    uint32_t started_before;    /* threads_started of the heap before the present call */
-    unsigned long long changed; /* tl_fmu_regions_changed() when `places` was filled */
-    size_t most_used;           /* most bytes of the heap at a save or restore */
-    tl_fmu_pages *pages;        /* NULL: the FMU is not large */
+        [TL_FMU_REGIONS]; /* contents of regions of libraries when they were opened in a call; NULL: not known */
+    uint32_t opened_in[TL_FMU_REGIONS];   /* number of the opening by which a region exists; 0: not by a call */
+    uint32_t openings;                    /* of libraries by calls */
+    size_t loaded;                        /* libraries before the one that a call opens now */
+    size_t paged;                         /* regions that existed when `pages` was created */
+    uint32_t settled_threads;             /* threads_started of the heap when its threads were found asleep */
+    uint32_t live_threads;                /* number of them that had not ended */
+    uint32_t started_before;              /* threads_started of the heap before the present call */
+    unsigned long long changed;           /* tl_fmu_regions_changed() when `places` was filled */
+    size_t most_used;                     /* most bytes of the heap at a save or restore */
+    tl_fmu_pages *pages;                  /* NULL: the FMU is not large */
     struct tl_fmu_memory_state *reserved; /* memory for later states */
     tl_fmu_side_effects before;           /* side effects before the present call */
     char left[TL_FMU_SIDE_EFFECT_TEXT];   /* side effect that was found; "": none */
@@ -129,6 +131,10 @@ bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
 
 /* Restores a state. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
+
+/* Returns true if the memory has the same bits as the state. Exception flags are not compared.
+ * Returns false if a library was opened late. */
+bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state);
 
 /* Frees a state; NULL is allowed. */
 void tl_fmu_memory_forget(void *state);

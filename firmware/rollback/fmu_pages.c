@@ -646,6 +646,16 @@ void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, boo
     follow_version(self, version);
 }
 
+bool tl_fmu_pages_are_same(const tl_fmu_pages *self, const tl_fmu_version *version, size_t used) {
+    bool is_same = version->pages == self->before[self->count - 1] + pages_of(used);
+    for (size_t i = 0; i < version->pages && is_same; i++) {
+        const unsigned char *page =
+            tl_page_groups_look(&self->groups, version->leaf[i / TL_PAGE_GROUP], i % TL_PAGE_GROUP);
+        is_same = memcmp(address_of(self, i), page, TL_FMU_PAGE) == 0;
+    }
+    return is_same;
+}
+
 void tl_fmu_pages_invalidate(tl_fmu_pages *self) {
     self->now.pages = 0;
 }

@@ -75,6 +75,9 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, bool was_written, t
  * as above. */
 void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version, bool was_written);
 
+/* Returns true if the ranges have the contents of the version; `used` as at a save. */
+bool tl_fmu_pages_are_same(const tl_fmu_pages *self, const tl_fmu_version *version, size_t used);
+
 /* Frees a version and zeroes it. An empty version is allowed. */
 void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version);
 

@@ -33,6 +33,7 @@ typedef struct library_user {
     uintptr_t address;  /* load address */
     const char *folder; /* of the FMU, or one of the texts above */
     bool is_found;      /* it was found as a region, so that states may contain it */
+    bool is_loaded;     /* buffer of tl_fmu_regions_forget_closed() */
 } library_user;
 
 /* If there are more libraries, the last ones have no user. */
@@ -245,16 +246,40 @@ void tl_fmu_regions_claim(const char *folder, void *opened, size_t from) {
     (void)dl_iterate_phdr(claim_object, &claim);
 }
 
-static int note_opened(struct dl_phdr_info *object, size_t size, void *context) {
+static int note_changed(struct dl_phdr_info *object, size_t size, void *context) {
     (void)size;
-    *(unsigned long long *)context = object->dlpi_adds;
+    *(unsigned long long *)context = object->dlpi_adds + object->dlpi_subs;
     return 1; /* all objects contain the same number */
 }
 
+static int find_loaded(struct dl_phdr_info *object, size_t size, void *context) {
+    library_user *user = find_user(object->dlpi_addr);
+    (void)size;
+    (void)context;
+    if (user != NULL) {
+        user->is_loaded = true;
+    }
+    return 0;
+}
+
+void tl_fmu_regions_forget_closed(void) {
+    size_t count = 0;
+    for (size_t i = 0; i < library_count; i++) {
+        library_users[i].is_loaded = false;
+    }
+    (void)dl_iterate_phdr(find_loaded, NULL);
+    for (size_t i = 0; i < library_count; i++) {
+        if (library_users[i].is_loaded) {
+            library_users[count++] = library_users[i];
+        }
+    }
+    library_count = count;
+}
+
 unsigned long long tl_fmu_regions_changed(void) {
-    unsigned long long opened = 0;
-    (void)dl_iterate_phdr(note_opened, &opened);
-    return opened + shared_count;
+    unsigned long long changed = 0;
+    (void)dl_iterate_phdr(note_changed, &changed);
+    return changed + shared_count;
 }
 
 tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error) {

@@ -32,7 +32,8 @@ typedef struct tl_fmu_regions {
     tl_fmu_region place[TL_FMU_REGIONS];
 } tl_fmu_regions;
 
-/* A number that grows with each library that this process opens, and with each that becomes shared.
+/* A number that grows with each library that this process opens or closes, and with each that
+ * becomes shared.
  * If it has grown, the regions may have changed. */
 unsigned long long tl_fmu_regions_changed(void);
 
@@ -47,6 +48,9 @@ void tl_fmu_regions_exclude(void);
  * it belongs to neither from then on. `folder`: as in tl_fmu_regions_find(), the same address.
  * `opened`: as dlopen() has returned it; NULL: none. */
 void tl_fmu_regions_claim(const char *folder, void *opened, size_t from);
+
+/* Forgets the users of closed libraries, because their addresses may be used again. */
+void tl_fmu_regions_forget_closed(void);
 
 /* Finds the regions of an FMU: of all loaded libraries in `folder`, an absolute path without links,
  * and in its subfolders, and of the libraries assigned to it. NULL: those of FMUs in Python, and of

@@ -59,6 +59,8 @@ typedef struct tl_fmi2_times {
  * `has_choice`:    true if the FMU is rolled back by its own states and its memory can be copied.
  * `prefer_copy`:   only if has_choice() is true and no state is saved: rolls back by copies of the
  *                  memory from now on. `next_method` returns to the FMU's own states.
+ * `note_memory`:   only if has_choice() is true: keeps a copy of the present memory for
+ *                  `is_memory_same`, which returns true if the memory has the same bits again.
  * Errors: fmi2Error if it is not possible; the reason was logged. */
 typedef struct tl_fmi2_fallback {
     fmi2Status (*keep)(fmi2Component instance);
@@ -68,6 +70,8 @@ typedef struct tl_fmi2_fallback {
     size_t (*size)(fmi2Component instance);
     bool (*has_choice)(fmi2Component instance);
     fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
+    fmi2Status (*note_memory)(fmi2Component instance);
+    bool (*is_memory_same)(fmi2Component instance);
 } tl_fmi2_fallback;
 
 /* Not part of FMI: rollback by replay. The instance is reset, and its steps are executed again with

@@ -23,7 +23,6 @@ typedef struct speed_test {
     tl_component *component;
     int64_t first;
     tl_time (*now)(void *clock);
-    void *clock;
     bool by_copy;
     fmi2FMUstate state; /* its own */
     tl_error *error;
@@ -38,6 +37,11 @@ static tl_status save_state(speed_test *self) {
                : tl_fail(self->error, TL_FMU_FAILED, "%s: its memory cannot be copied any more", self->component->name);
 }
 
+static tl_status report_lost_start(const tl_component *component, tl_status status, tl_error *error) {
+    return tl_fail(error, status, "%s: its state at the start of the rollback check cannot be restored",
+                   component->name);
+}
+
 static tl_status restore_state(speed_test *self) {
     if (!self->by_copy) {
         return tl_component_restore(self->component, self->state, self->error);
@@ -45,8 +49,8 @@ static tl_status restore_state(speed_test *self) {
     if (tl_component_restore_copy(self->component, NULL)) {
         return TL_OK;
     }
-    return tl_fail(self->error, self->component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
-                   "%s: its state at the start of the rollback check cannot be restored", self->component->name);
+    return report_lost_start(self->component, self->component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
+                             self->error);
 }
 
 static tl_status run_step(const speed_test *self) {
@@ -56,11 +60,11 @@ static tl_status run_step(const speed_test *self) {
 }
 
 static tl_status time_round(speed_test *self, tl_time *took) {
-    tl_time started_at = self->now(self->clock);
+    tl_time started_at = self->now(NULL);
     tl_status status = save_state(self);
     status = status == TL_OK ? run_step(self) : status;
     status = status == TL_OK ? restore_state(self) : status;
-    *took = self->now(self->clock) - started_at;
+    *took = self->now(NULL) - started_at;
     return status;
 }
 
@@ -78,9 +82,9 @@ static tl_time median_time(speed_test *self) {
     tl_time took;
     int count = 0;
     tl_status status = time_round(self, &took);
-    tl_time started_at = self->now(self->clock);
+    tl_time started_at = self->now(NULL);
     while (status == TL_OK && count < TL_ROLLBACK_TIMING_ROUNDS &&
-           (count < FEWEST || self->now(self->clock) - started_at < LONGEST)) {
+           (count < FEWEST || self->now(NULL) - started_at < LONGEST)) {
         status = time_round(self, &took);
         insert_time(times, count++, took);
     }
@@ -113,49 +117,6 @@ static bool is_copy_preferred(const tl_fmi2_times *times) {
     bool is_slow = (double)times->by_copy >= TL_ROLLBACK_TIMING_MARGIN * (double)times->by_states &&
                    times->by_copy - times->by_states >= WORTH;
     return times->by_copy > 0 && !is_slow;
-}
-
-static tl_status choose_faster(speed_test *self, bool *taken) {
-    tl_fmi2_times times = {0};
-    tl_snapshot_forget(&self->exchange->home, self->index);
-    tl_status status = measure_both(self, &times);
-    bool is_preferred = is_copy_preferred(&times) || (times.by_copy > 0 && self->component->fmi->prefers_copies);
-    if (status == TL_OK && is_preferred) {
-        *taken = tl_component_prefer_copy(self->component, &times) || *taken;
-    }
-    return status;
-}
-
-/* Chooses the faster rollback method for each component that has a choice. Call it during a proof,
- * after tl_exchange_keep_copies(): all components are at the start of step `first`, their states
- * are proved, and only tl_exchange_save() has saved states. `now`: ns. *taken: at least one
- * component has switched to copies. Afterwards all components are at the start again, and saved.
- * Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored; exchange->failed is its
- * index. */
-static tl_status tl_rollback_choose_faster(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
-                                           void *clock, bool *taken, tl_error *error) {
-    bool any = false;
-    tl_status status = TL_OK;
-    *taken = false;
-    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        speed_test one = {.exchange = exchange,
-                          .index = i,
-                          .component = &exchange->components[i],
-                          .first = first,
-                          .now = now,
-                          .clock = clock,
-                          .error = error};
-        if (exchange->is_kept[i] && tl_component_has_choice(one.component)) {
-            any = true;
-            exchange->failed = i;
-            status = choose_faster(&one, taken);
-        }
-    }
-    if (status != TL_OK || !any) {
-        return status;
-    }
-    memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
-    return tl_exchange_save(exchange, error);
 }
 
 /* ---- proof ---- */
@@ -622,10 +583,79 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
     }
     if (status == TL_OK && !tl_exchange_restore_copy(exchange, one, NULL)) {
         exchange->failed = one;
-        return tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
-                       exchange->components[one].name);
+        return report_lost_start(&exchange->components[one], TL_FMU_FAILED, error);
     }
     return status == TL_OK ? tl_exchange_save(exchange, error) : status;
+}
+
+/* An own state that lacks data of the FMU may be wrong only long after the proof. So a restore
+ * after an excursion must give the memory the same bits as before. `after_step`: compares after
+ * one more step, so that data that each step writes before it reads them may differ. Afterwards
+ * the components are at the start, without states. */
+static tl_status compare_memory(speed_test *self, proof_attempt *attempt, bool after_step, bool *is_same) {
+    tl_error *error = self->error;
+    const tl_fmi2_fallback *memory = self->component->fmi->fallback;
+    tl_exchange *exchange = self->exchange;
+    tl_status status = tl_exchange_save(exchange, error);
+    status = status == TL_OK && after_step ? tl_exchange_step(exchange, self->first, error) : status;
+    *is_same = status == TL_OK && memory->note_memory(self->component->instance) <= fmi2Warning;
+    for (size_t i = 0; i < attempt->proof->excursion_count && status == TL_OK && *is_same; i++) {
+        status = restore_start(attempt, error);
+        status = status == TL_OK ? make_excursion(attempt, i, false, error) : status;
+        status = status == TL_OK ? restore_start(attempt, error) : status;
+        status = status == TL_OK && after_step ? tl_exchange_step(exchange, self->first, error) : status;
+        *is_same = status == TL_OK && memory->is_memory_same(self->component->instance);
+    }
+    if (status == TL_OK && !tl_exchange_restore_copy(exchange, self->index, NULL)) {
+        return report_lost_start(self->component, TL_FMU_FAILED, error);
+    }
+    return status;
+}
+
+static tl_status choose_faster(speed_test *self, proof_attempt *attempt, bool *taken) {
+    tl_fmi2_times times = {0};
+    bool is_same = true;
+    tl_snapshot_forget(&self->exchange->home, self->index);
+    tl_status status = measure_both(self, &times);
+    bool is_preferred = is_copy_preferred(&times) || (times.by_copy > 0 && self->component->fmi->prefers_copies);
+    if (status == TL_OK && times.by_copy > 0 && !is_preferred) {
+        bool after_step = (double)times.by_copy >= TL_ROLLBACK_TIMING_LIMIT * (double)times.by_states;
+        status = compare_memory(self, attempt, after_step, &is_same);
+    }
+    if (status == TL_OK && (is_preferred || !is_same)) {
+        *taken = tl_component_prefer_copy(self->component, &times) || *taken;
+    }
+    return status;
+}
+
+/* Chooses the rollback method for each component that has a choice. Call it during a proof: all
+ * components are at the start, their states are proved, and only tl_exchange_save() has saved
+ * states. `now`: ns. *taken: at least one component has switched to copies. Afterwards all
+ * components are at the start again, and saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component
+ * could not be restored; exchange->failed is its index. */
+static tl_status choose_each(proof_attempt *attempt, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
+    tl_exchange *exchange = attempt->synchroniser->exchange;
+    bool any = false;
+    tl_status status = TL_OK;
+    *taken = false;
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+        speed_test one = {.exchange = exchange,
+                          .index = i,
+                          .component = &exchange->components[i],
+                          .first = attempt->first,
+                          .now = now,
+                          .error = error};
+        if (exchange->is_kept[i] && tl_component_has_choice(one.component)) {
+            any = true;
+            exchange->failed = i;
+            status = choose_faster(&one, attempt, taken);
+        }
+    }
+    if (status != TL_OK || !any) {
+        return status;
+    }
+    memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
+    return tl_exchange_save(exchange, error);
 }
 
 /* Call it when the states are proved. *taken: a component uses copies from now on, and may continue
@@ -641,7 +671,7 @@ static tl_status choose_copies(proof_attempt *self, tl_time (*now)(void *clock),
     tl_proof_end(proof);
     tl_status status = prove_as_final(self, one, error);
     if (status == TL_OK && now != NULL) {
-        status = tl_rollback_choose_faster(self->synchroniser->exchange, self->first, now, NULL, taken, error);
+        status = choose_each(self, now, taken, error);
     }
     if (status == TL_FMU_FAILED && self->culprit == NO_COMPONENT) {
         self->culprit = self->synchroniser->exchange->failed;
@@ -667,8 +697,7 @@ static tl_status compare_with_copies(proof_attempt *self, size_t one, tl_error *
     for (size_t i = 0; i <= self->proof->excursion_count && status == TL_OK; i++) {
         if (!tl_exchange_restore_copy(exchange, one, NULL)) {
             self->culprit = one;
-            return tl_fail(error, TL_FMU_FAILED, "%s: its state at the start of the rollback check cannot be restored",
-                           exchange->components[one].name);
+            return report_lost_start(&exchange->components[one], TL_FMU_FAILED, error);
         }
         status = i < self->proof->excursion_count ? make_excursion(self, i, false, error) : TL_OK;
     }

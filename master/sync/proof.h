@@ -25,7 +25,9 @@
  *          states may be far faster, and a search mostly saves and restores. So both are measured
  *          in repeated rounds of save, step and restore.
  * Choice:  copies of the memory, unless a round with them takes TL_ROLLBACK_TIMING_MARGIN times as
- *          long as with own states, and at least 10 µs longer.
+ *          long as with own states, and at least 10 µs longer. Then each restore of the own state
+ *          after an excursion must give the memory the same bits as before, else copies are chosen.
+ *          From TL_ROLLBACK_TIMING_LIMIT times on, the bits need to be the same one step later.
  * Exact:   only own states are proved at the time of the choice. If copies are chosen,
  *          tl_proof_of_rollback() proves all components again. If a copy is not exact, the
  *          component returns to its own states (tl_component_restore_copy()).
@@ -40,6 +42,7 @@
 enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
 #define TL_ROLLBACK_TIMING_MARGIN 1.5
+#define TL_ROLLBACK_TIMING_LIMIT 30.0
 
 /* ---- Rollback proof: some FMUs declare that they can save states, but do not restore them
  * exactly.

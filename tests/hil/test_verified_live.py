@@ -5,7 +5,7 @@ import keeper_fmu
 from live_test import Device, Program, check_replay, end_well, number, query
 from twinlock_test import IN_LOCK, SANITIZER, Skip, at_least, expect, has_line, main, scratch, write_config
 
-LATE = 4000  # inner steps until the FMU's states are wrong; the proof and the choice of a method take some 3000 of them
+LATE = 3000  # inner steps of 1 ms until the FMU's states are wrong
 DIFFERED = 64  # master/sync/record.h
 WARNING, ERROR = 1, 2
 

@@ -6,7 +6,7 @@ import re
 import keeper_fmu
 from twinlock_test import SANITIZER, Skip, config_path, expect, expect_line, expect_no_line, has_line, main, run, run_well, write_config
 
-LATE = 6000  # executions; the dry run of a check has fewer
+LATE = 1500  # inner steps of 1 ms; the dry run of a check has fewer
 
 
 def expect_found(parts, name, method=None):

@@ -57,6 +57,17 @@ def test_states_that_are_fast():
     expect_no_line(out, BY_MEMORY)
 
 
+def test_fast_states_that_lack_memory():
+    """The first 0.3 s do not depend on the delay line that the states lack."""
+    fmu = keeper_fmu.make_later("ring", 0)
+    out = run_well(["check", keeper_fmu.config(fmu)])
+    expect_line(out, BY_MEMORY)
+    expect_line(out, "µs|state")
+    chosen = replay(keeper_fmu.config(fmu))[1]
+    for method, options in ("memory", ()), (None, ("--plain",)):
+        expect(replay(keeper_fmu.config(fmu, method), *options)[1] == chosen, f"{method} {options}: other values")
+
+
 def test_configured_states():
     out = run_well(["check", keeper_fmu.config(keeper_fmu.make_slow(), "state")])
     expect_line(out, BY_STATE)

@@ -59,7 +59,7 @@ def test_a_state_with_other_results():
 
 def test_a_state_that_is_wrong_in_its_own_process():
     """Far from the start a restored state is wrong in the same process, so there is no warning about the other process."""
-    found, warnings, _ = check(keeper_fmu.make_later("late", 6000))
+    found, warnings, _ = check(keeper_fmu.make_later("late", 1500))
     expect(has_line(found, "process") and not has_line(found, "exactly"), found)
     expect_line(warnings, "components.keeper0.rollback|keeper0|y|tolerances|1 step")
     expect("saved state" not in warnings, warnings)

@@ -121,7 +121,7 @@ def test_wrong_states():
 
 def late(way, *options):
     """(exit code, output of --json, log, events) of a replay of an FMU whose states are exact at the start only."""
-    config, database = keeper_fmu.config(keeper_fmu.make_late(6000), way), scratch() / "run.db"
+    config, database = keeper_fmu.config(keeper_fmu.make_late(250), way), scratch() / "run.db"
     content = json.loads(config.read_text(encoding="utf-8"))
     content["synchronise"]["verify_every"] = 10
     config.write_text(json.dumps(content), encoding="utf-8")

@@ -30,8 +30,8 @@ def make(**macros):
 
 @functools.cache
 def make_late(step):
-    """The path of one whose states are right until it has executed `step` steps: see late.c. They are far faster than copies
-    of its memory."""
+    """The path of one whose states are right in its first `step` inner steps: see late.c. They are far faster than copies of its
+    memory."""
     return _make_model("late", LATE=step, TOUCHES=PAGES)
 
 
@@ -53,7 +53,7 @@ def make_masked(limit, pages=0):
 
 @functools.cache
 def make_later(name, step):
-    """The path of one that is exact until this step; `name` is "late", "cold" or "clock", see these sources.
+    """The path of one that is exact until this step; `name` is "late", "cold", "clock" or "ring", see these sources.
     Its states are far faster than copies of its memory."""
     return _make_model(name, LATE=step, TOUCHES=PAGES)
 
@@ -86,13 +86,13 @@ def make_limits(**macros):
 
 
 @functools.cache
-def make_by_name(searched="."):
+def make_by_name(searched=".", *macros):
     """The path of one that opens its library by name in the first step: see by_name.c. The library lies in the folder `searched`,
-    relative to the FMU's binary, and is found by the binary's search path."""
+    relative to the FMU's binary, and is found by the binary's search path. `macros`: of by_name.c, as for a compiler."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     hostile_fmu.compile_shared(folder / "libcount.so", [KEEPER / "count.c"], {})
-    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-shared", f"-Wl,-rpath,$ORIGIN/{searched}",
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, *macros, "-I", folder, "-shared", f"-Wl,-rpath,$ORIGIN/{searched}",
                              "-o", folder / "lag.so", KEEPER / "by_name.c", *hostile_fmu.OWN_STATE, "-lm")
     hostile_fmu.package(folder / "by_name.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so", (searched, folder / "libcount.so"))
     return folder / "by_name.fmu"
@@ -124,6 +124,12 @@ def make_needed():
 def make_met(**macros):
     """The path of one whose instances have different results: see met.c."""
     return _make_model("met", **macros)
+
+
+@functools.cache
+def make_address():
+    """The path of one whose results depend on addresses: see address.c."""
+    return _make_model("address")
 
 
 @functools.cache

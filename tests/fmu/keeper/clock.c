@@ -11,12 +11,12 @@ typedef struct lag {
     fmi2Real T;
     fmi2Real x_start, t_step;
     fmi2Real y;
+    double steps;
 } lag;
-
-static unsigned long steps;
 
 static void start(void *model) {
     lag *m = model;
+    touch();
     m->y = m->x_start;
 }
 
@@ -25,7 +25,7 @@ static void step(void *model, double h) {
     struct timespec now = {0};
     lag *m = model;
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    m->y += h * (m->u - m->y) / m->T + (++steps >= LATE ? (double)now.tv_nsec * 1e-12 : 0.0);
+    m->y += h * (m->u - m->y) / m->T + (++m->steps >= LATE ? (double)now.tv_nsec * 1e-12 : 0.0);
 }
 
 TL_FMU_MODEL(lag, .t_step = offsetof(lag, t_step), .start = start, .step = step);

@@ -32,6 +32,7 @@ static double limited(double x) {
 
 static void start(void *model) {
     lag *m = model;
+    touch();
     m->x = m->x_start;
     m->y = limited(m->x);
 }

@@ -15,6 +15,7 @@ static double mode; /* 0 until then */
 
 static void start(void *model) {
     lag *m = model;
+    touch();
     m->y = m->x_start;
     mode = 0.0;
 }

@@ -17,6 +17,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/timerfd.h>
 #include <sys/wait.h>
 #include <threads.h>
 #include <time.h>
@@ -175,6 +176,34 @@ static void test_a_state_that_is_used_again_grows(void) {
     tl_fmu_memory_forget(state);
 }
 
+/* A small FMU, then a large one, whose states consist of pages. */
+static void test_memory_with_the_same_bits(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    for (size_t size = 100; size <= 200000; size += 199900) {
+        void *state = NULL;
+        tl_fmu_memory_enter(memory);
+        unsigned char *block = calloc(size, 1);
+        tl_fmu_memory_leave(memory);
+        save(&state);
+        TEST_ASSERT_TRUE(tl_fmu_memory_is_same(memory, state));
+        block[size - 1] ^= 1;
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        block[size - 1] ^= 1;
+        TEST_ASSERT_TRUE(tl_fmu_memory_is_same(memory, state));
+        unsigned char *data = memory->places.place[0].begin;
+        data[0] ^= 1;
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        data[0] ^= 1;
+        tl_fmu_memory_enter(memory);
+        unsigned char *more = malloc(30000);
+        tl_fmu_memory_leave(memory);
+        TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
+        tl_fmu_memory_restore(memory, state);
+        TEST_ASSERT_TRUE(more != NULL && tl_fmu_memory_is_same(memory, state));
+        tl_fmu_memory_forget(state);
+    }
+}
+
 /* A block that is freed between two calls is allocated again after a restore, also if no call came
  * between. */
 static void test_a_block_that_is_freed_between_calls(void) {
@@ -304,7 +333,7 @@ static void copy_file(const char *from_path, const char *to_path) {
 
 /* Opens a copy of the FMU's binary under another name. Its data is in no earlier state.
  * Tries each binary, because only one is for this machine. `in_call`: by a call of the FMU. */
-static void open_late_library(const char *name, bool in_call) {
+static void *open_late_library(const char *name, bool in_call) {
     char pattern[PATH_MAX];
     char late[PATH_MAX];
     void *opened = NULL;
@@ -321,6 +350,7 @@ static void open_late_library(const char *name, bool in_call) {
     }
     globfree(&found);
     TEST_ASSERT_NOT_NULL(opened);
+    return opened;
 }
 
 /* A state from before the library was opened restores its data as they were after opening, a later
@@ -331,7 +361,7 @@ static void test_a_library_that_is_opened_late(void) {
     void *after = NULL;
     save(&before);
     size_t known = memory->places.count;
-    open_late_library("late.so", true);
+    (void)open_late_library("late.so", true);
     TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
     TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
     unsigned char *data = memory->places.place[known].begin;
@@ -349,12 +379,57 @@ static void test_a_library_that_is_opened_late(void) {
     tl_fmu_memory_forget(after);
 }
 
+static void close_library(void *library) {
+    (void)tl_fmu_libc_enter(fmu.guard.memory->heap);
+    TEST_ASSERT_EQUAL_INT(0, dlclose(library));
+    (void)tl_fmu_libc_enter(NULL);
+}
+
+/* States without the library stay valid. States that contain it do not, also if it is opened again.
+ */
+static void test_a_library_that_is_opened_and_closed(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *before = NULL;
+    void *inside = NULL;
+    save(&before);
+    size_t known = memory->places.count;
+    for (int round = 0; round < 3; round++) {
+        void *library = open_late_library("closed.so", true);
+        TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
+        TEST_ASSERT_TRUE(inside == NULL || tl_fmu_memory_obstacle(memory, inside) != NULL);
+        save(&inside);
+        close_library(library);
+        TEST_ASSERT_EQUAL_UINT64(known, memory->places.count);
+        TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, inside));
+        TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, before));
+        tl_fmu_memory_restore(memory, before);
+    }
+    save(&inside);
+    TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, inside));
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(inside);
+}
+
+/* All states contain it, so no copy is possible any more. */
+static void test_a_library_that_states_contain_is_closed(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *state = NULL;
+    void *first = open_late_library("first.so", true);
+    void *last = open_late_library("last.so", true);
+    save(&state);
+    close_library(first);
+    TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, state));
+    tl_fmu_memory_forget(state);
+    expect_left("closed|library");
+    close_library(last);
+}
+
 /* Its contents after opening are not known, so an earlier state cannot be restored. */
 static void test_a_library_that_no_call_has_opened(void) {
     void *before = NULL;
     void *after = NULL;
     save(&before);
-    open_late_library("unknown.so", false);
+    (void)open_late_library("unknown.so", false);
     save(&after);
     TEST_ASSERT_NOT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, before));
     TEST_ASSERT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, after));
@@ -368,6 +443,20 @@ static DIR *folder;
 static int open_stream(void) {
     stream = fopen("/dev/null", "re");
     return fileno(stream);
+}
+
+static int open_other_file(void) {
+    stream = freopen("/dev/null", "we", fopen("/dev/null", "re"));
+    return fileno(stream);
+}
+
+static int open_temporary(void) {
+    stream = tmpfile();
+    return fileno(stream);
+}
+
+static int open_clock(void) {
+    return timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
 }
 
 static int open_folder(void) {
@@ -435,6 +524,9 @@ static void test_a_descriptor_that_is_opened_late(void) {
     } kinds[] = {{open_by_name, close},
                  {open_in_folder, close},
                  {open_stream, close_stream},
+                 {open_other_file, close_stream},
+                 {open_temporary, close_stream},
+                 {open_clock, close},
                  {open_folder, close_folder},
                  {open_by_pipe, close},
                  {open_copy, close},
@@ -476,6 +568,100 @@ static void test_a_file_that_is_written(void) {
     save(&state);
     tl_fmu_memory_forget(state);
     TEST_ASSERT_EQUAL_INT(0, close(file));
+}
+
+static FILE *open_in_call(const char *path, const char *mode, const char *text) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    FILE *opened = fopen(path, mode);
+    TEST_ASSERT_NOT_NULL(opened);
+    TEST_ASSERT_EQUAL_INT(0, setvbuf(opened, NULL, _IOLBF, 0));
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, opened));
+    tl_fmu_memory_leave(fmu.guard.memory);
+    return opened;
+}
+
+static int close_in_call(FILE *opened) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    int failed = fclose(opened);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    return failed;
+}
+
+static void expect_content(const char *path, const char *wanted) {
+    char found[64] = "";
+    FILE *file = fopen(path, "r");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)!fread(found, 1, sizeof found - 1, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_STRING(wanted, found);
+}
+
+/* Opened after a state, which is restored: the C library's list of streams stays valid, and no
+ * descriptor is lost. A state that contains the stream stays valid. */
+static void test_a_log_that_stays_open(void) {
+    char path[] = "/tmp/twinlock-log-XXXXXX";
+    tl_fmu_memory *memory = fmu.guard.memory;
+    void *before = NULL;
+    void *inside = NULL;
+    TEST_ASSERT_EQUAL_INT(0, close(mkstemp(path)));
+    memory->watched = 0;
+    save(&before);
+    FILE *log = open_in_call(path, "a", "1\n");
+    for (int i = 0; i < 3; i++) {
+        tl_fmu_memory_restore(memory, before);
+        TEST_ASSERT_EQUAL_PTR(log, open_in_call(path, "a", "2\n"));
+        TEST_ASSERT_EQUAL_INT(0, fflush(NULL));
+    }
+    expect_content(path, "1\n2\n2\n2\n");
+    FILE *other = open_in_call("/dev/null", "a", "");
+    TEST_ASSERT_TRUE(other != log);
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(other)); /* no state contains it */
+    save(&inside);
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(log)); /* the state contains it, so it stays open */
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fcntl(fileno(log), F_GETFD));
+    tl_fmu_memory_restore(memory, inside);
+    tl_fmu_memory_restore(memory, before);
+    FILE *emptied = open_in_call(path, "w", "3\n");
+    TEST_ASSERT_TRUE(emptied != log);
+    tl_fmu_memory_restore(memory, before);
+    TEST_ASSERT_EQUAL_PTR(emptied, open_in_call(path, "w", "4\n"));
+    expect_content(path, "4\n");
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+    FILE *again = open_in_call(path, "a", "5\n"); /* another file */
+    TEST_ASSERT_TRUE(again != log);
+    expect_content(path, "5\n");
+    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    tl_fmu_memory_forget(before);
+    tl_fmu_memory_forget(inside);
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+}
+
+/* Then one that stays open is no longer covered. */
+static void test_more_logs_than_are_noted(void) {
+    FILE *logs[TL_FMU_HEAP_LOGS + 1];
+    fmu.guard.memory->watched = 0;
+    for (int i = 0; i <= TL_FMU_HEAP_LOGS; i++) {
+        TEST_ASSERT_NULL(tl_fmu_memory_remaining(fmu.guard.memory));
+        logs[i] = open_in_call("/dev/null", "w", "");
+    }
+    expect_left("open file");
+    for (int i = 0; i <= TL_FMU_HEAP_LOGS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, close_in_call(logs[i]));
+    }
+}
+
+/* The descriptor of a log may have been that of a file that the call has closed. */
+static void test_a_log_with_the_number_of_a_closed_file(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    memory->watched = 0;
+    tl_fmu_memory_enter(memory);
+    int first = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    (void)close(first);
+    FILE *log = fopen("/dev/null", "ae");
+    tl_fmu_memory_leave(memory);
+    TEST_ASSERT_EQUAL_INT(first, fileno(log));
+    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    TEST_ASSERT_EQUAL_INT(0, close_in_call(log));
 }
 
 /* Each of them leaves something that a rollback does not undo. */
@@ -555,12 +741,12 @@ static void test_threads_that_are_not_started_by_posix(void) {
 }
 
 /* An allocator that reserves addresses, and makes them usable as needed. */
-static void test_memory_that_was_reserved(void) {
+static void try_protected(int protection) {
     tl_fmu_memory *memory = fmu.guard.memory;
     const size_t size = 1 << 20;
     tl_fmu_memory_enter(memory);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *own = mmap(NULL, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    void *own = mmap(NULL, size, protection, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     tl_fmu_memory_leave(memory);
     TEST_ASSERT_TRUE(own != MAP_FAILED);
     TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
@@ -574,6 +760,11 @@ static void test_memory_that_was_reserved(void) {
 }
 
 /* Values of keys are restored; a key that was created later is deleted. */
+static void test_memory_that_is_made_writable(void) {
+    try_protected(PROT_NONE);
+    try_protected(PROT_READ);
+}
+
 static void test_thread_specific_values(void) {
     tl_fmu_memory *memory = fmu.guard.memory;
     int values[2] = {0};
@@ -601,6 +792,85 @@ static void test_thread_specific_values(void) {
     tl_fmu_memory_forget(state);
 }
 
+static void test_thread_specific_values_of_c11(void) {
+    tl_fmu_memory *memory = fmu.guard.memory;
+    int values[2] = {0};
+    tss_t key;
+    void *state = NULL;
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(thrd_success, tss_create(&key, NULL));
+    (void)tss_set(key, &values[0]);
+    tl_fmu_memory_leave(memory);
+    save(&state);
+    (void)tss_set(key, &values[1]);
+    tl_fmu_memory_restore(memory, state);
+    TEST_ASSERT_EQUAL_PTR(&values[0], tss_get(key));
+    tl_fmu_memory_enter(memory);
+    tss_delete(key);
+    tl_fmu_memory_leave(memory);
+    expect_left("memory");
+    tl_fmu_memory_forget(state);
+}
+
+static void fail_to_find(bool reads) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    TEST_ASSERT_NULL(dlsym(RTLD_DEFAULT, "no_such_function"));
+    const char *text = reads ? dlerror() : "";
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_NOT_NULL(text);
+}
+
+/* The C library has its address. After a restore, it must not free or change the FMU's memory. */
+static void test_an_error_of_the_loader(void) {
+    enum { SIZE = 24, COUNT = 8 };
+    tl_fmu_memory *memory = fmu.guard.memory;
+    for (int i = 0; i < 4; i++) {
+        unsigned char *blocks[COUNT];
+        void *state = NULL;
+        if (i >= 2) {
+            fail_to_find(i % 2 == 0);
+        }
+        save(&state);
+        fail_to_find(i % 2 == 0);
+        tl_fmu_memory_restore(memory, state);
+        tl_fmu_memory_enter(memory);
+        for (int k = 0; k < COUNT; k++) {
+            blocks[k] = malloc(SIZE);
+            TEST_ASSERT_NOT_NULL(blocks[k]);
+            memset(blocks[k], k + 1, SIZE);
+        }
+        tl_fmu_memory_leave(memory);
+        fail_to_find(true);
+        fail_to_find(false);
+        for (int k = 0; k < COUNT; k++) {
+            TEST_ASSERT_EACH_EQUAL_UINT8(k + 1, blocks[k], SIZE);
+            free(blocks[k]);
+        }
+        tl_fmu_memory_forget(state);
+    }
+}
+
+/* It has its own allocator. */
+static void test_a_library_in_another_namespace(void) {
+    tl_fmu_memory_enter(fmu.guard.memory);
+    void *library = dlmopen(LM_ID_NEWLM, "libm.so.6", RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    TEST_ASSERT_NOT_NULL(library);
+    expect_left("memory");
+    TEST_ASSERT_EQUAL_INT(0, dlclose(library));
+}
+
+static void test_a_temporary_file(void) {
+    char path[] = "/tmp/twinlock-temporary-XXXXXX";
+    fmu.guard.memory->watched = 0;
+    tl_fmu_memory_enter(fmu.guard.memory);
+    int descriptor = mkstemp(path);
+    tl_fmu_memory_leave(fmu.guard.memory);
+    expect_left("open file");
+    TEST_ASSERT_EQUAL_INT(0, close(descriptor));
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+}
+
 int main(void) {
     if (!tl_fmu_libc_serves()) {
         printf("skipped: not with a sanitizer\n");
@@ -611,6 +881,7 @@ int main(void) {
     RUN_TEST(test_any_order);
     RUN_TEST(test_by_the_function_table);
     RUN_TEST(test_a_state_that_is_used_again_grows);
+    RUN_TEST(test_memory_with_the_same_bits);
     RUN_TEST(test_a_block_that_is_freed_between_calls);
     RUN_TEST(test_exceptions_are_its_own);
     RUN_TEST(test_a_thread);
@@ -618,13 +889,22 @@ int main(void) {
     RUN_TEST(test_a_file);
     RUN_TEST(test_a_process);
     RUN_TEST(test_a_library_that_is_opened_late);
+    RUN_TEST(test_a_library_that_is_opened_and_closed);
+    RUN_TEST(test_a_library_that_states_contain_is_closed);
     RUN_TEST(test_a_library_that_no_call_has_opened);
     RUN_TEST(test_a_descriptor_that_is_opened_late);
     RUN_TEST(test_a_file_that_is_written);
+    RUN_TEST(test_a_log_that_stays_open);
+    RUN_TEST(test_more_logs_than_are_noted);
+    RUN_TEST(test_a_log_with_the_number_of_a_closed_file);
     RUN_TEST(test_folders_and_names_that_are_changed);
     RUN_TEST(test_environment_that_is_changed);
     RUN_TEST(test_threads_that_are_not_started_by_posix);
-    RUN_TEST(test_memory_that_was_reserved);
+    RUN_TEST(test_memory_that_is_made_writable);
     RUN_TEST(test_thread_specific_values);
+    RUN_TEST(test_thread_specific_values_of_c11);
+    RUN_TEST(test_an_error_of_the_loader);
+    RUN_TEST(test_a_library_in_another_namespace);
+    RUN_TEST(test_a_temporary_file);
     return UNITY_END();
 }

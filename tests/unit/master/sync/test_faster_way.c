@@ -12,7 +12,7 @@
 #include "tests/support/message.h"
 #include "tests/support/test_plan.h"
 
-enum { TICKS = 20, STEP = 1000, SLOW = 50000, FAST = 10000 };
+enum { TICKS = 20, STEP = 1000, SLOW = 50000, FAST = 10000, EXCURSIONS = 5 };
 
 static tl_test_log call_log;
 static tl_test_fmu fmu;
@@ -35,6 +35,8 @@ static struct ways {
     bool is_shown;    /* y shows the mode */
     double offset;    /* set last */
     int kept, preferred, given_up;
+    int noted, compared; /* memory */
+    int differs_at;      /* number of the comparison that finds a difference */
     tl_fmi2_times times;
     fmi2FMUstate full_copy, beginning;
     char why[120];
@@ -143,7 +145,19 @@ static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times
     return ways.own.get_fmu_state(instance, &ways.beginning);
 }
 
-static const tl_fmi2_fallback full_copy = {keep, restore_start, next_method, end_proof, size, has_choice, prefer_copy};
+static fmi2Status note_memory(fmi2Component instance) {
+    (void)instance;
+    ways.noted++;
+    return fmi2OK;
+}
+
+static bool is_memory_same(fmi2Component instance) {
+    (void)instance;
+    return ++ways.compared != ways.differs_at;
+}
+
+static const tl_fmi2_fallback full_copy = {keep,       restore_start, next_method, end_proof,     size,
+                                           has_choice, prefer_copy,   note_memory, is_memory_same};
 
 /* ---- a twin with one FMU ---- */
 
@@ -217,11 +231,40 @@ static void a_copy_that_is_faster_is_taken(void) {
 static void expect_states(void) {
     lead(with);
     TEST_ASSERT_EQUAL_INT(0, ways.preferred);
+    TEST_ASSERT_EQUAL_INT(1, ways.noted);
+    TEST_ASSERT_EQUAL_INT(EXCURSIONS, ways.compared);
 }
 
 static void a_copy_that_is_slower_is_not(void) {
     ways.by_copy = 2 * SLOW;
     expect_states();
+}
+
+/* The memory is compared at the start, or after a step if copies are far slower. */
+static void far_slower_copies_need_the_same_memory_after_a_step(void) {
+    uint64_t executions[2];
+    for (int i = 0; i < 2; i++) {
+        ways.by_copy = (i == 0 ? 29 : 31) * SLOW;
+        expect_states();
+        executions[i] = tl_twin_get_facts(run.twin).proved_executions;
+        tearDown();
+        setUp();
+    }
+    TEST_ASSERT_EQUAL_UINT64(executions[0] + EXCURSIONS + 1, executions[1]);
+}
+
+/* Own states lack memory that any of the excursions has changed. */
+static void a_copy_that_is_slower_is_taken_if_states_lack_memory(void) {
+    for (int i = 1; i <= EXCURSIONS; i++) {
+        ways.by_copy = 20 * SLOW;
+        ways.differs_at = i;
+        lead(with);
+        TEST_ASSERT_EQUAL_INT(1, ways.preferred);
+        TEST_ASSERT_EQUAL_INT(0, ways.given_up);
+        TEST_ASSERT_EQUAL_INT(i, ways.compared);
+        tearDown();
+        setUp();
+    }
 }
 
 static void expect_copy(void) {
@@ -312,8 +355,8 @@ static fmi2Status keep_and_count(fmi2Component instance) {
 }
 
 static void find_steps_until_timed(void) {
-    static const tl_fmi2_fallback counting = {keep_and_count, restore_start, next_method, end_proof,
-                                              size,           has_choice,    prefer_copy};
+    static const tl_fmi2_fallback counting = {keep_and_count, restore_start, next_method, end_proof,     size,
+                                              has_choice,     prefer_copy,   note_memory, is_memory_same};
     fmu.functions.fallback = &counting;
     lead(with);
     steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last round begins with a copy */
@@ -348,6 +391,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_copy_that_is_faster_is_taken);
     RUN_TEST(a_copy_that_is_slower_is_not);
+    RUN_TEST(far_slower_copies_need_the_same_memory_after_a_step);
+    RUN_TEST(a_copy_that_is_slower_is_taken_if_states_lack_memory);
     RUN_TEST(a_copy_that_is_a_little_slower_is_taken);
     RUN_TEST(a_loss_of_microseconds_is_too_small);
     RUN_TEST(the_time_of_a_step_counts);

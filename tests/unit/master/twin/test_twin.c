@@ -591,8 +591,8 @@ static bool has_choice(fmi2Component instance) {
     return false;
 }
 
-static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof,
-                                           size_aside, has_choice,    NULL};
+static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof, size_aside,
+                                           has_choice, NULL,          NULL,        NULL};
 
 /* The first locked step, with exact or with wrong states. */
 static tl_record first_step(bool lies) {

@@ -240,8 +240,8 @@ static bool has_choice(fmi2Component instance) {
     return false;
 }
 
-static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof,
-                                           size_aside, has_choice,    NULL};
+static const tl_fmi2_fallback other_way = {keep_aside, restore_start, next_method, end_proof, size_aside,
+                                           has_choice, NULL,          NULL,        NULL};
 
 static void use_other_way(void) {
     given_up = 0;
@@ -282,8 +282,8 @@ static fmi2Status no_method(fmi2Component instance, const char *why) {
 
 /* The caches are emptied before the FMU rejects the other method: the ledger must know that. */
 static void the_ledger_holds_without_another_way(void) {
-    static const tl_fmi2_fallback no_way = {keep_aside, restore_start, no_method, end_proof,
-                                            size_aside, has_choice,    NULL};
+    static const tl_fmi2_fallback no_way = {keep_aside, restore_start, no_method, end_proof, size_aside,
+                                            has_choice, NULL,          NULL,      NULL};
     static const way saving = {4, true, true, TL_KEEP_STATES, TL_LAG};
     use_way(&saving);
     fmus[0].functions.fallback = fmus[1].functions.fallback = &no_way;
