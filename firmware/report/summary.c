@@ -69,7 +69,7 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
     for (size_t i = 0; i < config->signal_count; i++) {
         uint32_t quality = summary->rejected[i].quality;
         if (is_matched(config, i) && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
-            quality <= TL_OUTLIER) {
+            quality <= TL_LAST_QUALITY) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
                                        summary->rejected[i].age, text);
             return tl_fail(error, TL_NOT_LOCKED,

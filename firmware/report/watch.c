@@ -84,6 +84,9 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
     char text[TL_CONFIG_DESCRIPTION];
     const tl_plan_signal *plan = &watch->config->signals[signal].plan;
     tl_quality quality = (tl_quality)sample->quality[signal];
+    if (quality == TL_FROZEN) { /* report_frozen() */
+        return;
+    }
     if (quality == TL_GOOD) {
         tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", plan->name);
         return;
@@ -501,8 +504,23 @@ static void report_harm(const tl_watch *watch, int64_t tick, const tl_release_ch
     }
 }
 
+static void report_frozen(const tl_watch *watch, int64_t tick, const tl_frozen_match *match) {
+    const tl_config_signal *own = &watch->config->signals[match->signal];
+    if (match->turn == TL_FROZEN_BEGUN) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "plant",
+            "plant.%s: frozen: all readings since t = %.6g s are %.6g, for %.3g s (before: at most %.3g s), but the model "
+            "moves: not used (check the sensor, or whether the plant is blocked)",
+            watch->config->signals[own->of].plan.name, tl_seconds(tl_time_of_step(0, watch->config->step, match->tick)),
+            match->value, tl_seconds(match->newest - match->begin), tl_seconds(match->longest));
+    }
+}
+
 void tl_watch_monitor(const tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
     report_harm(watch, tick, &monitor->release);
+    for (size_t i = 0; i < watch->config->match_count; i++) {
+        report_frozen(watch, tick, &monitor->frozen.match[i]);
+    }
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
         const tl_bound_stay *stay = &monitor->stay[v];
         const char *name = watch->config->adjust[v].variable;

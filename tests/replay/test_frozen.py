@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""A sensor that repeats its last value is found and left out, unless the plant is at rest."""
+import csv
+import random
+import sqlite3
+from contextlib import closing
+
+from brakes import hand
+from truth import make_truth, true_mse
+from twinlock_test import at_least, at_most, edited_config, expect, expect_line, main, replay_csv, replay_json, run_well, scratch
+
+SECONDS, SAMPLE_S, FROM_S, UNTIL_S = 90, 0.02, 20, 80
+SETTLED_S = 60  # the drive of the twin has recovered from the frozen value
+FROZEN = 6  # code of the quality
+
+
+def plant(torque):
+    """Edits of a plant that the model matches."""
+    brake = scratch() / "brake.csv"
+    rows = (f"{i * SAMPLE_S:.2f},{torque(i * SAMPLE_S):.4f}\n" for i in range(round((SECONDS + 1) / SAMPLE_S)))
+    brake.write_text("t,torque\n" + "".join(rows), encoding="utf-8")
+    return {"duration_s": SECONDS, "components": {"motor": {"set": {"J": 0.0515}}}, "recording": {"file": str(brake)}}
+
+
+def record(edits):
+    """Path of a recording of this plant."""
+    recording = scratch() / "plant.csv"
+    recording.unlink(missing_ok=True)
+    run_well(["plant", edited_config("motor/plant.json", edits), "--record", recording, "--seed", 7])
+    return recording
+
+
+def freeze(recording):
+    """Path of a copy in which the speed keeps the value of FROM_S until UNTIL_S."""
+    with open(recording, encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    kept = next(row["omega"] for row in rows if float(row["t"]) >= FROM_S and row["omega"])
+    for row in rows:
+        row["omega"] = kept if row["omega"] and FROM_S <= float(row["t"]) < UNTIL_S else row["omega"]
+    path = recording.with_name(f"frozen-{recording.name}")
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def events(database):
+    with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as connection:
+        return connection.execute("SELECT tick, severity, text FROM v_events WHERE source = 'plant' ORDER BY tick").fetchall()
+
+
+def frozen_ticks(database):
+    with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as connection:
+        return [tick for tick, in connection.execute("SELECT tick FROM samples WHERE signal = 1 AND quality = ? ORDER BY tick", (FROZEN,))]
+
+
+def lock(ref=10, **edits):
+    return edited_config("motor/lock.json", {"duration_s": SECONDS - 2, "synchronise": edits, "components": {"drive": {"set": {"ref": ref}}}})
+
+
+def test_frozen():
+    """Without released twins the frozen sensor is not found, and the twin stays at its value."""
+    edits = plant(hand(random.Random(4711)))
+    recording, database, again = freeze(record(edits)), scratch() / "run.db", scratch() / "again.db"
+    run_well(["replay", lock(), "--recording", recording, "--db", database])
+    (tick, severity, text), (end, mild, good) = events(database)
+    expect_line(text, "plant.omega|frozen|since t|not used|check the sensor")
+    expect((severity, mild, good) == ("warning", "info", "plant.omega: good again"), (severity, mild, good))
+    expect(3000 <= tick <= 3700 and 100 * UNTIL_S < end < 100 * UNTIL_S + 30, f"left out from tick {tick} to {end}")
+    expect(frozen_ticks(database) == list(range(tick, end)), "other samples are marked")
+
+    truth = make_truth("motor/plant.json", edits)
+    later = [i for i, time in enumerate(truth["t"]) if SETTLED_S < time]
+    truth = {name: [column[i] for i in later] for name, column in truth.items()}
+    found, missed = (true_mse(replay_csv(lock(release_s=release_s), "--recording", recording), "motor.omega", truth, "omega", 0.01)
+                     for release_s in (6, 0))
+    at_most(found, 0.1, "MSE against the true speed after it is left out, (rad/s)\u00b2")
+    at_least(missed, 1, "the same if it is matched")
+
+    run_well(["replay", lock(), "--recording", database, "--db", again])
+    expect((events(again), frozen_ticks(again)) == (events(database), frozen_ticks(database)), "the replay of the run differs")
+    again.unlink()
+    run_well(["replay", lock(release_s=0), "--recording", database, "--db", again])
+    expect(frozen_ticks(again) == [], "another configuration does not decide again")
+
+
+def test_rest():
+    """A plant at rest is not found, also if the model without corrections would move away."""
+    recording, database = freeze(record(plant(lambda time: 0.0))), scratch() / "rest.db"
+    for ref, error in ((10, 0), (9.5, 4)):
+        database.unlink(missing_ok=True)
+        match = replay_json(lock(ref), "--recording", recording, "--db", database)["match"]["motor.omega"]
+        at_least(match["mse_released"], error, f"ref {ref}: MSE without corrections, (rad/s)\u00b2")
+        expect(events(database) == [], events(database))
+
+
+if __name__ == "__main__":
+    main()
