@@ -341,6 +341,8 @@ static void fill_plan(tl_assembly *assembly) {
             .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
             .range = delays->range,
             .look_back = config->output_lookup.look_back,
+            .has_start = delays->has_output,
+            .start = -delays->shift,
         };
     }
     place_time(assembly);
