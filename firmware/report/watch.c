@@ -403,8 +403,33 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     }
 }
 
+/* A delay that is measured but not used: reports only a large change, because a change of the
+ * plant's motion can change the lag of a model by some steps. */
+static void watch_unused_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    static const tl_time large = 3; /* steps */
+    tl_time moved = record->delay - watch->delay;
+    bool is_known = record->delay_state == TL_DELAY_KNOWN;
+    bool is_first = is_known && watch->delay_state == TL_DELAY_UNKNOWN;
+    bool has_moved = moved > large * watch->config->step || moved < -large * watch->config->step;
+    if (is_known && !is_first && has_moved) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "delay: the readings come %.3g ms %s than before, compared with the model without corrections: check the "
+            "clock of the sensor and its connection, or follow it with \"delays\": \"output\" and \"measure\"",
+            fabs(tl_seconds(moved)) * 1e3, moved < 0 ? "later" : "earlier");
+    }
+    if (is_first || (is_known && has_moved)) {
+        watch->delay_state = record->delay_state;
+        watch->delay = record->delay;
+    }
+}
+
 /* Reports a first measured delay, a change of more than one step, and a loss of confidence. */
 static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (tl_config_measures_delay(watch->config) != TL_DELAY_USED) {
+        watch_unused_delay(watch, tick, record);
+        return;
+    }
     tl_time input =
         watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
     tl_time delay = record->delay + input;

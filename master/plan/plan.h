@@ -223,6 +223,7 @@ typedef struct tl_plan_measure {
     uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
     tl_time range;     /* ns: a measured delay is limited to −range … range; less than (N − 1)·T_S */
     tl_time look_back; /* ns: as in tl_delay_lookup, of matched signals */
+    bool is_unused;    /* Δo only stands in records and account: no look-up is shifted, and no checkpoint has it */
     bool has_start;    /* Δo at the start is known */
     tl_time start;     /* ns: this Δo; if the inputs are shifted, minus their delay Δi */
 } tl_plan_measure;

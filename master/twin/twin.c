@@ -549,7 +549,7 @@ static void choose_delay(tl_twin *twin) {
     bool changed = best.state != TL_DELAY_UNKNOWN && best.delay != twin->delay.delay;
     bool first = best.state != TL_DELAY_UNKNOWN && twin->delay.state == TL_DELAY_UNKNOWN;
     twin->delay = best;
-    if (changed || first) {
+    if ((changed || first) && !twin->measure.is_unused) {
         use_delay(twin);
     }
 }
@@ -683,11 +683,11 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
     return status;
 }
 
-/* Both released twins continue in parallel. If the delay is measured by them, they affect the twin.
- * Then they never end for lack of time, so that a replay does the same. */
+/* Both released twins continue in parallel. If the delay that they show is used, they affect the
+ * twin. Then they never end for lack of time, so that a replay does the same. */
 static tl_status follow_released_twin(tl_twin *twin, const tick_mode *mode, tl_record *record, tl_error *error) {
     bool measures = twin->measure.lags != 0 && twin->released_twin.state == TL_RELEASED_ON;
-    const tl_budget *budget = measures ? NULL : mode->budget;
+    const tl_budget *budget = measures && !twin->measure.is_unused ? NULL : mode->budget;
     tl_status status = tl_released_twin_follow(&twin->released_twin, record, budget != NULL ? budget->now : NULL,
                                                budget != NULL ? budget->context : NULL, error);
     for (size_t i = 0; record->release_age != 0 && i < twin->synchroniser.objective.term_count; i++) {

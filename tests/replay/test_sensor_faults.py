@@ -63,9 +63,9 @@ def drift(rows):
     return [made[time] for time in sorted(made, key=float)]
 
 
-def events(database):
+def events(database, source="plant"):
     with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as connection:
-        return connection.execute("SELECT tick, severity, text FROM v_events WHERE source = 'plant' ORDER BY tick").fetchall()
+        return connection.execute("SELECT tick, severity, text FROM v_events WHERE source = ? ORDER BY tick", (source,)).fetchall()
 
 
 def frozen_ticks(database):
@@ -125,8 +125,10 @@ def test_a_growing_delay_is_followed_in_lock():
     truth = later(make_truth("motor/plant.json", edits), FROM_S)
     follows = {"output": -0.005, "measure": {"range_s": 0.25}}
     rows = replay_csv(lock(inertia=2 * LIGHT, delays=follows), "--recording", recording, "--db", database)
+    fixed_db = scratch() / "fixed.db"
     fixed, followed = (true_mse(found, "motor.omega", truth, "omega", 0.01)
-                       for found in (replay_csv(lock(inertia=2 * LIGHT), "--recording", recording), rows))
+                       for found in (replay_csv(lock(inertia=2 * LIGHT), "--recording", recording, "--db", fixed_db), rows))
+    expect_line("\n".join(text for _, _, text in events(fixed_db, "twin")), "delay|ms later|clock")
     at_least(fixed, 0.5, "MSE against the true speed with the delay of the start, (rad/s)\u00b2")
     at_most(followed, 0.2, "the same if the delay is followed")
     expect(rows == replay_csv(lock(inertia=2 * LIGHT, delays=follows), "--recording", database), "the replay of the run differs")
