@@ -506,10 +506,10 @@ static void check_every(warnings *list, const tl_config *config) {
 /* In mode ahead no step waits for the readings that a delay requires. */
 static void check_delays(warnings *list, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
-    if (delays != NULL && delays->measure && config->adjust_count != 0) {
+    if (delays != NULL && delays->measure && config->adjust_count != 0 && config->released_steps == 0) {
         warn(list, "delays.measure",
-             "a delay can be measured only in steps without a correction: measure with \"compare\" first, then write "
-             "the result as chains");
+             "without released twins a delay can be measured only in steps without a correction: set "
+             "synchronise.release_s, or measure with \"compare\" first, then write the result as chains");
     }
     if (delays == NULL || config->measurements != TL_AHEAD) {
         return;

@@ -382,6 +382,8 @@ const char *tl_config_quality_remedy(tl_quality quality) {
         return "check the type; a CSV file needs numbers, or 0 and 1";
     case TL_OUTLIER:
         return "check the gate of its condition";
+    case TL_FROZEN:
+        return "check the sensor";
     default:
         return "see the message of its source";
     }

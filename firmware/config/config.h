@@ -293,6 +293,10 @@ tl_time tl_config_condition_lag(const tl_config *config, size_t match);
  * no room for such a look-up. Call it after tl_config_use_lookups(). */
 const char *tl_config_reading_of(const tl_config *config, size_t match);
 
+/* How Δo is measured. REPORTED: with released twins, and not used. */
+typedef enum tl_config_measured { TL_DELAY_NOT_MEASURED, TL_DELAY_REPORTED, TL_DELAY_USED } tl_config_measured;
+tl_config_measured tl_config_measures_delay(const tl_config *config);
+
 /* Removes all delays, further look-ups and conditions. For a process that emulates the plant. Call
  * it before tl_config_use_lookups(). */
 void tl_config_forget_delays(tl_config *config);

@@ -416,6 +416,13 @@ void tl_config_use_lookups(tl_config *config) {
     config->signal_count = config->own_count + config->second_count;
 }
 
+tl_config_measured tl_config_measures_delay(const tl_config *config) {
+    bool is_released = config->adjust_count != 0 && config->released_steps != 0 && config->event.start.signal == NULL;
+    return config->delays != NULL && config->delays->measure ? TL_DELAY_USED
+           : is_released                                     ? TL_DELAY_REPORTED
+                                                             : TL_DELAY_NOT_MEASURED;
+}
+
 void tl_config_forget_delays(tl_config *config) {
     config->delays = NULL;
     config->input_lookup = (tl_delay_lookup){0};

@@ -200,6 +200,7 @@ void tl_lock_monitor_init(tl_lock_monitor *monitor, const tl_config *config, con
     for (size_t v = 0; v < config->adjust_count; v++) {
         monitor->approved[v] = config->adjust[v].approved;
     }
+    tl_frozen_watch_init(&monitor->frozen, config);
     monitor->release.block = has_strokes(config)                              ? (uint32_t)BLOCK_STROKES
                              : config->released_steps >= (uint32_t)BLOCKS * 2 ? config->released_steps / BLOCKS
                                                                               : (uint32_t)BLOCK_STEPS;
@@ -877,6 +878,7 @@ const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *monitor, const tl_re
     add_outputs(monitor, record, part);
     add_corrections(monitor, record, part);
     step_release(monitor, record);
+    tl_frozen_watch_step(&monitor->frozen, record);
     part->steps++;
     return part->steps == monitor->part_steps && close_part(monitor) ? &monitor->change : NULL;
 }

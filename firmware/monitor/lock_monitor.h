@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/monitor/frozen.h"
 #include "firmware/monitor/lock_tally.h"
 #include "master/base/simtime.h"
 #include "master/twin/account.h"
@@ -164,7 +165,8 @@ typedef struct tl_lock_change {
     char cause[TL_LOCK_CAUSE]; /* sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private, except `tolerances`, `started`, `stay`, `release` and `inexact_component`. */
+/* Fields are private, except `tolerances`, `started`, `stay`, `release`, `frozen` and
+ * `inexact_component`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
@@ -183,6 +185,7 @@ typedef struct tl_lock_monitor {
     uint32_t u_count;                               /* number of valid rows in u */
     tl_bound_stay stay[TL_MAX_ADJUST];              /* of the Real variables */
     tl_release_check release;
+    tl_frozen_watch frozen; /* the caller adds the samples */
     bool judged;            /* a state was determined */
     bool inexact_component; /* the twin is astray, as determined last */
     uint64_t pending;       /* steps that are not yet counted in a state */

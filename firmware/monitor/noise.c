@@ -195,7 +195,7 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance) {
 static const double REPEATED =
     1.0 / 3.0; /* above this share of repeated values, the signal is polled too often for an estimate */
 
-static size_t readings_of(const tl_config *config, size_t match) {
+size_t tl_noise_watch_readings(const tl_config *config, size_t match) {
     if (!config->synchronise || !(config->match[match].weight > 0.0) || config->event.start.signal != NULL) {
         return SIZE_MAX;
     }
@@ -207,7 +207,7 @@ static size_t readings_of(const tl_config *config, size_t match) {
 void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config) {
     watch->config = config;
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
-        watch->signal[i] = i < config->match_count ? readings_of(config, i) : SIZE_MAX;
+        watch->signal[i] = i < config->match_count ? tl_noise_watch_readings(config, i) : SIZE_MAX;
         watch->newest[i] = TL_TIME_NEVER;
         watch->is_reported[i] = false;
         tl_noise_meter_init(&watch->meters[i], TL_NOISE_WATCH_MOST);

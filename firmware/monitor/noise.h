@@ -123,6 +123,10 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
 
 enum { TL_NOISE_WATCH_EACH = 256, TL_NOISE_WATCH_MOST = 4096 };
 
+/* Returns the signal with the unchanged readings of a match. SIZE_MAX: there is none, the match has
+ * no weight or is no Real, or there is an event horizon. */
+size_t tl_noise_watch_readings(const tl_config *config, size_t match);
+
 /* IS_LARGE: the noise is now too large for the tolerance. IS_SMALL: it is not any more. */
 typedef enum tl_noise_turn { TL_NOISE_AS_BEFORE, TL_NOISE_IS_LARGE, TL_NOISE_IS_SMALL } tl_noise_turn;
 

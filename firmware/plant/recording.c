@@ -371,7 +371,7 @@ static void find_start(tl_recording *recording, const tl_sample *sample) {
 static void post_new_readings(tl_recording *recording, const tl_sample *sample) {
     for (size_t i = 0; i < recording->config->signal_count; i++) {
         size_t from = recording->raw[i];
-        bool is_rejected = sample->quality[from] == TL_OUTLIER; /* the gate decides again */
+        bool is_rejected = sample->quality[from] >= TL_OUTLIER; /* outliers and frozen readings are found again */
         const tl_reading reading = {.value = sample->values[from],
                                     .stamp = sample->stamps[from],
                                     .quality = is_rejected ? TL_GOOD : (tl_quality)sample->quality[from]};
@@ -403,7 +403,12 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
         find_start(recording, &read.sample);
     }
     read.sample.instant = tl_time_of_step(recording->start, recording->config->step, read.sample.tick);
+    for (size_t i = 0; i < recording->config->signal_count && !recording->same_configuration; i++) {
+        bool is_frozen = read.sample.quality[i] == TL_FROZEN; /* found again */
+        read.sample.quality[i] = is_frozen ? (uint8_t)TL_GOOD : read.sample.quality[i];
+    }
     tl_live_plant_apply_bounds(recording->config, &read.sample);
+    tick->is_decided = recording->same_configuration;
     tick->sample = read.sample;
     if (recording->looks_up_again || recording->on_reading != NULL) {
         post_new_readings(recording, &read.sample);

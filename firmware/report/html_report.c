@@ -789,7 +789,7 @@ static void add_output(void *context, const tl_history_output *output) {
     int64_t position = output->step - report->settings.first;
     size_t channel = match_channel(output->signal);
     bool good = output->quality == TL_GOOD;
-    bool is_known = output->quality >= TL_GOOD && output->quality <= TL_OUTLIER;
+    bool is_known = output->quality >= TL_GOOD && output->quality <= TL_LAST_QUALITY;
     tl_envelope_put(&report->curves, channel, position, output->y);
     tl_envelope_put(&report->curves, channel + 1, position, good ? output->measured : (double)NAN);
     tl_envelope_put(&report->curves, channel + 2, position, good ? output->y - output->measured : (double)NAN);

@@ -118,7 +118,7 @@ static void flush_line(csv_line *line) {
 }
 
 static const char *quality_text(int64_t quality) {
-    return quality < TL_GOOD || quality > TL_OUTLIER ? "unknown" : tl_quality_name((tl_quality)quality);
+    return quality < TL_GOOD || quality > TL_LAST_QUALITY ? "unknown" : tl_quality_name((tl_quality)quality);
 }
 
 /* Returns the fields of one signal in the line of this tick or step. */
@@ -132,7 +132,7 @@ static csv_field *fields_of(csv_line *line, int64_t number, size_t signal) {
 
 static void take_sample(void *context, const tl_history_sample *sample) {
     csv_field *fields = fields_of(context, sample->tick, sample->signal);
-    bool is_known = sample->quality == TL_GOOD || sample->quality == TL_OUT_OF_RANGE || sample->quality == TL_OUTLIER;
+    bool is_known = sample->quality == TL_GOOD || sample->quality == TL_OUT_OF_RANGE || sample->quality >= TL_OUTLIER;
     format_number(is_known ? sample->value : (double)NAN, fields[0]);
     (void)snprintf(fields[1], NUMBER, "%s", quality_text(sample->quality));
 }

@@ -69,7 +69,7 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
     for (size_t i = 0; i < config->signal_count; i++) {
         uint32_t quality = summary->rejected[i].quality;
         if (is_matched(config, i) && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
-            quality <= TL_OUTLIER) {
+            quality <= TL_LAST_QUALITY) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
                                        summary->rejected[i].age, text);
             return tl_fail(error, TL_NOT_LOCKED,
@@ -214,7 +214,8 @@ static void add_adjusted(tl_json_writer *json, const printing *page) {
 
 /* Returns the measured Δo in s: the delay that the twin found, plus Δi. */
 static double measured_delay(const tl_config *config, const tl_twin_delay *found) {
-    return tl_seconds(found->delay + (config->delays->has_input ? config->delays->input.delay : 0));
+    const tl_config_delays *delays = config->delays;
+    return tl_seconds(found->delay + (delays != NULL && delays->has_input ? delays->input.delay : 0));
 }
 
 /* An unknown value becomes null, so that missing data does not look like a perfect fit. */
@@ -226,13 +227,16 @@ static void add_delays(tl_json_writer *json, const tl_config *config, const tl_a
     static const char *const states[] = {
         [TL_DELAY_UNKNOWN] = "unknown", [TL_DELAY_KNOWN] = "known", [TL_DELAY_LOST] = "lost"};
     const tl_config_delays *delays = config->delays;
-    if (delays == NULL) {
+    bool is_measured = tl_config_measures_delay(config) != TL_DELAY_NOT_MEASURED;
+    if (delays == NULL && !is_measured) {
         return;
     }
+    bool has_input = delays != NULL && delays->has_input;
+    bool has_output = delays != NULL && delays->has_output;
     tl_json_open_object(json, "delays");
-    add_seconds(json, "input_s", tl_seconds(delays->input.delay), delays->has_input);
-    add_seconds(json, "output_s", tl_seconds(delays->output.delay), delays->has_output);
-    if (delays->measure) {
+    add_seconds(json, "input_s", has_input ? tl_seconds(delays->input.delay) : 0.0, has_input);
+    add_seconds(json, "output_s", has_output ? tl_seconds(delays->output.delay) : 0.0, has_output);
+    if (is_measured) {
         const tl_twin_delay *found = &account->delay;
         add_seconds(json, "measured_s", measured_delay(config, found), found->state != TL_DELAY_UNKNOWN);
         tl_json_add_text(json, "state", states[found->state]);
@@ -437,15 +441,13 @@ static void print_adjusted(const printing *page, size_t adjust) {
 
 static void print_delays(const printing *page) {
     const tl_twin_delay *found = &page->account->delay;
-    if (page->config->delays == NULL || !page->config->delays->measure) {
-        return;
-    }
-    if (found->state == TL_DELAY_UNKNOWN) {
+    tl_config_measured measured = tl_config_measures_delay(page->config);
+    if (found->state == TL_DELAY_UNKNOWN && measured == TL_DELAY_USED) {
         print_line(page, "delay", "not found: confidence %.2f", found->confidence);
-    } else {
-        print_line(page, "delay", "measured \316\224o = %.4g ms, confidence %.2f%s",
-                   measured_delay(page->config, found) * 1e3, found->confidence,
-                   found->state == TL_DELAY_LOST ? ": lost" : "");
+    } else if (found->state != TL_DELAY_UNKNOWN) {
+        print_line(page, "delay", "measured \316\224o = %.4g ms%s, confidence %.2f%s",
+                   measured_delay(page->config, found) * 1e3, measured == TL_DELAY_USED ? "" : " (not used)",
+                   found->confidence, found->state == TL_DELAY_LOST ? ": lost" : "");
     }
 }
 

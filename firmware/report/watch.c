@@ -172,6 +172,9 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
     char text[TL_CONFIG_DESCRIPTION];
     const tl_plan_signal *plan = &watch->config->signals[signal].plan;
     tl_quality quality = (tl_quality)sample->quality[signal];
+    if (quality == TL_FROZEN) { /* report_frozen() */
+        return;
+    }
     if (quality == TL_GOOD) {
         tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", plan->name);
         return;
@@ -483,8 +486,33 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     }
 }
 
+/* A delay that is measured but not used: reports only a large change, because a change of the
+ * plant's motion can change the lag of a model by some steps. */
+static void watch_unused_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    static const tl_time large = 3; /* steps */
+    tl_time moved = record->delay - watch->delay;
+    bool is_known = record->delay_state == TL_DELAY_KNOWN;
+    bool is_first = is_known && watch->delay_state == TL_DELAY_UNKNOWN;
+    bool has_moved = moved > large * watch->config->step || moved < -large * watch->config->step;
+    if (is_known && !is_first && has_moved) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "delay: the readings come %.3g ms %s than before, compared with the model without corrections: check the "
+            "clock of the sensor and its connection, or follow it with \"delays\": \"output\" and \"measure\"",
+            fabs(tl_seconds(moved)) * 1e3, moved < 0 ? "later" : "earlier");
+    }
+    if (is_first || (is_known && has_moved)) {
+        watch->delay_state = record->delay_state;
+        watch->delay = record->delay;
+    }
+}
+
 /* Reports a first measured delay, a change of more than one step, and a loss of confidence. */
 static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (tl_config_measures_delay(watch->config) != TL_DELAY_USED) {
+        watch_unused_delay(watch, tick, record);
+        return;
+    }
     tl_time input =
         watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
     tl_time delay = record->delay + input;
@@ -585,8 +613,23 @@ static void report_harm(tl_watch *watch, int64_t tick, const tl_release_check *r
     }
 }
 
+static void report_frozen(const tl_watch *watch, int64_t tick, const tl_frozen_match *match) {
+    const tl_config_signal *own = &watch->config->signals[match->signal];
+    if (match->turn == TL_FROZEN_BEGUN) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "plant",
+            "plant.%s: frozen: all readings since t = %.6g s are %.6g, for %.3g s (before: at most %.3g s), but the model "
+            "moves: not used (check the sensor, or whether the plant is blocked)",
+            watch->config->signals[own->of].plan.name, tl_seconds(tl_time_of_step(0, watch->config->step, match->tick)),
+            match->value, tl_seconds(match->newest - match->begin), tl_seconds(match->longest));
+    }
+}
+
 void tl_watch_monitor(tl_watch *watch, int64_t tick, const tl_lock_monitor *monitor) {
     report_harm(watch, tick, &monitor->release);
+    for (size_t i = 0; i < watch->config->match_count; i++) {
+        report_frozen(watch, tick, &monitor->frozen.match[i]);
+    }
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
         const tl_bound_stay *stay = &monitor->stay[v];
         const char *name = watch->config->adjust[v].variable;

@@ -571,7 +571,7 @@ static uint32_t take_bits(table_row *row) {
 static bool pass_sample(table_row *row, const row_key *key) {
     tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
     sample.value = take_number(row);
-    sample.quality = take_code(row, key->visitor, TL_OUTLIER);
+    sample.quality = take_code(row, key->visitor, TL_LAST_QUALITY);
     sample.stamp = take_integer_or(row, -TL_ROW_NUMBER_MAX, TL_ROW_NUMBER_MAX, TL_TIME_NEVER);
     if (row->right) {
         key->visitor->sample(key->visitor->context, &sample);

@@ -561,7 +561,7 @@ static int write_names(tl_recorder_database *database) {
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG && code == SQLITE_OK; bit <<= 1) {
         code = write_row(database, FLAG_NAME, (cell[]){cell_whole(bit), cell_text(tl_flag_name((tl_flag)bit))});
     }
-    for (int i = TL_GOOD; i <= TL_OUTLIER && code == SQLITE_OK; i++) {
+    for (int i = TL_GOOD; i <= TL_LAST_QUALITY && code == SQLITE_OK; i++) {
         code = write_row(database, QUALITY_NAME, (cell[]){cell_whole(i), cell_text(tl_quality_name((tl_quality)i))});
     }
     for (int i = TL_EVENT_INFO; i <= TL_EVENT_ERROR && code == SQLITE_OK; i++) {

@@ -119,7 +119,7 @@ const unsigned char *tl_unpack(const tl_packed_part *parts, const tl_recorder_sh
 
 static bool are_qualities(const uint8_t *quality, size_t count) {
     size_t i = 0;
-    while (i < count && quality[i] <= TL_OUTLIER) {
+    while (i < count && quality[i] <= TL_LAST_QUALITY) {
         i++;
     }
     return i == count;

@@ -285,6 +285,22 @@ static void place_time(tl_assembly *assembly) {
     assembly->plan.length = recorded->length;
 }
 
+static tl_plan_measure find_measure(const tl_config *config) {
+    static const tl_time steps = 16; /* largest delay that is only reported */
+    const tl_config_delays *delays = config->delays;
+    tl_config_measured measured = tl_config_measures_delay(config);
+    tl_time range = measured == TL_DELAY_USED ? delays->range : steps * config->step;
+    /* One lag more than needed, so that a peak at the end of the range is detected as one. */
+    return (tl_plan_measure){
+        .lags = measured == TL_DELAY_NOT_MEASURED ? 0 : (uint32_t)((range + config->step - 1) / config->step) + 1,
+        .range = range,
+        .look_back = config->output_lookup.look_back,
+        .is_unused = measured == TL_DELAY_REPORTED,
+        .has_start = measured == TL_DELAY_USED && delays->has_output,
+        .start = delays != NULL ? -delays->shift : 0,
+    };
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -334,15 +350,7 @@ static void fill_plan(tl_assembly *assembly) {
         assembly->plan.saving.structure = false;
         assembly->plan.saving.sequences = false;
     }
-    const tl_config_delays *delays = config->delays;
-    if (delays != NULL && delays->measure) {
-        /* One lag more than needed, so that a peak at the end of the range is detected as one. */
-        assembly->plan.measure = (tl_plan_measure){
-            .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
-            .range = delays->range,
-            .look_back = config->output_lookup.look_back,
-        };
-    }
+    assembly->plan.measure = find_measure(config);
     place_time(assembly);
 }
 

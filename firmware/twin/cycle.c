@@ -432,6 +432,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
+    tl_frozen_mark(tl_frozen_watch_sample(&cycle->recovery.lock_monitor.frozen, &sample, false), &sample);
     tl_watch_sample(&cycle->watch, &sample);
     tl_lock_monitor_sample(&cycle->recovery.lock_monitor, &sample);
     tl_lock_monitor_sample(&cycle->second, &sample);

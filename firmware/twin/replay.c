@@ -111,10 +111,10 @@ static void apply_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings
     }
 }
 
-/* Processes the sample and the events before a tick's step. `missed` counts the ticks that the run
- * caught up before a regular one, if it has reported them. */
-static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
-    const tl_sample *sample = &tick->sample;
+/* Processes the sample and the events before a tick's step, and marks frozen signals as the process
+ * with the FMUs has done. `missed` counts the ticks that the run caught up before a regular one, if
+ * it has reported them. */
+static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, tl_sample *sample, uint64_t *missed) {
     if (tick->caught_up) {
         ++*missed;
     } else {
@@ -123,6 +123,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         *missed = 0;
     }
     if (!tick->followed) { /* reported by the run that was resumed */
+        tl_frozen_mark(tl_frozen_watch_sample(&replay->lock_monitor->frozen, sample, tick->is_decided), sample);
         tl_lock_monitor_sample(replay->lock_monitor, sample);
         tl_watch_sample(replay->watch, sample);
     }
@@ -134,18 +135,18 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
 /* A last tick only completes the record before it. It counts as a sample only if it did so. */
 static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
                       tl_summary *summary) {
-    const tl_sample *sample = &fed->tick->sample;
+    tl_sample sample = fed->tick->sample;
     bool ready = fed->result->ready != 0;
     if (!fed->last) {
-        apply_tunings(replay, sample->tick, tunings);
-        take_sample(replay, fed->tick, missed);
-        tl_summary_sample(summary, replay->config, sample);
+        apply_tunings(replay, sample.tick, tunings);
+        take_sample(replay, fed->tick, &sample, missed);
+        tl_summary_sample(summary, replay->config, &sample);
         summary->figures.skipped += ready && fed->result->record.outcome == TL_CAUGHT_UP ? 1 : 0;
     } else if (ready && replay->recorder != NULL) {
-        tl_recorder_put_sample(replay->recorder, sample);
+        tl_recorder_put_sample(replay->recorder, &sample);
     }
     if (ready) {
-        keep_record(replay, sample->tick, fed->result, summary);
+        keep_record(replay, sample.tick, fed->result, summary);
     }
 }
 

@@ -122,7 +122,7 @@ static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *b
     for (size_t i = 0; sound && i < shape->plant; i++) {
         tl_time stamp = tick.sample.stamps[i];
         bool in_time = stamp == TL_TIME_NEVER || (stamp >= -TL_RESUME_FAR && stamp <= TL_RESUME_FAR);
-        sound = isfinite(tick.sample.values[i]) && in_time && tick.sample.quality[i] <= TL_OUTLIER;
+        sound = isfinite(tick.sample.values[i]) && in_time && tick.sample.quality[i] <= TL_LAST_QUALITY;
     }
     for (size_t i = 0; sound && i < shape->adjust; i++) {
         sound = isfinite(tick.u[i]);

@@ -129,7 +129,14 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     if (tick->resets) { /* as recorded; the recovery at the tick before requested the same */
         tl_twin_reset(assembly->twin);
     }
+    tl_recording_tick marked;
     if (!tick->followed) {
+        uint64_t frozen = tl_frozen_watch_sample(&recovery->lock_monitor.frozen, &tick->sample, tick->is_decided);
+        if (frozen != 0) {
+            marked = *tick;
+            tl_frozen_mark(frozen, &marked.sample);
+            tick = &marked;
+        }
         tl_lock_monitor_sample(&recovery->lock_monitor, &tick->sample);
     }
     tl_status status = execute_step(assembly, tick, attached, &result->record, &ready, error);

@@ -2,7 +2,8 @@
 #include "master/base/signal.h"
 
 const char *tl_quality_name(tl_quality quality) {
-    static const char *const names[] = {"good", "stale", "out of range", "not a number", "no link", "outlier"};
+    static const char *const names[] = {"good",    "stale",   "out of range", "not a number",
+                                        "no link", "outlier", "frozen"};
     return names[quality];
 }
 

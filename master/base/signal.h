@@ -23,7 +23,9 @@ typedef enum tl_quality {
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
     TL_NO_LINK,      /* the device does not answer, or has never answered */
-    TL_OUTLIER       /* rejected, or not confirmed yet: too far from the last accepted reading (plant/conditioner.h) */
+    TL_OUTLIER, /* rejected, or not confirmed yet: too far from the last accepted reading (plant/conditioner.h) */
+    TL_FROZEN,  /* the readings repeat one value while the plant moves */
+    TL_LAST_QUALITY = TL_FROZEN
 } tl_quality;
 
 enum {
@@ -71,7 +73,7 @@ typedef struct tl_sample {
 /* Returns true if any conditioning is configured. */
 bool tl_condition_is_needed(const tl_condition *condition);
 
-/* "good", "stale", "out of range", "not a number", "no link", "outlier". */
+/* "good", "stale", "out of range", "not a number", "no link", "outlier", "frozen". */
 const char *tl_quality_name(tl_quality quality);
 
 /* Age of a signal's reading at the instant of the sample, ns; 0 if there is no reading, or if it is

@@ -57,7 +57,7 @@ const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
 
 /* A held value replaces one that is not good, so it must be as good. */
 static void require_value(const tl_plant_output *output, double value, uint8_t quality, tl_archive *archive) {
-    tl_archive_require(archive, verify(output, value, TL_GOOD) == TL_GOOD && quality <= TL_OUTLIER);
+    tl_archive_require(archive, verify(output, value, TL_GOOD) == TL_GOOD && quality <= TL_LAST_QUALITY);
 }
 
 void tl_plant_archive(tl_plant *plant, tl_archive *archive) {

@@ -217,11 +217,16 @@ typedef struct tl_plan_event {
 /* Largest lag, in macro steps in both directions, of a measured delay. */
 enum { TL_DELAY_LAGS = 32 };
 
-/* Measurement of Δo (measure/delay_meter.h). */
+/* Measurement of Δo (measure/delay_meter.h). In lock the released twins show it. A model that is
+ * slower than the plant also lags. So with `has_start` the first value that they show counts as
+ * `start`, and only later changes are used. */
 typedef struct tl_plan_measure {
     uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
     tl_time range;     /* ns: a measured delay is limited to −range … range; less than (N − 1)·T_S */
     tl_time look_back; /* ns: as in tl_delay_lookup, of matched signals */
+    bool is_unused;    /* Δo only stands in records and account: no look-up is shifted, and no checkpoint has it */
+    bool has_start;    /* Δo at the start is known */
+    tl_time start;     /* ns: this Δo; if the inputs are shifted, minus their delay Δi */
 } tl_plan_measure;
 
 /* Default number of evaluations in a plan and in a budget. */

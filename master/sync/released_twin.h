@@ -13,7 +13,8 @@
  * Failure: if an FMU of a released twin fails, this released twin is missing until its next
  *          release. Only fmi2Fatal ends the twin.
  * Not:     the free-running twin of free_twin.h. That one runs uncorrected for as long as it
- *          predicts well, and decides whether u rests. A released twin never affects the twin.
+ *          predicts well, and decides whether u rests. A released twin affects the twin only by a
+ *          measured delay (plan.measure).
  * Source:  not the dissertation.
  * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
  */

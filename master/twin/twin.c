@@ -536,6 +536,17 @@ static void use_delay(tl_twin *twin) {
     }
 }
 
+/* What a meter shows in excess of the delay in use, fixed when it first knows its delay. */
+static tl_time find_offset(tl_twin *twin, size_t match, const tl_delay_measured *found) {
+    bool needs_one = found->known && twin->measure.has_start && twin->released_twin.state == TL_RELEASED_ON;
+    if (needs_one && !twin->has_offset[match]) {
+        twin->has_offset[match] = true;
+        twin->offsets[match] =
+            found->delay - (twin->delay.state != TL_DELAY_UNKNOWN ? twin->delay.delay : twin->measure.start);
+    }
+    return needs_one ? twin->offsets[match] : 0;
+}
+
 /* Uses the delay of the first matched output that knows it. If none knows it, uses one that has
  * lost it. */
 static void choose_delay(tl_twin *twin) {
@@ -543,6 +554,7 @@ static void choose_delay(tl_twin *twin) {
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_delay_measured found = tl_delay_meter_get(twin->meters[i]);
         tl_delay_state state = !found.known ? TL_DELAY_UNKNOWN : found.lost ? TL_DELAY_LOST : TL_DELAY_KNOWN;
+        found.delay -= find_offset(twin, i, &found);
         bool better = state == TL_DELAY_KNOWN ? best.state != TL_DELAY_KNOWN : best.state == TL_DELAY_UNKNOWN;
         if (better && (state != TL_DELAY_UNKNOWN || found.confidence >= best.confidence)) {
             best = (tl_twin_delay){.state = state, .delay = found.delay, .confidence = found.confidence};
@@ -554,17 +566,25 @@ static void choose_delay(tl_twin *twin) {
     bool changed = best.state != TL_DELAY_UNKNOWN && best.delay != twin->delay.delay;
     bool first = best.state != TL_DELAY_UNKNOWN && twin->delay.state == TL_DELAY_UNKNOWN;
     twin->delay = best;
-    if (changed || first) {
+    if ((changed || first) && !twin->measure.is_unused) {
         use_delay(twin);
     }
 }
 
-static void __attribute__((noinline)) measure_delay(tl_twin *twin, const tl_record *record) {
-    bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
+/* The older released twin is not corrected, so it shows the delay also in lock; but not across a
+ * change to the other one. */
+static void __attribute__((noinline)) measure_delay(tl_twin *twin, tl_record *record) {
+    uint32_t age = twin->released_twin.state == TL_RELEASED_ON ? record->release_age : 0;
+    const double *y = age != 0 ? record->released : record->y;
+    bool free = age != 0 ? age == twin->measured_age + 1
+                         : is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0 && twin->measured_age == 0;
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
-        tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
+        tl_delay_meter_step(twin->meters[i], record->step + 1, y[i], free);
     }
+    twin->measured_age = age;
     choose_delay(twin);
+    record->delay_state = twin->delay.state;
+    record->delay = twin->delay.delay;
 }
 
 /* ---- records ---- */
@@ -597,11 +617,11 @@ static void complete_record(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         record_match(twin, i, record);
     }
-    if (twin->measure.lags != 0) {
-        measure_delay(twin, record);
-    }
     record->delay_state = twin->delay.state;
     record->delay = twin->delay.delay;
+    if (twin->measure.lags != 0 && twin->released_twin.state != TL_RELEASED_ON) {
+        measure_delay(twin, record);
+    }
 }
 
 static uint64_t count_executions(const tl_twin *twin) {
@@ -680,14 +700,19 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
     return status;
 }
 
-/* Both released twins continue in parallel. */
+/* Both released twins continue in parallel. If the delay that they show is used, they affect the
+ * twin. Then they never end for lack of time, so that a replay does the same. */
 static tl_status follow_released_twin(tl_twin *twin, const tick_mode *mode, tl_record *record, tl_error *error) {
-    const tl_budget *budget = mode->budget;
+    bool measures = twin->measure.lags != 0 && twin->released_twin.state == TL_RELEASED_ON;
+    const tl_budget *budget = measures && !twin->measure.is_unused ? NULL : mode->budget;
     tl_status status = tl_released_twin_follow(&twin->released_twin, record, budget != NULL ? budget->now : NULL,
                                                budget != NULL ? budget->context : NULL, error);
     for (size_t i = 0; record->release_age != 0 && i < twin->synchroniser.objective.term_count; i++) {
         tl_metrics_add(&twin->released[i], record->released[i], record->measured[i],
                        (tl_quality)record->measured_quality[i]);
+    }
+    if (status == TL_OK && measures) {
+        measure_delay(twin, record);
     }
     return status;
 }

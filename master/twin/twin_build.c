@@ -185,7 +185,7 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
 /* Largest output_ticks that a measured delay can give; if none is measured, the configured one. */
 static int32_t most_output_ticks(const tl_plan *plan) {
     const tl_plan_measure *measure = &plan->measure;
-    if (measure->lags == 0 || plan->step <= 0) {
+    if (measure->lags == 0 || measure->is_unused || plan->step <= 0) {
         return plan->output_ticks;
     }
     int32_t most = tl_delay_ticks(measure->look_back, -measure->range, plan->step);
@@ -194,7 +194,7 @@ static int32_t most_output_ticks(const tl_plan *plan) {
 
 static int32_t least_output_ticks(const tl_plan *plan) {
     const tl_plan_measure *measure = &plan->measure;
-    if (measure->lags == 0 || plan->step <= 0) {
+    if (measure->lags == 0 || measure->is_unused || plan->step <= 0) {
         return plan->output_ticks;
     }
     int32_t least = tl_delay_ticks(measure->look_back, measure->range, plan->step);

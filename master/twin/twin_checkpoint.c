@@ -39,7 +39,7 @@ static head head_of(const tl_twin *twin, int64_t tick) {
 
 /* Whether a shift of look-ups is possible for a delay in the measured range. */
 static bool is_shift(const tl_twin *twin, int32_t shift, int32_t configured) {
-    if (twin->measure.lags == 0 || twin->delay.state == TL_DELAY_UNKNOWN) {
+    if (twin->measure.lags == 0 || twin->measure.is_unused || twin->delay.state == TL_DELAY_UNKNOWN) {
         return shift == configured;
     }
     int32_t least = tl_delay_ticks(twin->measure.look_back, twin->measure.range, twin->step);
@@ -63,6 +63,7 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
     tl_archive_require(archive, is_pending(twin));
     for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_archive_require(archive, is_shift(twin, twin->terms[i].shift, configured[i]));
+        tl_archive_require(archive, twin->offsets[i] >= -FAR && twin->offsets[i] <= FAR);
     }
     if (twin->has_pending) {
         tl_archive_require_finite(archive, twin->pending.u, twin->synchroniser.horizon.variables);
@@ -84,13 +85,17 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
         if (twin->readers[i] != NULL) {
             tl_reading_meter_archive(twin->readers[i], archive);
         }
-        if (twin->meters[i] != NULL) {
+        if (twin->meters[i] != NULL && !twin->measure.is_unused) {
             tl_delay_meter_archive(twin->meters[i], archive);
+            tl_archive_flag(archive, &twin->has_offset[i]);
+            tl_archive_part(archive, &twin->offsets[i], sizeof twin->offsets[i]);
         }
         configured[i] = twin->terms[i].shift;
         tl_archive_part(archive, &twin->terms[i].shift, sizeof twin->terms[i].shift);
     }
-    tl_archive_part(archive, &twin->delay, sizeof twin->delay);
+    if (!twin->measure.is_unused) {
+        tl_archive_part(archive, &twin->delay, sizeof twin->delay);
+    }
     tl_archive_flag(archive, &twin->has_pending);
     if (twin->has_pending) {
         tl_archive_part(archive, &twin->pending, sizeof twin->pending);
@@ -253,7 +258,13 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
     twin->released_twin.counts = (tl_released_counts){0};
     twin->resets = false;
     disown_pending(twin);
-    return TL_OK;
+    if (twin->measure.lags != 0 &&
+        !twin->measure.is_unused) { /* the delay depends on the released twins: a loaded twin starts new ones */
+        twin->measured_age = 0;
+        status = tl_released_twin_begin(&twin->released_twin, error);
+        twin->ended = status;
+    }
+    return status;
 }
 
 tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error) {

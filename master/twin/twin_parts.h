@@ -42,6 +42,9 @@ struct tl_twin {
     tl_pairing measurements;
     tl_plan_measure measure;
     tl_delay_meter *meters[TL_MAX_MATCH]; /* NULL: the output delay Δo is not measured */
+    tl_time offsets[TL_MAX_MATCH];        /* of the measured delays from those in use (tl_plan_measure) */
+    bool has_offset[TL_MAX_MATCH];
+    uint32_t measured_age; /* release_age of the last step that the meters got; 0: they got none, or y */
     tl_twin_delay delay;
     tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */

@@ -39,7 +39,7 @@ static void check_tick(const tl_history_tick *tick, int64_t last) {
         abort();
     }
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        if (!isfinite(tick->sample.values[i]) || tick->sample.quality[i] > TL_OUTLIER) {
+        if (!isfinite(tick->sample.values[i]) || tick->sample.quality[i] > TL_LAST_QUALITY) {
             abort();
         }
     }

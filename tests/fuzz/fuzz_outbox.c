@@ -156,11 +156,11 @@ static void check_entry(void) {
         tl_fuzz_hold(entry.start.holds || tl_account_is_sound(&entry.start.account));
         break;
     case TL_ENTRY_SAMPLE:
-        tl_fuzz_hold(entry.sample.quality[0] <= TL_OUTLIER && entry.sample.quality[1] <= TL_OUTLIER);
+        tl_fuzz_hold(entry.sample.quality[0] <= TL_LAST_QUALITY && entry.sample.quality[1] <= TL_LAST_QUALITY);
         break;
     case TL_ENTRY_STEP:
         tl_fuzz_hold((unsigned)entry.record.outcome < TL_OUTCOMES && (unsigned)entry.record.stop <= TL_STOP_TIME &&
-                     entry.record.flags < 2 * TL_LAST_FLAG && entry.record.measured_quality[0] <= TL_OUTLIER);
+                     entry.record.flags < 2 * TL_LAST_FLAG && entry.record.measured_quality[0] <= TL_LAST_QUALITY);
         break;
     case TL_ENTRY_END:
         tl_fuzz_hold(is_text(entry.reason, sizeof entry.reason));

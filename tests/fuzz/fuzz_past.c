@@ -51,7 +51,7 @@ static void check_tick(const tl_resume *resume, int64_t number) {
     tl_fuzz_hold(tl_resume_tick_at(resume, number, &tick) && tick.sample.tick == number);
     tl_fuzz_hold(tick.has_u || !tick.resets);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        tl_fuzz_hold(isfinite(tick.sample.values[i]) && tick.sample.quality[i] <= TL_OUTLIER);
+        tl_fuzz_hold(isfinite(tick.sample.values[i]) && tick.sample.quality[i] <= TL_LAST_QUALITY);
     }
     for (size_t i = 0; i < TL_MAX_ADJUST; i++) {
         tl_fuzz_hold(isfinite(tick.u[i]));

@@ -108,7 +108,7 @@ static void put_entry(unsigned what) {
     }
     if (what % 2 == 0) {
         tl_sample sample = {.tick = number(), .values = {value(), value()}, .stamps = {number(), number()}};
-        sample.quality[0] = (uint8_t)(what % (TL_OUTLIER + 1));
+        sample.quality[0] = (uint8_t)(what % (TL_LAST_QUALITY + 1));
         (void)tl_record_queue_put_sample(&queue, &sample);
         return;
     }

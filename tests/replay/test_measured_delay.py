@@ -135,7 +135,7 @@ def test_inputs_are_shifted_by_the_chains():
 
 
 def test_a_corrected_twin_measures_no_wrong_delay():
-    """Corrected steps follow ŷ with the delay in use, so only uncorrected steps count."""
+    """Corrected steps follow ŷ with the delay in use, so only steps of released twins count."""
     path, true = chain(10, 0.01, 12)
     changes = {"compare": None, "delays": {"measure": {"range_s": 0.1}},
                "synchronise": {"adjust": {"process.K": {"step": 0.1}}, "match": {"sensor.y": {"to": "plant.y", "tolerance": 0.05}}}}
@@ -145,9 +145,10 @@ def test_a_corrected_twin_measures_no_wrong_delay():
     print(f"    {found}, {told['optimised_steps']} steps searched; true {true}")
     expect(found["state"] == "unknown" or abs(found["measured_s"] - true) <= 0.004, f"{found}, is {true}")
     expect(told["ledger"]["total"]["difference"] <= 0, f"{told['ledger']}")
-    page = run_well(["check", config])
-    warnings = " ".join(page.partition("\nwarnings\n")[2].split())
-    expect_line(warnings, 'delays.measure|correction|"compare"|chains')
+    changes["synchronise"]["release_s"] = 0
+    for name, is_warned in ((config, False), (edited_config("second_order/plain.json", changes), True)):
+        warnings = " ".join(run_well(["check", name]).partition("\nwarnings\n")[2].split())
+        expect(has_line(warnings, 'delays.measure|correction|synchronise.release_s|"compare"|chains') == is_warned, warnings)
 
 
 def test_the_page_of_check():

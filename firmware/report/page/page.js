@@ -3,7 +3,7 @@
 (() => {
     const data = JSON.parse(document.getElementById("data").textContent);
     const live = data.origin !== null;
-    const QUALITIES = ["good", "stale", "out of range", "not a number", "no link", "outlier"]; // codes of tl_quality
+    const QUALITIES = ["good", "stale", "out of range", "not a number", "no link", "outlier", "frozen"]; // codes of tl_quality
     const COLOURS = ["ink", "soft", "line", "grid", "simulated", "measured", "nominal", "difference", "band", "bad", "gap", "info",
         "warning", "error"];
     const PRINT_WIDTH = 670; // CSS pixels: fits A4 and Letter between the margins of page.css

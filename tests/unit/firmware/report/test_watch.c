@@ -113,6 +113,8 @@ static void delay(tl_delay_state state, tl_time value) {
 
 static void test_a_delay_that_is_measured_drifts_and_is_lost(void) {
     const tl_time ms = TL_SECOND / 1000;
+    const tl_config_delays delays = {.measure = true};
+    config.delays = &delays;
     delay(TL_DELAY_UNKNOWN, 0);
     expect_nothing();
     delay(TL_DELAY_KNOWN, 8 * ms);
@@ -127,6 +129,22 @@ static void test_a_delay_that_is_measured_drifts_and_is_lost(void) {
     expect_told("warning|twin|delay|\316\224o|8.000 ms");
     delay(TL_DELAY_KNOWN, 9 * ms);
     expect_told("notice|twin|delay|\316\224o|9.000 ms");
+    config.delays = NULL;
+}
+
+/* Only more than three steps of 10 ms are reported. */
+static void test_a_delay_that_is_not_used_moves_far(void) {
+    const tl_time ms = TL_SECOND / 1000;
+    delay(TL_DELAY_KNOWN, 80 * ms);
+    delay(TL_DELAY_KNOWN, 50 * ms);
+    delay(TL_DELAY_LOST, 10 * ms);
+    expect_nothing();
+    delay(TL_DELAY_KNOWN, 49 * ms);
+    expect_told("warning|twin|delay|31 ms later|clock|measure");
+    delay(TL_DELAY_KNOWN, 79 * ms);
+    expect_nothing();
+    delay(TL_DELAY_KNOWN, 80 * ms);
+    expect_told("warning|twin|delay|31 ms earlier");
 }
 
 /* If inputs are shifted, Δo is the measured rest plus that shift. */
@@ -652,6 +670,7 @@ static void test_what_is_kept(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
+    RUN_TEST(test_a_delay_that_is_not_used_moves_far);
     RUN_TEST(test_a_delay_is_told_with_that_of_the_inputs);
     RUN_TEST(test_outliers_are_told_with_value_expected_and_count);
     RUN_TEST(test_a_step_is_not_told_as_an_outlier);

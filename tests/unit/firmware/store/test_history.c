@@ -484,7 +484,7 @@ static void expect_damage(const char *sql) {
 }
 
 static void test_impossible_values_are_damage(void) {
-    expect_damage("UPDATE samples SET quality = 6 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET quality = 7 WHERE tick = 4 AND signal = 0");
     expect_damage("UPDATE samples SET quality = -1 WHERE tick = 4 AND signal = 0");
     expect_damage("UPDATE samples SET signal = 64 WHERE tick = 4 AND signal = 2");
     expect_damage("UPDATE samples SET signal = -1 WHERE tick = 4 AND signal = 2");

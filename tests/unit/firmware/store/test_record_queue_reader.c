@@ -170,7 +170,7 @@ static void unknown_qualities(void) {
     put_sample();
     put_step();
     TEST_ASSERT_TRUE(take());
-    spoil(quality, TL_OUTLIER + 1);
+    spoil(quality, TL_LAST_QUALITY + 1);
     expect_fault("enumeration");
 }
 

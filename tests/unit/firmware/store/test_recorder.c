@@ -263,7 +263,7 @@ static void test_codes_have_their_names(void) {
     TEST_ASSERT_EQUAL_STRING("time", tl_sql_text(bench.path, "SELECT name FROM stops WHERE code = 4"));
     TEST_ASSERT_EQUAL_STRING("no link", tl_sql_text(bench.path, "SELECT name FROM qualities WHERE code = 4"));
     TEST_ASSERT_EQUAL_STRING("outlier", tl_sql_text(bench.path, "SELECT name FROM qualities WHERE code = 5"));
-    TEST_ASSERT_EQUAL_INT64(6, tl_sql_integer(bench.path, "SELECT count(*) FROM qualities"));
+    TEST_ASSERT_EQUAL_INT64(7, tl_sql_integer(bench.path, "SELECT count(*) FROM qualities"));
     TEST_ASSERT_EQUAL_STRING("warning", tl_sql_text(bench.path, "SELECT name FROM severities WHERE code = 1"));
 }
 

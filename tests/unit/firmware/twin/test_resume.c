@@ -381,7 +381,7 @@ static void test_damaged_ticks(void) {
     static const double numbers[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
     static const tl_time stamps[] = {TL_RESUME_FAR + 1, -TL_RESUME_FAR - 1, INT64_MAX, INT64_MIN + 1};
     const unsigned char three = 3;
-    const unsigned char quality = TL_OUTLIER + 1;
+    const unsigned char quality = TL_LAST_QUALITY + 1;
     const size_t words = TL_MADE_PLANT * 8;
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         write_tick(5, 1 + 8, &numbers[i], 8);
@@ -416,7 +416,7 @@ static void test_mutants(void) {
         tl_resume_tick tick;
         for (int64_t number = read.first; number <= read.last; number++) {
             TEST_ASSERT_TRUE(tl_resume_tick_at(&read, number, &tick));
-            TEST_ASSERT_TRUE(isfinite(tick.sample.values[0]) && tick.sample.quality[1] <= TL_OUTLIER);
+            TEST_ASSERT_TRUE(isfinite(tick.sample.values[0]) && tick.sample.quality[1] <= TL_LAST_QUALITY);
         }
     }
     TEST_ASSERT_GREATER_THAN_size_t(1000, refused);

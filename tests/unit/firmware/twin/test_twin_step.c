@@ -137,7 +137,7 @@ static void test_a_flag_that_is_none(void) {
 
 static void test_a_quality_that_is_none(void) {
     for (size_t i = 0; i < config.match_count; i++) {
-        result.record.measured_quality[i] = TL_OUTLIER + 1;
+        result.record.measured_quality[i] = TL_LAST_QUALITY + 1;
         TEST_ASSERT_FALSE(is_sound());
         result.record.measured_quality[i] = UINT8_MAX;
         TEST_ASSERT_FALSE(is_sound());

@@ -84,6 +84,7 @@ static void qualities_and_types_have_names(void) {
     TEST_ASSERT_EQUAL_STRING("not a number", tl_quality_name(TL_NOT_A_NUMBER));
     TEST_ASSERT_EQUAL_STRING("no link", tl_quality_name(TL_NO_LINK));
     TEST_ASSERT_EQUAL_STRING("outlier", tl_quality_name(TL_OUTLIER));
+    TEST_ASSERT_EQUAL_STRING("frozen", tl_quality_name(TL_FROZEN));
     TEST_ASSERT_EQUAL_STRING("Real", tl_type_name(TL_REAL));
     TEST_ASSERT_EQUAL_STRING("Integer", tl_type_name(TL_INTEGER));
     TEST_ASSERT_EQUAL_STRING("Boolean", tl_type_name(TL_BOOLEAN));

@@ -26,6 +26,7 @@ static size_t size;
 
 void setUp(void) {
     scene.unsaved = false;
+    scene.change = NULL;
 }
 
 void tearDown(void) {
@@ -157,6 +158,24 @@ static void test_the_same_where_no_executions_are_saved(void) {
     compare_all();
 }
 
+static void measure_in_lock(tl_test_plan *test) {
+    tl_test_plan_adjust(test, "b.offset", 0.5);
+    test->plan.released_steps = 40;
+    test->plan.measure.has_start = true;
+}
+
+static void test_the_same_delay_by_released_twins(void) {
+    bool is_known = false;
+    scene.change = measure_in_lock;
+    for (int64_t tick = 41; tick < 200; tick += 23) {
+        TEST_ASSERT_TRUE(go_on(TL_SCENE_MEASURED, tick, tick % 2 == 0));
+        load(TL_SCENE_MEASURED, tick);
+        expect_same(&loaded, &forgotten, "released twins");
+        is_known = is_known || loaded.record[TICKS - 10].delay_state == TL_DELAY_KNOWN;
+    }
+    TEST_ASSERT_TRUE(is_known);
+}
+
 /* A second call without a step between has no effect. */
 static void test_twice_is_once(void) {
     static course once;
@@ -226,6 +245,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_same_as_one_that_was_loaded);
     RUN_TEST(test_the_same_where_no_executions_are_saved);
+    RUN_TEST(test_the_same_delay_by_released_twins);
     RUN_TEST(test_twice_is_once);
     RUN_TEST(test_before_the_first_tick);
     RUN_TEST(test_a_reset_that_waits);

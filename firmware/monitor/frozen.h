@@ -1,0 +1,88 @@
+/* Frozen sensors: finds matched signals whose readings do not change any more.
+ *
+ * Purpose: a sensor that repeats its last value looks good, and a twin locked to it looks locked.
+ *          Such a signal gets the quality TL_FROZEN, so it is not matched.
+ * Run:     good readings in a row with one value. It is suspicious if it has TL_FROZEN_LEAST
+ *          readings, the signal has changed as often before, and it lasts longer than
+ *          TL_FROZEN_LONGER times the longest run so far.
+ * Witness: in lock y does not move either, because u is corrected until y agrees with the reading.
+ *          So the released twins decide (master/sync/released_twin.h). While the plant rests, each
+ *          release starts from the same state and gives the same outputs at the same age. With a
+ *          standing correction, an integrator in the model may add the same change to each. So the
+ *          plant moves if the second difference of three releases in a row exceeds 3 tolerances and
+ *          3 times the smallest change of the readings. Only releases count that begin R/4 after
+ *          the start of the run, and R/4 after the last step out of tolerance. So a frozen sensor
+ *          is found after 1.75 R to 2.75 R; R is 6 s at a step of 10 ms.
+ * Learned: a run in which releases were compared and nothing moved is not counted as longest run:
+ *          the plant was at rest. A frozen run neither.
+ * Ends:    with the first reading that has another value. Samples of earlier instants stay marked.
+ * Limits:  only Reals with a weight. No released twins, or no lock: nothing is found. A plant that
+ *          is blocked, with a reading without noise, is also found. So is a plant at rest, if a
+ *          standing correction makes a state of the model run away.
+ * Same:    the decision depends only on samples and records. A replay of a run with its own
+ *          configuration takes the recorded qualities, because a live run may have no time for
+ *          released twins.
+ * Memory:  21 KiB, in the struct. Thread: plain data; one thread at a time.
+ */
+#ifndef TL_FIRMWARE_MONITOR_FROZEN_H
+#define TL_FIRMWARE_MONITOR_FROZEN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
+#include "master/twin/twin.h"
+
+enum {
+    TL_FROZEN_LEAST = 20, /* readings of a run; changes before it */
+    TL_FROZEN_LONGER = 4, /* times the longest run so far */
+    TL_FROZEN_AGES = 8    /* ages at which two releases are compared, from R/2 on */
+};
+
+/* BEGUN: the signal is now left out. ENDED: it moves again. */
+typedef enum tl_frozen_turn { TL_FROZEN_AS_BEFORE, TL_FROZEN_BEGUN, TL_FROZEN_ENDED } tl_frozen_turn;
+
+/* One match. All fields may be read. */
+typedef struct tl_frozen_match {
+    size_t reading;        /* signal with the readings as they came; SIZE_MAX: this match is not watched */
+    size_t signal;         /* signal that is matched; may be the same */
+    double value;          /* of the current run */
+    tl_time begin, newest; /* stamps of its first and last reading; TL_TIME_NEVER: no reading yet */
+    int64_t tick;          /* of its first reading */
+    uint32_t readings;     /* of the current run */
+    uint32_t changes;      /* of the value, since the start */
+    tl_time longest;       /* longest run before, ns */
+    double finest;         /* smallest change so far */
+    int64_t held_from;     /* y has been within tolerance since this step */
+    /* Outputs of the last two releases at each age, the newer one first, and the steps of their
+     * release. */
+    double released[TL_FROZEN_AGES][2];
+    int64_t released_at[TL_FROZEN_AGES][2];
+    bool is_compared, has_moved; /* in the current run: releases were compared; the plant moved */
+    bool is_frozen;
+    tl_time until;       /* samples of earlier instants are of the frozen run; TL_TIME_NEVER: there was none */
+    tl_frozen_turn turn; /* set by the last sample */
+} tl_frozen_match;
+
+typedef struct tl_frozen_watch {
+    const tl_config *config;
+    tl_frozen_match match[TL_MAX_MATCH];
+} tl_frozen_watch;
+
+/* `config` must outlive the watch. */
+void tl_frozen_watch_init(tl_frozen_watch *watch, const tl_config *config);
+
+/* Adds the sample of a tick; call it before the step of the tick. `is_decided`: its qualities are
+ * the recorded ones of the same run, and stay. Returns the signals to be marked, as bits. */
+uint64_t tl_frozen_watch_sample(tl_frozen_watch *watch, const tl_sample *sample, bool is_decided);
+
+/* Sets the quality of the signals in `frozen` to TL_FROZEN if it is good. */
+void tl_frozen_mark(uint64_t frozen, tl_sample *sample);
+
+/* Adds a committed step. */
+void tl_frozen_watch_step(tl_frozen_watch *watch, const tl_record *record);
+
+#endif
