@@ -179,6 +179,7 @@ static void test_a_state_that_is_used_again_grows(void) {
 /* A small FMU, then a large one, whose states consist of pages. */
 static void test_memory_with_the_same_bits(void) {
     static unsigned char *block; /* static: compilers assume that other functions read it */
+    static unsigned char *more;
     tl_fmu_memory *memory = fmu.guard.memory;
     for (size_t size = 100; size <= 200000; size += 199900) {
         void *state = NULL;
@@ -196,7 +197,7 @@ static void test_memory_with_the_same_bits(void) {
         TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
         data[0] ^= 1;
         tl_fmu_memory_enter(memory);
-        unsigned char *more = malloc(30000);
+        more = malloc(30000);
         tl_fmu_memory_leave(memory);
         TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
         tl_fmu_memory_restore(memory, state);
