@@ -338,8 +338,11 @@ static void note_closing(tl_fmu_memory *memory) {
     if (!memory->are_found) {
         return;
     }
-    if (tl_fmu_regions_find(memory->folder, &now, NULL) != TL_OK || now.count < memory->paged ||
-        !begins_with(&memory->places, &now)) {
+    bool are_found = tl_fmu_regions_find(memory->folder, &now, NULL) == TL_OK;
+    if (are_found && begins_with(&now, &memory->places)) {
+        return; /* all regions remain; others may be new */
+    }
+    if (!are_found || now.count < memory->paged || !begins_with(&memory->places, &now)) {
         (void)snprintf(memory->left, sizeof memory->left, "closed a library that its copies contain");
         return;
     }
