@@ -112,7 +112,7 @@ static void compare_releases(tl_frozen_match *match, size_t age, int64_t release
 static void step_match(tl_frozen_match *match, const tl_record *record, size_t i, int64_t length, double tolerance) {
     int64_t half = length / 2;
     int64_t stride = half > TL_FROZEN_AGES ? half / TL_FROZEN_AGES : 1;
-    int64_t older = (int64_t)record->release_age - half;
+    int64_t older = (int64_t)record->release_age - half - 1; /* records show ages from R/2 + 1 on */
     int64_t release = record->step - (int64_t)record->release_age;
     bool is_held = record->measured_quality[i] == TL_GOOD && fabs(record->y[i] - record->measured[i]) < tolerance;
     match->held_from = is_held ? match->held_from : record->step + 1;
