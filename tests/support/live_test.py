@@ -268,7 +268,7 @@ def check_replay(config, database, rows, run=1, costs=True):
 EVENTS = """SELECT tick, severity, source, text FROM events
             WHERE run = ? AND source <> 'cycle' AND tick IS NOT NULL ORDER BY event"""
 
-CALENDAR_TIME = re.compile(r"[-0-9: ]+UTC \((t = [^)]*)\)")  # a replay has only the time in brackets
+CALENDAR_TIME = re.compile(r"(?<=since )[-0-9: ]+UTC \((t = [^)]*)\)")  # a replay has only the time in brackets
 
 
 def expect_same_events(live, run, again):
