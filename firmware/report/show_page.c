@@ -22,17 +22,6 @@ typedef struct show_page {
     const char *arrow; /* "→" */
 } show_page;
 
-bool tl_show_is_live(const tl_history_run *run) {
-    return strcmp(run->verb, "replay") != 0;
-}
-
-int64_t tl_show_instant(const tl_history_run *run, int64_t step) {
-    int64_t started = 0;
-    (void)tl_utc_parse(run->started, &started);
-    double after = (double)step * ((double)run->step / 1e6);
-    return after > 1e14 ? started : started + (int64_t)floor(after + 0.5);
-}
-
 /* ---- Texts of one line. Each is valid until TEXTS more have been created; one thread. */
 
 static char *next_text(void) {

@@ -9,6 +9,19 @@
 #include "firmware/report/show.h"
 #include "firmware/store/history.h"
 
+/* ---- calendar times ---- */
+
+bool tl_show_is_live(const tl_history_run *run) {
+    return strcmp(run->verb, "replay") != 0;
+}
+
+int64_t tl_show_instant(const tl_history_run *run, int64_t step) {
+    int64_t started = 0;
+    (void)tl_utc_parse(run->started, &started);
+    double after = (double)step * ((double)run->step / 1e6);
+    return after > 1e14 ? started : started + (int64_t)floor(after + 0.5);
+}
+
 /* ---- Number of steps in each lock state, computed from the events of its changes.
  *
  * Purpose: the database has no state for each step, but an event with its tick for each change.

@@ -264,9 +264,10 @@ def check_replay(config, database, rows, run=1, costs=True):
 
 
 # Without the events of drivers and of the recorder, which have no tick, and without those of the
-# cycle: how it counts missed ticks together depends on how many it catches up at once.
+# cycle: how it counts missed ticks together depends on how many it catches up at once. A power cut
+# may lose the last sample after its events.
 EVENTS = """SELECT tick, severity, source, text FROM events
-            WHERE run = ? AND source <> 'cycle' AND tick IS NOT NULL ORDER BY event"""
+            WHERE run = ? AND source <> 'cycle' AND tick <= (SELECT max(tick) FROM samples WHERE run = ?) ORDER BY event"""
 
 CALENDAR_TIME = re.compile(r"(?<=since )[-0-9: ]+UTC \((t = [^)]*)\)")  # a replay has only the time in brackets
 
