@@ -91,9 +91,10 @@ static void post_outputs(tl_reading_stream *stream, const tl_conditioned *out, s
 
 /* Adds a reading with its quality. */
 static void put_into_stream(tl_reading_stream *stream, const tl_reading *reading) {
-    tl_conditioned out[TL_CONDITIONER_LEVEL];
+    tl_conditioned out[TL_CONDITIONER_LEVEL] = {{.smooth = 0.0}};
     bool is_rejected = false;
-    post_outputs(stream, out, tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out));
+    size_t count = tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out);
+    post_outputs(stream, out, count);
     stream->last = *reading;
     if (is_rejected || !stream->has_rejected) {
         stream->shown = *reading;
@@ -335,7 +336,7 @@ static void condition_signal(const tl_plant_input *input, size_t signal, tl_time
             put_into_stream(stream, &reading);
         }
     }
-    tl_conditioned out[TL_CONDITIONER_LEVEL];
+    tl_conditioned out[TL_CONDITIONER_LEVEL] = {{.smooth = 0.0}};
     post_outputs(stream, out, tl_conditioner_wait(&stream->conditioner, until, out));
 }
 

@@ -567,7 +567,7 @@ static void test_files(void) {
 /* The file is read in parts, and its text is not kept. */
 static void test_a_large_file(void) {
     enum { SIZE = 65 * 1024 * 1024, PART = 1000 };
-    tl_scratch scratch;
+    tl_scratch scratch = {.folder = ""};
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_model_description");
     const char *path = tl_scratch_path(&scratch, "modelDescription.xml");
     FILE *file = fopen(path, "w");

@@ -364,7 +364,7 @@ static void test_a_library_that_is_opened_late(void) {
     void *after = NULL;
     save(&before);
     size_t known = memory->places.count;
-    (void)open_late_library("late.so", true);
+    TEST_ASSERT_NOT_NULL(open_late_library("late.so", true));
     TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
     TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
     unsigned char *data = memory->places.place[known].begin;
@@ -432,7 +432,7 @@ static void test_a_library_that_no_call_has_opened(void) {
     void *before = NULL;
     void *after = NULL;
     save(&before);
-    (void)open_late_library("unknown.so", false);
+    TEST_ASSERT_NOT_NULL(open_late_library("unknown.so", false));
     close_library(dlopen(NULL, RTLD_NOW)); /* closes nothing */
     save(&after);
     TEST_ASSERT_NOT_NULL(tl_fmu_memory_obstacle(fmu.guard.memory, before));
