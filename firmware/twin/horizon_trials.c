@@ -233,7 +233,7 @@ static void find_end(tl_horizon_choice *choice, uint32_t next, tl_time budget, t
     }
 }
 
-/* Replays so much of the recording; R is an eighth of it. */
+/* Replays so much of the recording, also after the configured duration; R is an eighth of it. */
 static tl_status measure_recording(const tl_horizon_trials_settings *settings, tl_horizon_choice *choice,
                                    tl_error *error) {
     tl_config config = *settings->child->config;
@@ -242,8 +242,6 @@ static tl_status measure_recording(const tl_horizon_trials_settings *settings, t
     tl_status status = tl_recording_open(settings->recording, &config, &recording, error);
     if (status == TL_OK) {
         int64_t steps = tl_recording_ticks(recording);
-        int64_t configured = config.duration != 0 ? config.duration / config.step : steps;
-        steps = configured < steps ? configured : steps;
         steps = steps < TL_HORIZON_STEPS ? steps : TL_HORIZON_STEPS;
         choice->length = tl_time_of_step(0, config.step, steps);
         choice->released_steps = (uint32_t)(steps / 16 * 2);

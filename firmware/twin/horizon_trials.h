@@ -17,7 +17,7 @@
 #include "firmware/twin/twin_child.h"
 
 /* A trial replays at most this number of steps from the beginning of the recording. */
-enum { TL_HORIZON_STEPS = 50000, TL_HORIZON_PARTS = 16 };
+enum { TL_HORIZON_STEPS = 20000, TL_HORIZON_PARTS = 16 };
 #define TL_HORIZON_LONGEST (60 * TL_SECOND)
 
 typedef struct tl_horizon_trials_settings {

@@ -141,7 +141,7 @@ def test_without_trials_the_reason_is_there():
     expect_line(why_not(config_path("motor/free.json")), "nothing is adjusted")
     expect_line(why_not(config_path("cylinder/lock.json"), config_path("cylinder/recording.csv")), "event horizon")
     expect_line(why_not(edited_config("motor/lock.json", {"components": {"motor": {"keep": "outputs"}}})), "released twins|outputs")
-    expect_line(why_not(edited_config("motor/lock.json", {"duration_s": 0.5})), "too short")
+    expect_line(why_not(edited_config("motor/lock.json", {"step_s": 0.2, "synchronise": {"budget": {"time_s": 0.1}}})), "too short")
     code, out, err = run(["check", edited_config("motor/lock.json", {"components": {"motor": {"fmu": "none.fmu"}}}), "--recording",
                           config_path("motor/recording.csv"), "--json"])
     expect(code == 0 and "none.fmu" in err, f"{code} {err}")
