@@ -18,7 +18,7 @@
 
 /* A trial replays at most this number of steps from the beginning of the recording. */
 enum { TL_HORIZON_STEPS = 20000, TL_HORIZON_PARTS = 16 };
-#define TL_HORIZON_LONGEST (60 * TL_SECOND)
+#define TL_HORIZON_LONGEST (20 * TL_SECOND)
 
 typedef struct tl_horizon_trials_settings {
     const tl_twin_child_settings *child; /* of the configuration; its job names path, text and confinement */
