@@ -15,7 +15,7 @@
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
-enum { PAGE = 4096, RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
+enum { PAGE = 4096, RING = 128 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
 
 static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
                                                   .ring_bytes = RING,
