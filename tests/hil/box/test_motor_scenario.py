@@ -58,7 +58,7 @@ def expect_no_stale_sample_used(database):
     its instant."""
     oldest = query(database, """SELECT signals.name, max(tick * step_ns - stamp_ns) / 1e6, min(tick * step_ns - stamp_ns) / 1e6
                                 FROM samples JOIN signals USING (run, signal) JOIN runs USING (run)
-                                WHERE kind = 'plant' AND quality = ? AND name NOT LIKE '%@reading' GROUP BY signal""", GOOD)
+                                WHERE kind = 'plant' AND quality = ? AND signals.name NOT LIKE '%@reading' GROUP BY signal""", GOOD)
     limits = {"plant.torque": 200, "plant.omega": 200, "plant.enabled": 500}
     print(f"    oldest good samples, ms: {[(name, round(age, 1)) for name, age, _ in oldest]}")
     expect(sorted(name for name, *_ in oldest) == sorted(limits), f"{oldest}")

@@ -107,7 +107,7 @@ def check_times(database):
         wanted = [(steps[0][0] + i, (steps[0][0] + i + 1) * 10**7) for i in range(len(steps))]
         expect(steps == wanted, f"run {run}: steps are missing, or at other times")
     wrong = number(database, """SELECT count(*) FROM samples JOIN signals USING (run, signal) JOIN runs USING (run)
-                                WHERE kind = 'plant' AND quality = ? AND name NOT LIKE '%@reading'
+                                WHERE kind = 'plant' AND quality = ? AND signals.name NOT LIKE '%@reading'
                                 AND tick * step_ns - stamp_ns NOT BETWEEN -1000 AND 200000000""", GOOD)
     expect(wrong == 0, f"{wrong} good samples are from the future, or older than 0.2 s")
     ended = query(database, "SELECT run, started, ended FROM runs WHERE julianday(ended) - julianday(started) NOT BETWEEN -0.01 AND 0.04")
