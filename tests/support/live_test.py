@@ -264,10 +264,13 @@ def check_replay(config, database, rows, run=1, costs=True):
 
 
 # Without the events of drivers and of the recorder, which have no tick, and without those of the
-# cycle: how it counts missed ticks together depends on how many it catches up at once. A power cut
-# may lose the last sample after its events.
+# cycle: how it counts missed ticks together depends on how many it catches up at once. A run that
+# was cut short may lack its last sample, but not the events before it.
 EVENTS = """SELECT tick, severity, source, text FROM events
-            WHERE run = ? AND source <> 'cycle' AND tick <= (SELECT max(tick) FROM samples WHERE run = ?) ORDER BY event"""
+            WHERE run = ? AND source <> 'cycle' AND tick IS NOT NULL
+            AND (tick <= (SELECT max(tick) FROM samples WHERE run = ?)
+                 OR (SELECT coalesce(ended_reason, 'not ended cleanly') FROM runs WHERE run = ?) <> 'not ended cleanly')
+            ORDER BY event"""
 
 CALENDAR_TIME = re.compile(r"(?<=since )[-0-9: ]+UTC \((t = [^)]*)\)")  # a replay has only the time in brackets
 
