@@ -9,7 +9,7 @@
 #include "firmware/monitor/change_series.h"
 
 /* Block lengths; the last one is replaced by a longer cycle. */
-enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150 };
+enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150, PARTS_OF_LEARNING = 10 };
 static const uint32_t BLOCKS[BANKS] = {10, 30, 120, 3000};
 
 /* Least deviation of a block mean: of a correction in its search steps, of an output in tolerances. */
@@ -23,8 +23,11 @@ static const double LEAST_SHARE = 0.01;
 static const double UNSETTLED = 2.0;
 
 /* A change that has grown by the first factor is a drift, by the second one another change. */
-static const double GROWN = 1.3;
+static const double GROWN = 2.0;
 static const double OTHER = 4.0;
+
+/* If there is no tolerance. */
+static const double LEAST = 1e-9;
 
 static const double YEAR = 365.25 * 86400.0; /* s */
 
@@ -40,6 +43,7 @@ typedef struct quantity {
 typedef struct tracked {
     size_t quantity, bank;
     bool is_settled;
+    double size, percent; /* when it had settled */
 } tracked;
 
 struct tl_change_detector {
@@ -66,7 +70,9 @@ static double seconds_of(const tl_change_detector *detector, double step) {
 }
 
 static int64_t steps_of_start(const tl_config *config) {
-    return START_RELEASES * (int64_t)(config->released_steps != 0 ? config->released_steps : RELEASE);
+    int64_t releases = START_RELEASES * (int64_t)(config->released_steps != 0 ? config->released_steps : RELEASE);
+    int64_t part = config->detect_learn / config->step / PARTS_OF_LEARNING;
+    return releases < part ? releases : part;
 }
 
 /* ---- creation ---- */
@@ -79,6 +85,11 @@ static void init_quantity(const tl_config *config, quantity *one, double least, 
         double learn = tl_seconds(config->detect_learn) / tl_seconds(config->step) / block;
         tl_change_series_init(&one->series[i], block, (uint64_t)learn, rate * block, least);
     }
+}
+
+/* A Boolean has no search step. */
+static double step_of(const tl_account *account, size_t adjust) {
+    return account->adjust[adjust].type == TL_REAL ? account->adjust[adjust].step : 1.0;
 }
 
 tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_account *account,
@@ -101,7 +112,8 @@ tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_
         one->is_output = i >= config->adjust_count;
         one->index = (uint32_t)(one->is_output ? i - config->adjust_count : i);
         double least = one->is_output ? LEAST_OUTPUT * config->match[one->index].tolerance
-                                      : LEAST_CORRECTION * account->adjust[one->index].step;
+                                      : LEAST_CORRECTION * step_of(account, one->index);
+        least = fmax(least, LEAST);
         init_quantity(config, one, least, rate);
     }
     return detector;
@@ -146,11 +158,13 @@ static void name_finding(const tl_change_detector *detector, const quantity *one
     const tl_config *config = detector->config;
     const char *name =
         one->is_output ? config->matched_as[one->index] + strlen("plant.") : config->adjust[one->index].variable;
+    int length = one->is_output ? (int)strcspn(name, "@") : (int)strlen(name); /* "NAME@match" */
     const char *unit =
         one->is_output ? detector->account.match[one->index].unit : detector->account.adjust[one->index].unit;
     finding->subject = one->is_output ? TL_FINDING_OUTPUT : TL_FINDING_CORRECTION;
     finding->index = one->index;
-    (void)snprintf(finding->variable, sizeof finding->variable, "%.*s", TL_FINDING_NAME - 1, name);
+    (void)snprintf(finding->variable, sizeof finding->variable, "%.*s",
+                   length < TL_FINDING_NAME ? length : TL_FINDING_NAME - 1, name);
     (void)snprintf(finding->unit, sizeof finding->unit, "%.*s", TL_FINDING_UNIT - 1,
                    strcmp(unit, "1") == 0 ? "" : unit);
 }
@@ -233,7 +247,7 @@ static bool is_small(const tl_change_detector *detector, const quantity *one, co
         return size < LEAST_FINDING * detector->config->match[one->index].tolerance;
     }
     double part = isfinite(series->share) ? LEAST_SHARE * fabs(series->size / series->share) : 0.0;
-    return size < fmax(part, LEAST_CORRECTION * detector->account.adjust[one->index].step);
+    return size < fmax(part, LEAST_CORRECTION * step_of(&detector->account, one->index));
 }
 
 static void take_change(tl_change_detector *detector, size_t which, size_t bank, bool is_settled) {
@@ -282,20 +296,22 @@ static void take_level(tl_change_detector *detector, size_t which, size_t bank) 
         end_finding(detector, finding, seconds_of(detector, series->onset));
         return;
     }
-    double before = finding->size;
-    if (by->is_settled && fabs(series->size) > OTHER * fabs(before)) { /* another change of the same quantity */
-        end_finding(detector, finding, seconds_of(detector, series->onset));
+    if (by->is_settled && fabs(series->size) > OTHER * fabs(by->size) && !series->is_same) {
+        end_finding(detector, finding, seconds_of(detector, series->onset)); /* another change of this quantity */
         take_change(detector, which, bank, true);
         return;
     }
-    bool changed_again = by->is_settled && !series->is_same;
     set_size(series, finding);
-    if (changed_again) {
-        bool has_grown = finding->size * before > 0.0 && fabs(finding->size) > GROWN * fabs(before);
-        finding->kind = has_grown ? TL_FINDING_DRIFT : finding->kind;
+    if (!by->is_settled) {
+        by->size = finding->size;
+        by->percent = finding->percent;
+    } else if (!series->is_same) {
         report(detector, finding, TL_FINDING_FURTHER);
     }
     by->is_settled = true;
+    bool has_grown = finding->size * by->size > 0.0 && fabs(finding->size) > GROWN * fabs(by->size) &&
+                     !(fabs(finding->percent) <= GROWN * fabs(by->percent));
+    finding->kind = has_grown ? TL_FINDING_DRIFT : finding->kind;
 }
 
 /* ---- input ---- */

@@ -7,13 +7,14 @@
  *           longer than the longest recurring cycle. Short blocks find large changes early and date
  *           them, long ones find small changes.
  * Promise:  `false_alarms_per_year` of the configuration, divided among all series.
- * Start:    the first ten releases after each start and reset of the FMUs are left out.
+ * Start:    the first ten releases after each start and reset of the FMUs are left out, but at most a
+ *           tenth of the learning time.
  * Finding:  changes of several quantities are one finding if they begin at about the same time, or
  *           if the quantity belongs to an open finding already. It is named by the correction that
  *           changed, else by the output. It is gone when the series that found it is back at its
  *           learnt level.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
- * Memory:   malloc() at the creation, about 100 kB for each quantity.
+ * Memory:   malloc() at the creation, about 130 kB for each quantity.
  * Thread:   one at a time.
  */
 #ifndef TL_FIRMWARE_MONITOR_CHANGE_DETECTOR_H

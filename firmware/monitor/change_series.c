@@ -2,8 +2,6 @@
 #include "firmware/monitor/change_series.h"
 
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 static const double GAUSS = 1.4826; /* deviation of a normal distribution, in median absolute deviations */
@@ -34,6 +32,9 @@ static const double ALIKE = 2.0;
 
 /* A reference below this part of a size gives no share. */
 static const double ABOUT_ZERO = 0.01;
+
+/* Larger values count as not known: their squares could overflow. */
+static const double UNKNOWN = 1e100;
 
 /* Keeps the model stable if it is fitted to few blocks. */
 static const double LARGEST_REFLECTION = 0.98;
@@ -84,7 +85,7 @@ static double quantile(const tl_series_histogram *histogram, double share) {
     return histogram->least + histogram->width * TL_SERIES_BINS;
 }
 
-/* Median of the absolute distance from `centre`, by bisection of the shares on both sides. */
+/* Deviation by the median of the absolute distances from `centre`. */
 static double find_scale(const tl_series_histogram *histogram, double centre) {
     tl_series_histogram distances;
     begin_histogram(&distances, 0.0, histogram->width / 2);
@@ -479,8 +480,6 @@ static void begin_change(tl_change_series *series, int side) {
     uint64_t oldest = oldest_kept(series);
     split found = find_split(series, series->number - oldest > reach ? series->number - reach : oldest);
     double change = fabs(found.after - found.before);
-    series->sign = side == 0 ? 1 : -1;
-    series->excess = series->cumulative[side] / series->threshold;
     set_onset(series, found.at, series->zero[side], change > 0.0 ? found.deviation / change : HUGE_VAL);
     estimate first = estimate_change(series, found.at);
     set_size(series, &first, found.at);
@@ -488,6 +487,23 @@ static void begin_change(tl_change_series *series, int side) {
     series->opened = series->is_off ? series->opened : found.at;
     uint64_t settle = 2 * (series->number - found.at + 1);
     series->settles = series->number + (settle > LEAST_SETTLE ? settle : LEAST_SETTLE);
+}
+
+/* The estimate is renewed when it has twice as many blocks. */
+static void plan_refinement(tl_change_series *series, uint64_t from) {
+    uint64_t count = series->number - from + 1;
+    series->refines = series->is_off && count <= TL_SERIES_KEPT / 2 ? series->number + count : 0;
+}
+
+/* Renews the estimate of the last change. */
+static void refine(tl_change_series *series) {
+    uint64_t from = later_of(series->opened, oldest_kept(series));
+    estimate found = estimate_change(series, from);
+    set_size(series, &found, from);
+    series->change = found.change;
+    series->settled = series->size;
+    plan_refinement(series, from);
+    series->is_same = true;
 }
 
 /* Estimates the change, around which the series is watched from now on. */
@@ -505,6 +521,8 @@ static void settle(tl_change_series *series) {
     series->change = !series->is_off ? (tl_series_change){0} : series->is_same ? all.change : last.change;
     series->settled = series->is_off ? series->size : 0.0;
     series->settles = 0;
+    series->opened = series->is_same ? opened : begins;
+    plan_refinement(series, series->opened);
     restart_sums(series);
 }
 
@@ -528,6 +546,10 @@ static tl_series_turn add_block(tl_change_series *series) {
     if (learns) {
         learn_block(series, innovation);
     }
+    if (series->refines == series->number) {
+        refine(series);
+        return TL_SERIES_SETTLED;
+    }
     return TL_SERIES_AS_BEFORE;
 }
 
@@ -540,7 +562,7 @@ static void drop_block(tl_change_series *series) {
 
 tl_series_turn tl_change_series_add(tl_change_series *series, int64_t index, double value, double reference) {
     series->values++;
-    if (isfinite(value) && isfinite(reference)) {
+    if (fabs(value) < UNKNOWN && fabs(reference) < UNKNOWN) { /* false for NaN */
         series->sum += value;
         series->reference_sum += reference;
         series->known++;

@@ -16,11 +16,11 @@
  * After:     the change is estimated for twice as long as the detection took: as a constant, and as
  *            a part of a reference (û of a correction, ŷ of an output). The one with the smaller
  *            squared error counts. The series is then watched around it, so that a lasting change is
- *            found once. If it changes again, the estimate is first tried on all blocks since the
- *            onset.
+ *            found once. The estimate is renewed whenever the time since the onset has doubled. If
+ *            the series changes again, the estimate is first tried on all blocks since the onset.
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
- * Memory:    plain data of the caller, about 24 kB, without pointers, so that it can be stored.
+ * Memory:    plain data of the caller, about 32 kB, without pointers, so that it can be stored.
  * Thread:    one thread at a time.
  */
 #ifndef TL_FIRMWARE_MONITOR_CHANGE_SERIES_H
@@ -93,23 +93,22 @@ typedef struct tl_change_series {
     int64_t kept_end[TL_SERIES_KEPT]; /* index of its last value */
     uint64_t number;                  /* blocks so far */
     uint64_t first;                   /* the oldest usable one */
+    uint64_t refines;                 /* block at which its estimate is renewed; 0: never */
     double settled;                   /* size of the change before; 0: there was none */
-    uint64_t opened;                  /* block with which the series left its learnt level; only if is_off */
+    uint64_t opened;                  /* block from which on the estimate holds; only if is_off */
     uint64_t begins;                  /* block with which the last change begins */
     uint64_t settles;                 /* block at which it is known; 0: it is */
-    int sign;                         /* results, of the last change: up 1, down −1 */
-    double excess;                    /* largest sum, in thresholds */
-    double onset, onset_spread;       /* index of a value; half width of its range */
-    double size, size_spread;         /* mean distance from the learnt median since the change; standard error */
-    double share;                     /* of the reference; NaN: the reference is about 0 */
-    bool is_off;                      /* the series has left its learnt level */
-    bool is_same;                     /* after SETTLED: no new change, only a better estimate of the one before */
+    double onset, onset_spread; /* results, of the last change: index of a value, and half the width of its range */
+    double size, size_spread;   /* mean distance from the learnt median since the change; standard error */
+    double share;               /* of the reference; NaN: the reference is about 0 */
+    bool is_off;                /* the series has left its learnt level */
+    bool is_same;               /* after SETTLED: no new change, only a better estimate of the one before */
 } tl_change_series;
 
-/* Starts a series that has learnt nothing. */
+/* Starts a series that has learnt nothing. `learn`: at least 256 is used. `least`: > 0. */
 void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t learn, double rate, double least);
 
-/* Adds the value with this index; indices increase. NaN: not known. */
+/* Adds the value with this index, and its reference; indices increase. NaN: not known. */
 tl_series_turn tl_change_series_add(tl_change_series *series, int64_t index, double value, double reference);
 
 /* Call it after a gap in time: drops the present block and the sums. The fit and the level stay. */

@@ -272,7 +272,25 @@ static void add_ages(tl_json_writer *json, const tl_ages *ages) {
     tl_json_close(json);
 }
 
-static void add_changes(tl_json_writer *json, const tl_changes *changes) {
+/* The other variables that have changed with it. */
+static void add_also(tl_json_writer *json, const tl_finding *finding, const tl_config *config) {
+    tl_json_open_array(json, "also");
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        bool is_own = finding->subject == TL_FINDING_CORRECTION && finding->index == i;
+        if ((finding->corrections >> i & 1U) != 0 && !is_own) {
+            tl_json_add_text(json, NULL, config->adjust[i].variable);
+        }
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        bool is_own = finding->subject == TL_FINDING_OUTPUT && finding->index == i;
+        if ((finding->outputs >> i & 1U) != 0 && !is_own) {
+            tl_json_add_text(json, NULL, config->match[i].variable);
+        }
+    }
+    tl_json_close(json);
+}
+
+static void add_changes(tl_json_writer *json, const tl_changes *changes, const tl_config *config) {
     tl_json_open_object(json, "detection");
     tl_json_add_text(json, "state", changes->is_ready ? "watching" : "learning");
     tl_json_add_number(json, "learnt_s", changes->learnt);
@@ -296,6 +314,7 @@ static void add_changes(tl_json_writer *json, const tl_changes *changes) {
         tl_json_add_number(json, "size_spread", has_size ? finding->size_spread : (double)NAN);
         tl_json_add_number(json, "percent", finding->percent);
         tl_json_add_text(json, "unit", finding->unit);
+        add_also(json, finding, config);
         tl_json_add_text(json, "state", tl_finding_state_name(finding));
         tl_json_add_text(json, "text", text);
         tl_json_close(json);
@@ -317,7 +336,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
         tl_json_close(&json);
     }
     if (changes != NULL) {
-        add_changes(&json, changes);
+        add_changes(&json, changes, config);
     }
     add_executions(&json, account);
     add_verified(&json, account);

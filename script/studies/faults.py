@@ -1,4 +1,4 @@
-"""Breaks plants, and looks whether the change is found: see the command changes, which builds and starts this."""
+"""Breaks plants, and looks whether the change is found: see the command faults, which builds and starts this."""
 import argparse
 import csv
 import json
@@ -7,10 +7,12 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from statistics import median
 
 from study import NOT_LOCKED, PROGRAM, ROOT, Progress, Trouble, merge, print_figures, run_command
 
 DAY = 86400.0
+AFTER_DAYS, LEAST_DAYS = 1.4, 2.5  # a fault lasts this long; a day of learning before it
 
 
 def shipped(system, name):
@@ -58,8 +60,7 @@ def tclab():
     plant = merge(plant, {"plant": {"Q1_actual": {"unit": "%"}, "Q2_actual": {"unit": "%"}}})
     plant["connect"] = [["plant.Q1_actual", "board.Q1"], ["plant.Q2_actual", "board.Q2"]]
     lock = merge(shipped("tclab", "lock"), {"components": {"board": {"set": {"mCp": 2}}}})
-    draw = lambda choice: [choice.uniform(20, 70), choice.uniform(20, 70)]
-    return plant, lock, Commands(["Q1", "Q2"], (600, 2400), draw, [15.0, 10.0])
+    return plant, lock, Commands(["Q1", "Q2"], (600, 2400), lambda choice: [choice.uniform(20, 70), choice.uniform(20, 70)], [15.0, 10.0])
 
 
 # name: plant, s of a day, {fault: (actuator, factor) or (sensor, offset)}
@@ -114,16 +115,30 @@ class Bench:
 
 
 def measure(name, seed, days, fault, at):
+    """One replay; `at`: s, when the plant breaks. `false`: findings that no fault explains."""
     with tempfile.TemporaryDirectory() as folder:
         told = Bench(name, folder, seed, days, fault, at).replay()
-    findings = told["findings"]
-    before = [finding for finding in findings if finding["found"] < at]
-    after = [finding for finding in findings if finding["found"] >= at]
-    first = after[0] if after else None
-    return {"plant": name, "fault": fault or "none", "seed": seed, "false": len(before), "found": len(after) if fault else 0,
-            "further": len(after) - 1 if fault and after else 0, "false_after": 0 if fault else len(after), "state": told["detection"]["state"],
-            "delay": first["found"] - at if fault and first else None, "onset_error": first["onset"] - at if fault and first else None,
-            "text": first["text"] if first else "", "texts": [finding["text"] for finding in findings]}
+    after = [finding for finding in told["findings"] if fault and finding["found"] >= at]
+    first = after[0] if after else {"found": at, "onset": at, "percent": None, "variable": "", "text": ""}
+    return {"plant": name, "fault": fault or "none", "seed": seed, "watches": told["detection"]["state"] == "watching",
+            "false": len(told["findings"]) - len(after), "found": len(after), "delay_s": first["found"] - at, "onset_error_s": first["onset"] - at,
+            "variable": first["variable"], "percent": first["percent"], "texts": [finding["text"] for finding in told["findings"]]}
+
+
+def is_right(row):
+    return row["watches"] and row["false"] == 0 and (row["fault"] == "none" or row["found"] >= 1)
+
+
+def show(rows):
+    print(f"{'plant':8} {'fault':14} {'seed':>4} {'found':>5} {'false':>5} {'after s':>8} {'onset s':>8}  sentence")
+    for row in rows:
+        times = f"{row['delay_s']:8.0f} {row['onset_error_s']:+8.0f}" if row["found"] else f"{'-':>8} {'-':>8}"
+        print(f"{row['plant']:8} {row['fault']:14} {row['seed']:4} {row['found']:5} {row['false']:5} {times}  {'; '.join(row['texts'])}")
+    found = [row for row in rows if row["found"]]
+    faults = [row for row in rows if row["fault"] != "none"]
+    if found:
+        print(f"{len(found)} of {len(faults)} found, {sum(row['false'] for row in rows)} false; median after {median(row['delay_s'] for row in found):.0f} s, "
+              f"median onset error {median(abs(row['onset_error_s']) for row in found):.0f} s, one finding only: {sum(row['found'] == 1 for row in found)}")
 
 
 def main():
@@ -133,14 +148,19 @@ def main():
     parser.add_argument("--days", type=float, default=4)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    names = [name for name in PLANTS if options.only in (None, name)]
-    for name in names:
-        for fault in (None, *PLANTS[name][2]):
-            for seed in range(1, options.seeds + 1):
-                row = measure(name, seed, options.days, fault, (options.days - 1.4) * PLANTS[name][1])
-                print(json.dumps(row))
-                sys.stdout.flush()
+    if options.only not in (None, *PLANTS) or options.seeds < 1 or options.days < LEAST_DAYS:
+        raise Trouble(f"--only is one of {', '.join(PLANTS)}; --seeds is at least 1, --days at least {LEAST_DAYS}")
+    cases = [(name, seed, fault) for name in PLANTS if options.only in (None, name)
+             for fault in (None, *PLANTS[name][2]) for seed in range(1, options.seeds + 1)]
+    progress = Progress(len(cases))
+    rows = []
+    for name, seed, fault in cases:
+        progress.say(f"{name}, {fault or 'no fault'}, seed {seed}")
+        rows.append(measure(name, seed, options.days, fault, (options.days - AFTER_DAYS) * PLANTS[name][1]))
+    progress.end()
+    print_figures(rows, options.json, show)
+    return 0 if all(is_right(row) for row in rows) else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command("faults", main, 65))
