@@ -9,8 +9,7 @@
 #include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 
-/* ---- `recording`, `record`, `detect`, `realtime` and `emulate`: settings of the commands that use a twin.
- */
+/* ---- `recording`, `record`, `detect`, `realtime`, `emulate`: settings of commands. */
 
 enum { BYTES_PER_MB = 1000000 };
 

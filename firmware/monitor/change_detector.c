@@ -12,12 +12,12 @@
 enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150, PARTS_OF_LEARNING = 10 };
 static const uint32_t BLOCKS[BANKS] = {10, 30, 120, 3000};
 
-/* Least deviation of a block mean: of a correction in its search steps, of an output in tolerances. */
+/* Least deviation of a block mean: of a correction in search steps, of an output in tolerances. */
 static const double LEAST_CORRECTION = 0.02;
 static const double LEAST_OUTPUT = 0.05;
 
-/* Least size of a finding: of an output in tolerances; of a correction as a part of û, and in search
- * steps. */
+/* Least size of a finding: of an output in tolerances; of a correction as a part of û, and in
+ * search steps. */
 static const double LEAST_FINDING = 0.1;
 static const double LEAST_SHARE = 0.01;
 static const double UNSETTLED = 2.0;
@@ -190,22 +190,22 @@ static uint64_t bit_of(const quantity *one) {
     return (uint64_t)1 << one->index;
 }
 
-/* True if this finding is of this quantity and has ended only recently: then it has come back. */
-static bool has_come_back(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
-                          const tl_change_series *series) {
+/* True if this finding is of this quantity and has ended only recently: then it returns. */
+static bool returns_soon(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
+                         const tl_change_series *series) {
     uint64_t bits = one->is_output ? finding->outputs : finding->corrections;
     double since = seconds_of(detector, (double)detector->last) - finding->gone;
     return finding->is_gone && finding->kind != TL_FINDING_FREEZE && (bits & bit_of(one)) != 0 &&
            fabs(series->size) <= OTHER * fabs(finding->size) && since < tl_seconds(detector->config->detect_learn);
 }
 
-/* The open finding of this quantity, else one that has come back, else one that began at the same
+/* The open finding of this quantity, else one that returns, else one that began at the same
  * time, else a new one. */
 static tl_finding *find_or_add(tl_change_detector *detector, const quantity *one, const tl_change_series *series) {
     tl_finding *found = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
     for (size_t i = detector->count; i > 0 && found == NULL; i--) {
         tl_finding *finding = &detector->finding[i - 1];
-        found = has_come_back(detector, finding, one, series) || is_part_of(detector, finding, series) ? finding : NULL;
+        found = returns_soon(detector, finding, one, series) || is_part_of(detector, finding, series) ? finding : NULL;
     }
     return found != NULL ? found : add_finding(detector);
 }
@@ -223,7 +223,7 @@ static bool is_better_onset(const tl_change_detector *detector, const tl_change_
     return spread < finding->onset_spread && apart <= spread + finding->onset_spread;
 }
 
-/* A finding takes name and size of the first quantity, but of a correction rather than an output. */
+/* A finding takes name and size of the first quantity, but a correction precedes an output. */
 static bool takes_name(const tl_change_detector *detector, const tl_finding *finding, const quantity *one) {
     const tracked *by = &detector->tracked[finding - detector->finding];
     return by->quantity == SIZE_MAX || (finding->subject == TL_FINDING_OUTPUT && !one->is_output);
@@ -259,20 +259,21 @@ static void take_change(tl_change_detector *detector, size_t which, size_t bank,
     tl_finding *finding = find_or_add(detector, one, series);
     tracked *by = &detector->tracked[finding - detector->finding];
     bool is_new = by->quantity == SIZE_MAX;
-    bool is_back = finding->is_gone;
+    bool returns = finding->is_gone;
     one->finding = finding->number;
     *(one->is_output ? &finding->outputs : &finding->corrections) |= bit_of(one);
     finding->is_gone = false;
     if (is_new || is_better_onset(detector, series, finding)) {
         take_onset(detector, series, finding);
     }
-    if (takes_name(detector, finding, one) || is_back) {
-        *by = (tracked){.quantity = which, .bank = bank, .is_settled = is_back};
+    bool names = takes_name(detector, finding, one) || returns;
+    if (names) {
+        *by = (tracked){.quantity = which, .bank = bank, .is_settled = returns};
         name_finding(detector, one, finding);
         set_size(series, finding);
     }
-    if (is_new || is_back) {
-        finding->found = is_new ? seconds_of(detector, (double)detector->last) : finding->found;
+    finding->found = is_new ? seconds_of(detector, (double)detector->last) : finding->found;
+    if (names) {
         report(detector, finding, is_new ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
     }
 }

@@ -1,14 +1,14 @@
 /* Change detector: watches a run for lasting changes, and groups them to findings.
  *
  * Purpose:  answers "what has changed, since when". It watches two kinds of quantities.
- *           Corrections: Δu of each adjusted variable. Outputs: ŷ minus y of the older released twin
- *           (master/sync/released_twin.h), of matched and compared outputs.
- * Blocks:   each quantity is watched with four block lengths: 10, 30 and 120 steps, and one that is
- *           longer than the longest recurring cycle. Short blocks find large changes early and date
- *           them, long ones find small changes.
+ *           Corrections: Δu of each adjusted variable. Outputs: ŷ minus y of the older released
+ *           twin (master/sync/released_twin.h), of matched and compared outputs.
+ * Blocks:   each quantity is watched with four block lengths: 10, 30 and 120 steps, and one that
+ *           is longer than the longest recurring cycle. Short blocks find large changes early and
+ *           date them, long ones find small changes.
  * Promise:  `false_alarms_per_year` of the configuration, divided among all series.
- * Start:    the first ten releases after each start and reset of the FMUs are left out, but at most a
- *           tenth of the learning time.
+ * Start:    the first ten releases after each start and reset of the FMUs are left out, but at
+ *           most a tenth of the learning time.
  * Finding:  changes of several quantities are one finding if they begin at about the same time, or
  *           if the quantity belongs to an open finding already. It is named by the correction that
  *           changed, else by the output. It is gone when the series that found it is back at its

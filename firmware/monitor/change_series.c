@@ -408,13 +408,13 @@ static double spread_of_mean(const tl_change_series *series, double blocks) {
 }
 
 /* A change, fitted to all blocks from one on. */
-typedef struct estimate {
+typedef struct fitted_change {
     tl_series_change change;
     double size, reference; /* means */
     double error;           /* mean square */
-} estimate;
+} fitted_change;
 
-static estimate estimate_change(const tl_change_series *series, uint64_t from) {
+static fitted_change estimate_change(const tl_change_series *series, uint64_t from) {
     double sum[2] = {0.0, 0.0}; /* of x, the distance from the median, and r, the reference */
     double xx = 0.0;
     double xr = 0.0;
@@ -429,7 +429,7 @@ static estimate estimate_change(const tl_change_series *series, uint64_t from) {
         xr += x * r;
         rr += r * r;
     }
-    estimate found = {.size = sum[0] / count, .reference = sum[1] / count};
+    fitted_change found = {.size = sum[0] / count, .reference = sum[1] / count};
     double without = rr > 0.0 ? xx - xr * xr / rr : HUGE_VAL;
     double constant = xx - sum[0] * sum[0] / count;
     bool is_part = without < constant;
@@ -452,7 +452,7 @@ static uint64_t later_of(uint64_t one, uint64_t other) {
     return one > other ? one : other;
 }
 
-static void set_size(tl_change_series *series, const estimate *found, uint64_t from) {
+static void set_size(tl_change_series *series, const fitted_change *found, uint64_t from) {
     bool has_share = fabs(found->reference) > ABOUT_ZERO * fabs(found->size);
     series->size = found->size;
     series->size_spread = spread_of_mean(series, (double)(series->number - from + 1));
@@ -481,7 +481,7 @@ static void begin_change(tl_change_series *series, int side) {
     split found = find_split(series, series->number - oldest > reach ? series->number - reach : oldest);
     double change = fabs(found.after - found.before);
     set_onset(series, found.at, series->zero[side], change > 0.0 ? found.deviation / change : HUGE_VAL);
-    estimate first = estimate_change(series, found.at);
+    fitted_change first = estimate_change(series, found.at);
     set_size(series, &first, found.at);
     series->begins = found.at;
     series->opened = series->is_off ? series->opened : found.at;
@@ -498,7 +498,7 @@ static void plan_refinement(tl_change_series *series, uint64_t from) {
 /* Renews the estimate of the last change. */
 static void refine(tl_change_series *series) {
     uint64_t from = later_of(series->opened, oldest_kept(series));
-    estimate found = estimate_change(series, from);
+    fitted_change found = estimate_change(series, from);
     set_size(series, &found, from);
     series->change = found.change;
     series->settled = series->size;
@@ -511,8 +511,8 @@ static void settle(tl_change_series *series) {
     uint64_t begins = later_of(series->begins, oldest_kept(series));
     uint64_t opened = later_of(series->opened, oldest_kept(series));
     double provisional = series->size;
-    estimate last = estimate_change(series, begins);
-    estimate all = estimate_change(series, opened);
+    fitted_change last = estimate_change(series, begins);
+    fitted_change all = estimate_change(series, opened);
     double noise = fmax(last.error, series->fit.scale * series->fit.scale);
     series->is_same = series->is_off && error_of(series, begins, &all.change) <= ALIKE * noise;
     set_size(series, series->is_same ? &all : &last, series->is_same ? opened : begins);

@@ -15,9 +15,9 @@
  * Onset:     the split of the newest block means into two means with the least squared error.
  * After:     the change is estimated for twice as long as the detection took: as a constant, and as
  *            a part of a reference (û of a correction, ŷ of an output). The one with the smaller
- *            squared error counts. The series is then watched around it, so that a lasting change is
- *            found once. The estimate is renewed whenever the time since the onset has doubled. If
- *            the series changes again, the estimate is first tried on all blocks since the onset.
+ *            squared error counts. The series is then watched around it, so that a lasting change
+ *            is found once. The estimate is renewed whenever the time since the onset has doubled.
+ *            If the series changes again, it is first tried on all blocks since the onset.
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
  * Memory:    plain data of the caller, about 32 kB, without pointers, so that it can be stored.

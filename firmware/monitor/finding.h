@@ -55,8 +55,8 @@ const char *tl_finding_kind_name(tl_finding_kind kind);
 const char *tl_finding_subject_name(tl_finding_subject subject);
 const char *tl_finding_state_name(const tl_finding *finding);
 
-/* Writes one sentence without a full stop: "pump.flow: correction +0.012 m3/s (+5 %) since t = 22680
- * s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
+/* Writes one sentence without a full stop: "pump.flow: correction +0.012 m3/s (+5 %) since
+ * t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
 
 #endif
