@@ -49,8 +49,10 @@ static tl_status print_summary(const replayer *self, tl_error *error) {
 static void report_finding(void *context, const tl_finding *finding, tl_finding_turn turn) {
     replayer *self = context;
     char text[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
     int64_t tick = llround(finding->found / tl_seconds(self->job->config.step));
     tl_finding_write(finding, finding->found, 0, text);
+    tl_finding_write_cause(finding, cause);
     tl_journal_event(&self->journal, tick, turn == TL_FINDING_FOUND ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", "%s",
                      text);
 }

@@ -9,6 +9,7 @@
 #include "firmware/monitor/change_series.h"
 
 /* Block lengths; the last one is replaced by a longer cycle. */
+enum { STARTS = 64 }; /* releases that are remembered */
 enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150, PARTS_OF_LEARNING = 10 };
 static const uint32_t BLOCKS[BANKS] = {10, 30, 120, 3000};
 
@@ -26,6 +27,9 @@ static const double UNSETTLED = 2.0;
 static const double GROWN = 2.0;
 static const double OTHER = 4.0;
 
+/* An output is off if its mean error since the onset exceeds this many deviations of a block. */
+static const double OFF = 3.0;
+
 /* If there is no tolerance. */
 static const double LEAST = 1e-9;
 
@@ -39,6 +43,12 @@ typedef struct quantity {
     tl_change_series series[BANKS];
 } quantity;
 
+/* A released twin that was recorded. */
+typedef struct recorded_release {
+    int64_t from;  /* first step with its outputs */
+    int64_t begun; /* step before which it was begun */
+} recorded_release;
+
 /* A finding, and the series that gave it its size. */
 typedef struct tracked {
     size_t quantity, bank;
@@ -51,13 +61,15 @@ struct tl_change_detector {
     tl_account account;
     tl_change_report *report;
     void *context;
-    int64_t left_out;              /* steps that are still left out after a start */
-    int64_t last;                  /* step */
-    int64_t ready_at;              /* step from which on changes are reported; 0: not yet */
-    uint64_t frozen;               /* signals that are frozen, as bits */
-    double value[TL_MAX_SIGNALS];  /* of the newest sample */
-    int64_t moved[TL_MAX_SIGNALS]; /* tick at which it has changed last */
-    uint32_t numbers;              /* findings so far */
+    int64_t left_out;                  /* steps that are still left out after a start */
+    int64_t last;                      /* step */
+    int64_t ready_at;                  /* step from which on changes are reported; 0: not yet */
+    uint64_t frozen;                   /* signals that are frozen, as bits */
+    double value[TL_MAX_SIGNALS];      /* of the newest sample */
+    int64_t moved[TL_MAX_SIGNALS];     /* tick at which it has changed last */
+    uint32_t numbers;                  /* findings so far */
+    recorded_release releases[STARTS]; /* release n lies at n % STARTS */
+    uint64_t release;                  /* number of the newest one; 0: none yet */
     size_t count;
     tl_finding finding[TL_FINDINGS];
     tracked tracked[TL_FINDINGS];
@@ -154,17 +166,21 @@ static void report(const tl_change_detector *detector, const tl_finding *finding
     }
 }
 
-static void name_finding(const tl_change_detector *detector, const quantity *one, tl_finding *finding) {
+/* A matched signal without "plant.", and without the "@match" of a further look-up. */
+static void copy_name(const tl_change_detector *detector, const quantity *one, char name[TL_FINDING_NAME]) {
     const tl_config *config = detector->config;
-    const char *name =
+    const char *from =
         one->is_output ? config->matched_as[one->index] + strlen("plant.") : config->adjust[one->index].variable;
-    int length = one->is_output ? (int)strcspn(name, "@") : (int)strlen(name); /* "NAME@match" */
+    int length = one->is_output ? (int)strcspn(from, "@") : (int)strlen(from);
+    (void)snprintf(name, TL_FINDING_NAME, "%.*s", length < TL_FINDING_NAME ? length : TL_FINDING_NAME - 1, from);
+}
+
+static void name_finding(const tl_change_detector *detector, const quantity *one, tl_finding *finding) {
     const char *unit =
         one->is_output ? detector->account.match[one->index].unit : detector->account.adjust[one->index].unit;
     finding->subject = one->is_output ? TL_FINDING_OUTPUT : TL_FINDING_CORRECTION;
     finding->index = one->index;
-    (void)snprintf(finding->variable, sizeof finding->variable, "%.*s",
-                   length < TL_FINDING_NAME ? length : TL_FINDING_NAME - 1, name);
+    copy_name(detector, one, finding->variable);
     (void)snprintf(finding->unit, sizeof finding->unit, "%.*s", TL_FINDING_UNIT - 1,
                    strcmp(unit, "1") == 0 ? "" : unit);
 }
@@ -315,6 +331,72 @@ static void take_level(tl_change_detector *detector, size_t which, size_t bank) 
     finding->kind = has_grown ? TL_FINDING_DRIFT : finding->kind;
 }
 
+/* ---- cause ---- */
+
+static void add_release(tl_change_detector *detector, const tl_record *record) {
+    const recorded_release *newest = &detector->releases[detector->release % STARTS];
+    int64_t begun = record->step - (int64_t)record->release_age + 1;
+    if (record->release_age != 0 && (detector->release == 0 || begun != newest->begun)) {
+        detector->release++;
+        detector->releases[detector->release % STARTS] = (recorded_release){.from = record->step, .begun = begun};
+    }
+}
+
+/* Finds the first step whose recorded release was begun after an instant. Returns false if there is
+ * none yet. */
+static bool find_later_release(const tl_change_detector *detector, double step, int64_t *from) {
+    uint64_t oldest = detector->release >= STARTS ? detector->release - STARTS + 1 : 1;
+    for (uint64_t n = oldest; n <= detector->release; n++) {
+        const recorded_release *one = &detector->releases[n % STARTS];
+        if ((double)one->begun > step) {
+            *from = one->from;
+            return true;
+        }
+    }
+    return false;
+}
+
+static void decide_cause(const tl_change_detector *detector, tl_finding *finding) {
+    const double step = tl_seconds(detector->config->step);
+    double onset = finding->onset / step;
+    double spread = finding->onset_spread / step;
+    int64_t later = 0;
+    size_t outputs = 0;
+    size_t off = 0;
+    size_t which = 0;
+    if (!find_later_release(detector, onset - spread, &later)) {
+        return;
+    }
+    finding->is_decided = true;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        const quantity *one = &detector->quantity[i];
+        const tl_change_series *series = &one->series[0];
+        double distance = tl_change_series_distance(series, onset + spread, (double)(later - 1));
+        if (one->is_output && isfinite(distance)) {
+            bool differs = fabs(distance) > OFF * series->fit.scale;
+            outputs++;
+            off += differs ? 1 : 0;
+            which = differs ? i : which;
+        }
+    }
+    finding->cause = off > 1 ? TL_FINDING_PLANT : off == 1 && outputs > 1 ? TL_FINDING_SENSOR : TL_FINDING_NO_CAUSE;
+    if (finding->cause == TL_FINDING_SENSOR) {
+        copy_name(detector, &detector->quantity[which], finding->sensor);
+    }
+}
+
+static void decide_causes(tl_change_detector *detector) {
+    for (size_t i = 0; i < detector->count; i++) {
+        tl_finding *finding = &detector->finding[i];
+        if (finding->kind != TL_FINDING_FREEZE && !finding->is_decided) {
+            decide_cause(detector, finding);
+            if (finding->cause != TL_FINDING_NO_CAUSE) {
+                report(detector, finding, TL_FINDING_FURTHER);
+            }
+        }
+    }
+}
+
 /* ---- input ---- */
 
 static void add_value(tl_change_detector *detector, size_t which, double value, double reference) {
@@ -364,6 +446,7 @@ void tl_change_detector_step(tl_change_detector *detector, const tl_record *reco
         interrupt_series(detector);
     }
     detector->last = record->step;
+    add_release(detector, record);
     if (detector->left_out > 0) {
         detector->left_out--;
         return;
@@ -373,6 +456,7 @@ void tl_change_detector_step(tl_change_detector *detector, const tl_record *reco
         double value = value_of(detector, &detector->quantity[i], record, &reference);
         add_value(detector, i, value, reference);
     }
+    decide_causes(detector);
 }
 
 static void take_frozen(tl_change_detector *detector, size_t signal, int64_t tick) {

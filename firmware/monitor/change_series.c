@@ -526,6 +526,20 @@ static void settle(tl_change_series *series) {
     restart_sums(series);
 }
 
+double tl_change_series_distance(const tl_change_series *series, double first, double last) {
+    const tl_series_change none = {0};
+    double sum = 0.0;
+    double count = 0.0;
+    for (uint64_t n = oldest_kept(series); n <= series->number && series->fit.renewed != 0; n++) {
+        double end = end_of_block(series, n);
+        if (end - series->block >= first && end - 1.0 <= last) {
+            sum += distance_from(series, n, &none);
+            count += 1.0;
+        }
+    }
+    return count > 0.0 ? sum / count : (double)NAN;
+}
+
 /* ---- blocks ---- */
 
 static tl_series_turn add_block(tl_change_series *series) {

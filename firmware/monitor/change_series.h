@@ -114,6 +114,10 @@ tl_series_turn tl_change_series_add(tl_change_series *series, int64_t index, dou
 /* Call it after a gap in time: drops the present block and the sums. The fit and the level stay. */
 void tl_change_series_interrupt(tl_change_series *series);
 
+/* Returns the mean distance from the learnt median, over the kept blocks that lie from `first` to
+ * `last` (indices); NaN: there is none, or nothing was learnt. */
+double tl_change_series_distance(const tl_change_series *series, double first, double last);
+
 /* Returns true if changes are reported. */
 bool tl_change_series_is_ready(const tl_change_series *series);
 

@@ -61,3 +61,13 @@ void tl_finding_write(const tl_finding *finding, double now, int64_t started, ch
     (void)snprintf(text, TL_FINDING_TEXT, "%s %s %s \302\261 %.2g s%s%s", size, finding->is_gone ? "from" : "since",
                    since, finding->onset_spread, finding->is_gone ? " to " : "", gone);
 }
+
+void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]) {
+    text[0] = '\0';
+    if (finding->cause == TL_FINDING_SENSOR) {
+        (void)snprintf(text, TL_FINDING_TEXT, "cause: sensor plant.%s, or an input that acts on it alone",
+                       finding->sensor);
+    } else if (finding->cause == TL_FINDING_PLANT) {
+        (void)snprintf(text, TL_FINDING_TEXT, "cause: the plant, not one sensor");
+    }
+}

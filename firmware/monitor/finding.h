@@ -25,6 +25,13 @@ typedef enum tl_finding_subject {
     TL_FINDING_SIGNAL      /* a signal of the plant; only with FREEZE */
 } tl_finding_subject;
 
+/* What the released twin that was begun before the onset shows (master/sync/released_twin.h). */
+typedef enum tl_finding_cause {
+    TL_FINDING_NO_CAUSE, /* not known yet, or no output was off */
+    TL_FINDING_SENSOR,   /* one output was off: its sensor, or an input that acts on it alone */
+    TL_FINDING_PLANT     /* several were off: not one sensor */
+} tl_finding_cause;
+
 /* Times are s since t_start. Texts are cut. */
 typedef struct tl_finding {
     uint32_t number; /* 1, 2, …, in the order of detection */
@@ -38,7 +45,10 @@ typedef struct tl_finding {
     double found, gone;             /* when it was found; when it returned (only if is_gone) */
     double size, size_spread;       /* change in the variable's unit, and its standard error */
     double percent;                 /* size, of the mean û or ŷ before; NaN: that mean is about 0 */
-    uint64_t corrections, outputs;  /* bits of all adjusted variables and outputs that changed */
+    tl_finding_cause cause;
+    bool is_decided;               /* `cause` is final */
+    char sensor[TL_FINDING_NAME];  /* SENSOR: signal of the plant, without "plant." */
+    uint64_t corrections, outputs; /* bits of all adjusted variables and outputs that changed */
 } tl_finding;
 
 /* Results of a change detector. Plant time. Zeroed: there is none. */
@@ -58,5 +68,9 @@ const char *tl_finding_state_name(const tl_finding *finding);
 /* Writes one sentence without a full stop: "pump.flow: correction +0.012 m3/s (+5 %) since
  * t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
+
+/* Writes the cause: "cause: sensor plant.level, or an input that acts on it alone"; empty if it is
+ * not known. */
+void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]);
 
 #endif

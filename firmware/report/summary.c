@@ -290,6 +290,19 @@ static void add_also(tl_json_writer *json, const tl_finding *finding, const tl_c
     tl_json_close(json);
 }
 
+static void add_causes(tl_json_writer *json, const tl_finding *finding) {
+    char sensor[TL_FINDING_NAME + 8];
+    tl_json_open_array(json, "causes");
+    if (finding->cause == TL_FINDING_SENSOR) {
+        (void)snprintf(sensor, sizeof sensor, "plant.%s", finding->sensor);
+        tl_json_add_text(json, NULL, sensor);
+        tl_json_add_text(json, NULL, "input");
+    } else if (finding->cause == TL_FINDING_PLANT) {
+        tl_json_add_text(json, NULL, "plant");
+    }
+    tl_json_close(json);
+}
+
 static void add_changes(tl_json_writer *json, const tl_changes *changes, const tl_config *config) {
     tl_json_open_object(json, "detection");
     tl_json_add_text(json, "state", changes->is_ready ? "watching" : "learning");
@@ -315,6 +328,7 @@ static void add_changes(tl_json_writer *json, const tl_changes *changes, const t
         tl_json_add_number(json, "percent", finding->percent);
         tl_json_add_text(json, "unit", finding->unit);
         add_also(json, finding, config);
+        add_causes(json, finding);
         tl_json_add_text(json, "state", tl_finding_state_name(finding));
         tl_json_add_text(json, "text", text);
         tl_json_close(json);
@@ -661,6 +675,10 @@ static void print_changes(const printing *page, const tl_changes *changes) {
     for (size_t i = first; i < changes->count; i++) {
         tl_finding_write(&changes->finding[i], 0.0, 0, text);
         print_line(page, "", "%s", text);
+        tl_finding_write_cause(&changes->finding[i], text);
+        if (text[0] != '\0') {
+            print_line(page, "", "%s", text);
+        }
     }
 }
 

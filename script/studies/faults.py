@@ -63,10 +63,11 @@ def tclab():
     return plant, lock, Commands(["Q1", "Q2"], (600, 2400), lambda choice: [choice.uniform(20, 70), choice.uniform(20, 70)], [15.0, 10.0])
 
 
+ACTUATORS = ("q", "Q1", "Q2")
 # name: plant, s of a day, {fault: (actuator, factor) or (sensor, offset)}
 PLANTS = {
     "vessels": (vessels, DAY, {"pump -5 %": ("q", 0.95), "pump -10 %": ("q", 0.9), "level +0.05": ("level", 0.05)}),
-    "tclab": (tclab, DAY, {"heater -5 %": ("Q1", 0.95), "heater -20 %": ("Q1", 0.8), "sensor +0.5 K": ("T1", 0.5)}),
+    "tclab": (tclab, DAY, {"heater -5 %": ("Q1", 0.95), "heater -20 %": ("Q1", 0.8), "T1 +0.5 K": ("T1", 0.5), "T2 -0.5 K": ("T2", -0.5)}),
 }
 
 
@@ -119,14 +120,17 @@ def measure(name, seed, days, fault, at):
     with tempfile.TemporaryDirectory() as folder:
         told = Bench(name, folder, seed, days, fault, at).replay()
     after = [finding for finding in told["findings"] if fault and finding["found"] >= at]
-    first = after[0] if after else {"found": at, "onset": at, "percent": None, "variable": "", "text": ""}
+    first = after[0] if after else {"found": at, "onset": at, "percent": None, "variable": "", "causes": []}
+    broken = PLANTS[name][2][fault][0] if fault else None
+    truth = {"input", "plant" if broken in ACTUATORS else f"plant.{broken}"}
     return {"plant": name, "fault": fault or "none", "seed": seed, "watches": told["detection"]["state"] == "watching",
             "false": len(told["findings"]) - len(after), "found": len(after), "delay_s": first["found"] - at, "onset_error_s": first["onset"] - at,
-            "variable": first["variable"], "percent": first["percent"], "texts": [finding["text"] for finding in told["findings"]]}
+            "variable": first["variable"], "causes": first["causes"],
+            "cause_is_wrong": bool(first["causes"]) and not truth & set(first["causes"]), "percent": first["percent"], "texts": [finding["text"] for finding in told["findings"]]}
 
 
 def is_right(row):
-    return row["watches"] and row["false"] == 0 and (row["fault"] == "none" or row["found"] >= 1)
+    return row["watches"] and row["false"] == 0 and not row["cause_is_wrong"] and (row["fault"] == "none" or row["found"] >= 1)
 
 
 def show(rows):
@@ -138,7 +142,8 @@ def show(rows):
     faults = [row for row in rows if row["fault"] != "none"]
     if found:
         print(f"{len(found)} of {len(faults)} found, {sum(row['false'] for row in rows)} false; median after {median(row['delay_s'] for row in found):.0f} s, "
-              f"median onset error {median(abs(row['onset_error_s']) for row in found):.0f} s, one finding only: {sum(row['found'] == 1 for row in found)}")
+              f"median onset error {median(abs(row['onset_error_s']) for row in found):.0f} s, one finding only: {sum(row['found'] == 1 for row in found)}, "
+              f"cause told: {sum(bool(row['causes']) for row in found)}, wrong: {sum(row['cause_is_wrong'] for row in found)}")
 
 
 def main():

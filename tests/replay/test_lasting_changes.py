@@ -38,11 +38,13 @@ def test_a_weak_pump():
 
 def test_a_weak_heater():
     row = expect_found("tclab", "heater -20 %", "board.Q1")
+    expect(row["causes"] == ["plant"], row["causes"])
     at_most(abs(row["percent"] + 20), 2, "error of the size, %")
 
 
 def test_a_wrong_sensor():
-    expect_found("tclab", "sensor +0.5 K", "board.Q1")
+    row = expect_found("tclab", "T1 +0.5 K", "board.Q1")
+    expect("plant.T1" in row["causes"], row["causes"])
 
 
 def test_sentences():
