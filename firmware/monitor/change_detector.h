@@ -13,9 +13,9 @@
  *           if the quantity belongs to an open finding already. It is named by the correction that
  *           changed, else by the output. It is gone when the series that found it is back at its
  *           learnt level.
- * Cause:    at the onset two released twins run that were begun before it, so that neither has used
- *           measurements from after it. While one of them is recorded, the outputs that are off by
- *           three deviations count. One: its sensor, or an input that acts on it alone. Several: the
+ * Cause:    two released twins run at the onset. Both were begun before it, so they have used no
+ *           later measurement. While one of them is recorded, the outputs that are off by three
+ *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
  *           plant. None, or only one output in all: not known.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
  * Memory:   malloc() at the creation, about 130 kB for each quantity.

@@ -433,7 +433,8 @@ static fitted_change estimate_change(const tl_change_series *series, uint64_t fr
     double without = rr > 0.0 ? xx - xr * xr / rr : HUGE_VAL;
     double constant = xx - sum[0] * sum[0] / count;
     bool is_part = without < constant;
-    found.change = is_part ? (tl_series_change){.gain = xr / rr} : (tl_series_change){.offset = found.size};
+    found.change.gain = is_part ? xr / rr : 0.0;
+    found.change.offset = is_part ? 0.0 : found.size;
     found.error = fmax(is_part ? without : constant, 0.0) / count;
     return found;
 }
