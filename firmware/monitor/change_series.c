@@ -519,7 +519,10 @@ static void settle(tl_change_series *series) {
     set_size(series, series->is_same ? &all : &last, series->is_same ? opened : begins);
     double returned = RETURNED * fabs(series->is_off ? series->settled : provisional);
     series->is_off = series->is_same || fabs(last.size) > returned;
-    series->change = !series->is_off ? (tl_series_change){0} : series->is_same ? all.change : last.change;
+    series->change = series->is_same ? all.change : last.change;
+    if (!series->is_off) {
+        series->change = (tl_series_change){0};
+    }
     series->settled = series->is_off ? series->size : 0.0;
     series->settles = 0;
     series->opened = series->is_same ? opened : begins;
