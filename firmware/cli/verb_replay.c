@@ -1,5 +1,6 @@
 /* twinlock replay: runs a recording through the twin. */
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 #include "firmware/base/log.h"
@@ -33,13 +34,27 @@ typedef struct replayer {
 
 static tl_status print_summary(const replayer *self, tl_error *error) {
     const tl_verb_job *job = self->job;
+    const tl_changes changes = tl_change_detector_get(self->replay.detector);
     if (job->options->json) {
-        return tl_summary_print_json(&self->summary, &job->config, &self->account, job->output, error);
+        return tl_summary_print_json(&self->summary, &job->config, &self->account, &changes, job->output, error);
     }
     if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
-        tl_summary_print_table(&self->summary, &job->config, &self->account, job->options->verbose, job->output);
+        tl_summary_print_table(&self->summary, &job->config, &self->account, &changes, job->options->verbose,
+                               job->output);
     }
     return TL_OK;
+}
+
+/* Findings are warnings; what follows needs no attention. */
+static void report_finding(void *context, const tl_finding *finding, tl_finding_turn turn) {
+    replayer *self = context;
+    char text[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
+    int64_t tick = llround(finding->found / tl_seconds(self->job->config.step));
+    tl_finding_write(finding, finding->found, 0, text);
+    tl_finding_write_cause(finding, cause);
+    tl_journal_event(&self->journal, tick, turn == TL_FINDING_FOUND ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", "%s",
+                     text);
 }
 
 /* Opens the recorder, the report and the watch that reports events to them. These events are not
@@ -70,6 +85,10 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     tl_watch_init(&self->watch, config, &self->journal);
     tl_lock_monitor_init(&self->lock_monitor, config, &self->account);
     replay->lock_monitor = &self->lock_monitor;
+    replay->detector = tl_change_detector_create(config, &self->account, report_finding, self);
+    if (status == TL_OK && replay->detector == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", config->name);
+    }
     replay->watch = &self->watch;
     return status;
 }
@@ -99,6 +118,7 @@ static tl_status close_outputs(replayer *self, tl_status status, tl_error *error
         status = first_of(status, closed, &later, error);
     }
     tl_replay_report_close(&self->report);
+    tl_change_detector_destroy(replay->detector);
     return status;
 }
 

@@ -73,6 +73,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_read_delays(&root, config);
     tl_config_build_lookups(&root, config);
     tl_config_read_record(&root, config);
+    tl_config_read_detect(&root, config);
     tl_config_read_realtime(&root, config);
     tl_config_read_emulate(&root, config);
     (void)tl_config_get_text(&root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);

@@ -197,6 +197,10 @@ typedef struct tl_config {
     tl_time record_resume; /* ns; a run resumes an earlier one that ended at most this long ago; 0: never */
     int64_t recording_run; /* run of a database; 0: the last one. The command sets it */
 
+    double false_alarms_per_year; /* of findings (change_detector.h) */
+    tl_time detect_learn;         /* ns; until changes are reported */
+    tl_time detect_cycle;         /* longest recurring cycle of the plant, ns; 0: not known */
+
     int realtime_priority; /* SCHED_FIFO priority; 0: ordinary scheduling */
     bool realtime_lock_memory;
     tl_time realtime_hang; /* ns; a cycle that reports nothing for longer counts as hanging */

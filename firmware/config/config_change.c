@@ -317,6 +317,7 @@ const tl_change_rule tl_change_rules[] = {
     {"record.max_mb", RESTART_COMMISSIONED, NULL},
     {"record.commit_s", RESTART, NULL},
     {"record.resume_s", RESTART, NULL},
+    {"detect.**", RESTART, NULL},
     {"realtime.**", RESTART_COMMISSIONED, NULL},
     {"emulate.**", RESTART, NULL},
     {NULL, RESTART_COMMISSIONED, NULL},

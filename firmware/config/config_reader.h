@@ -233,6 +233,7 @@ void tl_config_build_lookups(tl_config_object *root, struct tl_config *config);
 /* recording, record, realtime, emulate */
 void tl_config_read_recording(tl_config_object *root, struct tl_config *config);
 void tl_config_read_record(tl_config_object *root, struct tl_config *config);
+void tl_config_read_detect(tl_config_object *root, struct tl_config *config);
 void tl_config_read_realtime(tl_config_object *root, struct tl_config *config);
 void tl_config_read_emulate(tl_config_object *root, struct tl_config *config);
 

@@ -9,8 +9,7 @@
 #include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 
-/* ---- `recording`, `record`, `realtime` and `emulate`: settings of the commands that use a twin.
- */
+/* ---- `recording`, `record`, `detect`, `realtime`, `emulate`: settings of commands. */
 
 enum { BYTES_PER_MB = 1000000 };
 
@@ -44,6 +43,23 @@ void tl_config_read_record(tl_config_object *root, tl_config *config) {
     config->record_resume = resume_s > 0.0 ? tl_config_duration(resume_s) : 0;
     config->record_max_bytes = llround(max_mb * BYTES_PER_MB);
     config->record_commit = tl_config_duration(commit_s);
+    tl_config_done(&object);
+}
+
+void tl_config_read_detect(tl_config_object *root, tl_config *config) {
+    static const tl_config_number learn = {.minimum = 60, .maximum = TL_CONFIG_LONGEST_S, .example = "86400"};
+    static const tl_config_number promise = {.minimum = 1e-3, .maximum = 1e6, .example = "1"};
+    static const tl_config_number cycle = {.minimum = 0, .maximum = TL_CONFIG_LONGEST_S, .example = "600"};
+    tl_config_object object;
+    double learn_s = 86400;
+    double cycle_s = 0;
+    config->false_alarms_per_year = 1;
+    (void)tl_config_member(root, "detect", TL_CONFIG_OPTIONAL, "{\"false_alarms_per_year\": 1}", &object);
+    (void)tl_config_get_number(&object, "false_alarms_per_year", &promise, &config->false_alarms_per_year);
+    (void)tl_config_get_number(&object, "learn_s", &learn, &learn_s);
+    (void)tl_config_get_number(&object, "cycle_s", &cycle, &cycle_s);
+    config->detect_learn = tl_config_duration(learn_s);
+    config->detect_cycle = cycle_s > 0.0 ? tl_config_duration(cycle_s) : 0;
     tl_config_done(&object);
 }
 

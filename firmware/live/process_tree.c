@@ -555,9 +555,9 @@ static tl_status print_summary(tl_process_tree *self, int code, tl_error *error)
         return tl_fail(error, TL_FMU_FAILED, "no valid run summary: the FMU process corrupted it");
     }
     if (self->settings->json) {
-        status = tl_summary_print_json(&summary, &self->config, &account, self->output, error);
+        status = tl_summary_print_json(&summary, &self->config, &account, NULL, self->output, error);
     } else {
-        tl_summary_print_table(&summary, &self->config, &account, self->settings->verbose, self->output);
+        tl_summary_print_table(&summary, &self->config, &account, NULL, self->settings->verbose, self->output);
     }
     return status == TL_OK ? require_lock(self, &summary, error) : status;
 }

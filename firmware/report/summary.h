@@ -10,6 +10,7 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
+#include "firmware/monitor/finding.h"
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/report/ages.h"
 #include "firmware/report/run_figures.h"
@@ -57,15 +58,15 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
  * resumes another one and had fewer than TL_LOCK_RECOVERED windows. Errors: TL_NOT_LOCKED. */
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
-/* Prints one JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; then nothing is
- * printed. */
+/* Prints one JSON object and a newline. `changes`: of the run; NULL: there is no change detector.
+ * Errors: TL_TRY_AGAIN if memory is out; then nothing is printed. */
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
-                                FILE *file, tl_error *error);
+                                const tl_changes *changes, FILE *file, tl_error *error);
 
 /* Prints a table for people: the lock, the errors and the corrections. `verbose`: also outcomes,
- * executions, the ledger and MSEs. */
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, bool verbose,
-                            FILE *file);
+ * executions, the ledger and MSEs. `changes`: as above. */
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account,
+                            const tl_changes *changes, bool verbose, FILE *file);
 
 /* ---- Validation of a run end: the summary and the account that a twin reports when its run ends.
  *

@@ -12,6 +12,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/config/config.h"
+#include "firmware/monitor/change_detector.h"
 #include "firmware/plant/recording.h"
 #include "firmware/report/html_report.h"
 #include "firmware/report/journal.h"
@@ -69,6 +70,7 @@ typedef struct tl_replay {
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *lock_monitor;
+    tl_change_detector *detector;
     FILE *trajectory;     /* NULL: none */
     tl_html_report *page; /* NULL: none */
     bool realtime;

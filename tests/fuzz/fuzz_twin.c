@@ -110,11 +110,11 @@ static void print(const tl_config *config) {
     tl_recorder_signal adjust[TL_MAX_ADJUST];
     FILE *file = open_memstream(&text, &size);
     tl_fuzz_hold(file != NULL);
-    tl_fuzz_hold(tl_summary_print_json(&summary, config, &account, file, &error) == TL_OK && fflush(file) == 0);
+    tl_fuzz_hold(tl_summary_print_json(&summary, config, &account, NULL, file, &error) == TL_OK && fflush(file) == 0);
     cJSON *document = cJSON_Parse(text);
     tl_fuzz_hold(document != NULL);
     cJSON_Delete(document);
-    tl_summary_print_table(&summary, config, &account, true, file);
+    tl_summary_print_table(&summary, config, &account, NULL, true, file);
     (void)fclose(file);
     for (size_t i = 0; i < size; i++) {
         tl_fuzz_hold(((unsigned char)text[i] >= ' ' && text[i] != '\x7f') || text[i] == '\n' || text[i] == '\t');

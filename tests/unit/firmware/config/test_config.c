@@ -66,6 +66,9 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_INT64(250500000, config->record_max_bytes);
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
     TEST_ASSERT_EQUAL_INT64(30 * TL_SECOND, config->record_resume);
+    TEST_ASSERT_EQUAL_INT64(3600 * TL_SECOND, config->detect_learn);
+    TEST_ASSERT_EQUAL_INT64(40 * TL_SECOND, config->detect_cycle);
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, config->false_alarms_per_year);
     TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
     TEST_ASSERT_FALSE(config->realtime_lock_memory);
     TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND / 2, config->realtime_hang);
@@ -610,6 +613,9 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_INT64(1000000000, config->record_max_bytes);
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, config->record_commit);
     TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->record_resume);
+    TEST_ASSERT_EQUAL_INT64(86400 * TL_SECOND, config->detect_learn);
+    TEST_ASSERT_EQUAL_INT64(0, config->detect_cycle);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->false_alarms_per_year);
     TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
     TEST_ASSERT_TRUE(config->realtime_lock_memory);
     TEST_ASSERT_EQUAL_INT64(2 * TL_SECOND, config->realtime_hang);

@@ -64,14 +64,14 @@ static void run(int ticks, double omega, tl_quality quality) {
 static void print_table(void) {
     FILE *file = open_memstream(&printed, &printed_size);
     tl_account_take(assembly.twin, &account);
-    tl_summary_print_table(&summary, &assembly.config, &account, true, file);
+    tl_summary_print_table(&summary, &assembly.config, &account, NULL, true, file);
     (void)fclose(file);
 }
 
 static tl_status try_json(tl_error *error) {
     FILE *file = open_memstream(&printed, &printed_size);
     tl_account_take(assembly.twin, &account);
-    tl_status status = tl_summary_print_json(&summary, &assembly.config, &account, file, error);
+    tl_status status = tl_summary_print_json(&summary, &assembly.config, &account, NULL, file, error);
     (void)fclose(file);
     return status;
 }

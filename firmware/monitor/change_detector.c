@@ -1,0 +1,516 @@
+/* Change detector: see change_detector.h. */
+#include "firmware/monitor/change_detector.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/monitor/change_series.h"
+
+/* Block lengths; the last one is replaced by a longer cycle. */
+enum { STARTS = 64 }; /* releases that are remembered */
+enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150, PARTS_OF_LEARNING = 10 };
+static const uint32_t BLOCKS[BANKS] = {10, 30, 120, 3000};
+
+/* Least deviation of a block mean: of a correction in search steps, of an output in tolerances. */
+static const double LEAST_CORRECTION = 0.02;
+static const double LEAST_OUTPUT = 0.05;
+
+/* Least size of a finding: of an output in tolerances; of a correction as a part of û, and in
+ * search steps. */
+static const double LEAST_FINDING = 0.1;
+static const double LEAST_SHARE = 0.01;
+static const double UNSETTLED = 2.0;
+
+/* A change that has grown by the first factor is a drift, by the second one another change. */
+static const double GROWN = 2.0;
+static const double OTHER = 4.0;
+
+/* An output is off if its mean error since the onset exceeds this many deviations of a block. */
+static const double OFF = 3.0;
+
+/* If there is no tolerance. */
+static const double LEAST = 1e-9;
+
+static const double YEAR = 365.25 * 86400.0; /* s */
+
+/* One watched quantity. */
+typedef struct quantity {
+    bool is_output;
+    uint32_t index;   /* of the adjusted variable or match */
+    uint32_t finding; /* number of its open finding; 0: none */
+    tl_change_series series[BANKS];
+} quantity;
+
+/* A released twin that was recorded. */
+typedef struct recorded_release {
+    int64_t from;  /* first step with its outputs */
+    int64_t begun; /* step before which it was begun */
+} recorded_release;
+
+/* A finding, and the series that gave it its size. */
+typedef struct tracked {
+    size_t quantity, bank;
+    bool is_settled;
+    double size, percent; /* when it had settled */
+} tracked;
+
+struct tl_change_detector {
+    const tl_config *config;
+    tl_account account;
+    tl_change_report *report;
+    void *context;
+    int64_t left_out;                  /* steps that are still left out after a start */
+    int64_t last;                      /* step */
+    int64_t ready_at;                  /* step from which on changes are reported; 0: not yet */
+    uint64_t frozen;                   /* signals that are frozen, as bits */
+    double value[TL_MAX_SIGNALS];      /* of the newest sample */
+    int64_t moved[TL_MAX_SIGNALS];     /* tick at which it has changed last */
+    uint32_t numbers;                  /* findings so far */
+    recorded_release releases[STARTS]; /* release n lies at n % STARTS */
+    uint64_t release;                  /* number of the newest one; 0: none yet */
+    size_t count;
+    tl_finding finding[TL_FINDINGS];
+    tracked tracked[TL_FINDINGS];
+    size_t quantities;
+    quantity quantity[];
+};
+
+static double seconds_of(const tl_change_detector *detector, double step) {
+    return step * tl_seconds(detector->config->step);
+}
+
+static int64_t steps_of_start(const tl_config *config) {
+    int64_t releases = START_RELEASES * (int64_t)(config->released_steps != 0 ? config->released_steps : RELEASE);
+    int64_t part = config->detect_learn / config->step / PARTS_OF_LEARNING;
+    return releases < part ? releases : part;
+}
+
+/* ---- creation ---- */
+
+static void init_quantity(const tl_config *config, quantity *one, double least, double rate) {
+    uint32_t cycle =
+        (uint32_t)fmin(ceil(tl_seconds(config->detect_cycle) / tl_seconds(config->step)), UINT32_MAX / 2.0);
+    for (int i = 0; i < BANKS; i++) {
+        uint32_t block = i == CYCLE && cycle > BLOCKS[i] ? cycle : BLOCKS[i];
+        double learn = tl_seconds(config->detect_learn) / tl_seconds(config->step) / block;
+        tl_change_series_init(&one->series[i], block, (uint64_t)learn, rate * block, least);
+    }
+}
+
+/* A Boolean has no search step. */
+static double step_of(const tl_account *account, size_t adjust) {
+    return account->adjust[adjust].type == TL_REAL ? account->adjust[adjust].step : 1.0;
+}
+
+tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_account *account,
+                                              tl_change_report *report, void *context) {
+    size_t quantities = config->adjust_count + config->match_count;
+    tl_change_detector *detector = calloc(1, sizeof *detector + quantities * sizeof(quantity));
+    if (detector == NULL) {
+        return NULL;
+    }
+    detector->config = config;
+    detector->account = *account;
+    detector->report = report;
+    detector->context = context;
+    detector->left_out = steps_of_start(config);
+    detector->quantities = quantities;
+    double series = BANKS * fmax((double)quantities, 1.0);
+    double rate = config->false_alarms_per_year / series * tl_seconds(config->step) / YEAR; /* in a step */
+    for (size_t i = 0; i < quantities; i++) {
+        quantity *one = &detector->quantity[i];
+        one->is_output = i >= config->adjust_count;
+        one->index = (uint32_t)(one->is_output ? i - config->adjust_count : i);
+        double least = one->is_output ? LEAST_OUTPUT * config->match[one->index].tolerance
+                                      : LEAST_CORRECTION * step_of(account, one->index);
+        least = fmax(least, LEAST);
+        init_quantity(config, one, least, rate);
+    }
+    return detector;
+}
+
+void tl_change_detector_destroy(tl_change_detector *detector) {
+    free(detector);
+}
+
+/* ---- findings ---- */
+
+static tl_finding *finding_of(tl_change_detector *detector, uint32_t number) {
+    for (size_t i = 0; i < detector->count; i++) {
+        if (detector->finding[i].number == number) {
+            return &detector->finding[i];
+        }
+    }
+    return NULL;
+}
+
+/* A new finding at the end of the list. The oldest one is dropped if the list is full. */
+static tl_finding *add_finding(tl_change_detector *detector) {
+    if (detector->count == TL_FINDINGS) {
+        memmove(detector->finding, detector->finding + 1, (TL_FINDINGS - 1) * sizeof *detector->finding);
+        memmove(detector->tracked, detector->tracked + 1, (TL_FINDINGS - 1) * sizeof *detector->tracked);
+        detector->count--;
+    }
+    tl_finding *finding = &detector->finding[detector->count];
+    *finding = (tl_finding){.number = ++detector->numbers};
+    detector->tracked[detector->count] = (tracked){.quantity = SIZE_MAX};
+    detector->count++;
+    return finding;
+}
+
+static void report(const tl_change_detector *detector, const tl_finding *finding, tl_finding_turn turn) {
+    if (detector->report != NULL) {
+        detector->report(detector->context, finding, turn);
+    }
+}
+
+/* A matched signal without "plant.", and without the "@match" of a further look-up. */
+static void copy_name(const tl_change_detector *detector, const quantity *one, char name[TL_FINDING_NAME]) {
+    const tl_config *config = detector->config;
+    const char *from =
+        one->is_output ? config->matched_as[one->index] + strlen("plant.") : config->adjust[one->index].variable;
+    int length = one->is_output ? (int)strcspn(from, "@") : (int)strlen(from);
+    (void)snprintf(name, TL_FINDING_NAME, "%.*s", length < TL_FINDING_NAME ? length : TL_FINDING_NAME - 1, from);
+}
+
+static void name_finding(const tl_change_detector *detector, const quantity *one, tl_finding *finding) {
+    const char *unit =
+        one->is_output ? detector->account.match[one->index].unit : detector->account.adjust[one->index].unit;
+    finding->subject = one->is_output ? TL_FINDING_OUTPUT : TL_FINDING_CORRECTION;
+    finding->index = one->index;
+    copy_name(detector, one, finding->variable);
+    (void)snprintf(finding->unit, sizeof finding->unit, "%.*s", TL_FINDING_UNIT - 1,
+                   strcmp(unit, "1") == 0 ? "" : unit);
+}
+
+static void set_size(const tl_change_series *series, tl_finding *finding) {
+    finding->size = series->size;
+    finding->size_spread = series->size_spread;
+    finding->percent = 100.0 * series->share;
+}
+
+/* True if the change may be part of this finding: it begins at about the same time, or within the
+ * longest reaction after the finding was made. */
+static bool is_part_of(const tl_change_detector *detector, const tl_finding *finding, const tl_change_series *series) {
+    uint32_t release = detector->config->released_steps;
+    double reach = finding->onset_spread + seconds_of(detector, series->onset_spread + release);
+    double onset = seconds_of(detector, series->onset);
+    double late = finding->found + seconds_of(detector, 2.0 * series->block + release);
+    return finding->kind != TL_FINDING_FREEZE && !finding->is_gone &&
+           (fabs(onset - finding->onset) <= reach || seconds_of(detector, (double)detector->last) <= late);
+}
+
+static uint64_t bit_of(const quantity *one) {
+    return (uint64_t)1 << one->index;
+}
+
+/* True if this finding is of this quantity and has ended only recently: then it returns. */
+static bool returns_soon(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
+                         const tl_change_series *series) {
+    uint64_t bits = one->is_output ? finding->outputs : finding->corrections;
+    double since = seconds_of(detector, (double)detector->last) - finding->gone;
+    return finding->is_gone && finding->kind != TL_FINDING_FREEZE && (bits & bit_of(one)) != 0 &&
+           fabs(series->size) <= OTHER * fabs(finding->size) && since < tl_seconds(detector->config->detect_learn);
+}
+
+/* The open finding of this quantity, else one that returns, else one that began at the same
+ * time, else a new one. */
+static tl_finding *find_or_add(tl_change_detector *detector, const quantity *one, const tl_change_series *series) {
+    tl_finding *found = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
+    for (size_t i = detector->count; i > 0 && found == NULL; i--) {
+        tl_finding *finding = &detector->finding[i - 1];
+        found = returns_soon(detector, finding, one, series) || is_part_of(detector, finding, series) ? finding : NULL;
+    }
+    return found != NULL ? found : add_finding(detector);
+}
+
+static void take_onset(const tl_change_detector *detector, const tl_change_series *series, tl_finding *finding) {
+    finding->onset = seconds_of(detector, series->onset);
+    finding->onset_spread = seconds_of(detector, series->onset_spread);
+}
+
+/* True if this onset is the same, but known better. */
+static bool is_better_onset(const tl_change_detector *detector, const tl_change_series *series,
+                            const tl_finding *finding) {
+    double spread = seconds_of(detector, series->onset_spread);
+    double apart = fabs(seconds_of(detector, series->onset) - finding->onset);
+    return spread < finding->onset_spread && apart <= spread + finding->onset_spread;
+}
+
+/* A finding takes name and size of the first quantity, but a correction precedes an output. */
+static bool takes_name(const tl_change_detector *detector, const tl_finding *finding, const quantity *one) {
+    const tracked *by = &detector->tracked[finding - detector->finding];
+    return by->quantity == SIZE_MAX || (finding->subject == TL_FINDING_OUTPUT && !one->is_output);
+}
+
+static void end_finding(tl_change_detector *detector, tl_finding *finding, double at) {
+    finding->is_gone = true;
+    finding->gone = at;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        quantity *one = &detector->quantity[i];
+        one->finding = one->finding == finding->number ? 0 : one->finding;
+    }
+    report(detector, finding, TL_FINDING_ENDED);
+}
+
+/* Smaller changes are watched, but not reported. A size that is not settled must be larger. */
+static bool is_small(const tl_change_detector *detector, const quantity *one, const tl_change_series *series,
+                     bool is_settled) {
+    double size = fabs(series->size) / (is_settled ? 1.0 : UNSETTLED);
+    if (one->is_output) {
+        return size < LEAST_FINDING * detector->config->match[one->index].tolerance;
+    }
+    double part = isfinite(series->share) ? LEAST_SHARE * fabs(series->size / series->share) : 0.0;
+    return size < fmax(part, LEAST_CORRECTION * step_of(&detector->account, one->index));
+}
+
+static void take_change(tl_change_detector *detector, size_t which, size_t bank, bool is_settled) {
+    quantity *one = &detector->quantity[which];
+    const tl_change_series *series = &one->series[bank];
+    if (is_small(detector, one, series, is_settled)) {
+        return;
+    }
+    tl_finding *finding = find_or_add(detector, one, series);
+    tracked *by = &detector->tracked[finding - detector->finding];
+    bool is_new = by->quantity == SIZE_MAX;
+    bool returns = finding->is_gone;
+    one->finding = finding->number;
+    *(one->is_output ? &finding->outputs : &finding->corrections) |= bit_of(one);
+    finding->is_gone = false;
+    if (is_new || is_better_onset(detector, series, finding)) {
+        take_onset(detector, series, finding);
+    }
+    bool names = takes_name(detector, finding, one) || returns;
+    if (names) {
+        *by = (tracked){.quantity = which, .bank = bank, .is_settled = returns};
+        name_finding(detector, one, finding);
+        set_size(series, finding);
+    }
+    finding->found = is_new ? seconds_of(detector, (double)detector->last) : finding->found;
+    if (names) {
+        report(detector, finding, is_new ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
+    }
+}
+
+/* The new level of a series is known. */
+static void take_level(tl_change_detector *detector, size_t which, size_t bank) {
+    quantity *one = &detector->quantity[which];
+    const tl_change_series *series = &one->series[bank];
+    tl_finding *finding = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
+    if (finding == NULL) {
+        if (series->is_off) {
+            take_change(detector, which, bank, true);
+        }
+        return;
+    }
+    tracked *by = &detector->tracked[finding - detector->finding];
+    if (by->quantity != which || by->bank != bank) {
+        return;
+    }
+    if (!series->is_off) {
+        end_finding(detector, finding, seconds_of(detector, series->onset));
+        return;
+    }
+    if (by->is_settled && fabs(series->size) > OTHER * fabs(by->size) && !series->is_same) {
+        end_finding(detector, finding, seconds_of(detector, series->onset)); /* another change of this quantity */
+        take_change(detector, which, bank, true);
+        return;
+    }
+    set_size(series, finding);
+    if (!by->is_settled) {
+        by->size = finding->size;
+        by->percent = finding->percent;
+    } else if (!series->is_same) {
+        report(detector, finding, TL_FINDING_FURTHER);
+    }
+    by->is_settled = true;
+    bool has_grown = finding->size * by->size > 0.0 && fabs(finding->size) > GROWN * fabs(by->size) &&
+                     !(fabs(finding->percent) <= GROWN * fabs(by->percent));
+    finding->kind = has_grown ? TL_FINDING_DRIFT : finding->kind;
+}
+
+/* ---- cause ---- */
+
+static void add_release(tl_change_detector *detector, const tl_record *record) {
+    const recorded_release *newest = &detector->releases[detector->release % STARTS];
+    int64_t begun = record->step - (int64_t)record->release_age + 1;
+    if (record->release_age != 0 && (detector->release == 0 || begun != newest->begun)) {
+        detector->release++;
+        detector->releases[detector->release % STARTS] = (recorded_release){.from = record->step, .begun = begun};
+    }
+}
+
+/* Finds the first step whose recorded release was begun after an instant. Returns false if there is
+ * none yet. */
+static bool find_later_release(const tl_change_detector *detector, double step, int64_t *from) {
+    uint64_t oldest = detector->release >= STARTS ? detector->release - STARTS + 1 : 1;
+    for (uint64_t n = oldest; n <= detector->release; n++) {
+        const recorded_release *one = &detector->releases[n % STARTS];
+        if ((double)one->begun > step) {
+            *from = one->from;
+            return true;
+        }
+    }
+    return false;
+}
+
+static void decide_cause(const tl_change_detector *detector, tl_finding *finding) {
+    const double step = tl_seconds(detector->config->step);
+    double onset = finding->onset / step;
+    double spread = finding->onset_spread / step;
+    int64_t later = 0;
+    size_t outputs = 0;
+    size_t off = 0;
+    size_t which = 0;
+    if (!find_later_release(detector, onset - spread, &later)) {
+        return;
+    }
+    finding->is_decided = true;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        const quantity *one = &detector->quantity[i];
+        const tl_change_series *series = &one->series[0];
+        double distance = tl_change_series_distance(series, onset + spread, (double)(later - 1));
+        if (one->is_output && isfinite(distance)) {
+            bool differs = fabs(distance) > OFF * series->fit.scale;
+            outputs++;
+            off += differs ? 1 : 0;
+            which = differs ? i : which;
+        }
+    }
+    finding->cause = off > 1 ? TL_FINDING_PLANT : off == 1 && outputs > 1 ? TL_FINDING_SENSOR : TL_FINDING_NO_CAUSE;
+    if (finding->cause == TL_FINDING_SENSOR) {
+        copy_name(detector, &detector->quantity[which], finding->sensor);
+    }
+}
+
+static void decide_causes(tl_change_detector *detector) {
+    for (size_t i = 0; i < detector->count; i++) {
+        tl_finding *finding = &detector->finding[i];
+        if (finding->kind != TL_FINDING_FREEZE && !finding->is_decided) {
+            decide_cause(detector, finding);
+            if (finding->cause != TL_FINDING_NO_CAUSE) {
+                report(detector, finding, TL_FINDING_FURTHER);
+            }
+        }
+    }
+}
+
+/* ---- input ---- */
+
+static void add_value(tl_change_detector *detector, size_t which, double value, double reference) {
+    quantity *one = &detector->quantity[which];
+    for (size_t bank = 0; bank < BANKS; bank++) {
+        tl_series_turn turn = tl_change_series_add(&one->series[bank], detector->last, value, reference);
+        if (turn == TL_SERIES_CHANGED) {
+            take_change(detector, which, bank, false);
+        } else if (turn == TL_SERIES_SETTLED) {
+            take_level(detector, which, bank);
+        }
+        if (detector->ready_at == 0 && tl_change_series_is_ready(&one->series[bank])) {
+            detector->ready_at = detector->last;
+        }
+    }
+}
+
+/* Returns the value, and what it is a part of. NaN: not known. */
+static double value_of(const tl_change_detector *detector, const quantity *one, const tl_record *record,
+                       double *reference) {
+    uint32_t i = one->index;
+    if (!one->is_output) {
+        bool runs_free = record->outcome == TL_FREE || record->outcome == TL_FREE_RUN;
+        *reference = record->nominal[i];
+        return runs_free ? (double)NAN : record->u[i] - record->nominal[i];
+    }
+    bool is_good = record->measured_quality[i] == TL_GOOD && record->release_age != 0 &&
+                   2 * (uint64_t)record->release_age >= detector->config->released_steps;
+    *reference = record->measured[i];
+    return is_good ? record->measured[i] - record->released[i] : (double)NAN;
+}
+
+static void interrupt_series(tl_change_detector *detector) {
+    for (size_t i = 0; i < detector->quantities; i++) {
+        for (size_t bank = 0; bank < BANKS; bank++) {
+            tl_change_series_interrupt(&detector->quantity[i].series[bank]);
+        }
+    }
+    detector->left_out = steps_of_start(detector->config);
+}
+
+void tl_change_detector_step(tl_change_detector *detector, const tl_record *record) {
+    if (record->outcome == TL_RESUMED) {
+        return;
+    }
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        interrupt_series(detector);
+    }
+    detector->last = record->step;
+    add_release(detector, record);
+    if (detector->left_out > 0) {
+        detector->left_out--;
+        return;
+    }
+    for (size_t i = 0; i < detector->quantities; i++) {
+        double reference = 0.0;
+        double value = value_of(detector, &detector->quantity[i], record, &reference);
+        add_value(detector, i, value, reference);
+    }
+    decide_causes(detector);
+}
+
+static void take_frozen(tl_change_detector *detector, size_t signal, int64_t tick) {
+    tl_finding *finding = add_finding(detector);
+    finding->kind = TL_FINDING_FREEZE;
+    finding->subject = TL_FINDING_SIGNAL;
+    finding->index = (uint32_t)signal;
+    finding->onset = seconds_of(detector, (double)detector->moved[signal]);
+    finding->onset_spread = seconds_of(detector, 1.0);
+    finding->found = seconds_of(detector, (double)tick);
+    finding->percent = (double)NAN;
+    (void)snprintf(finding->variable, sizeof finding->variable, "%.*s", TL_FINDING_NAME - 1,
+                   detector->config->signals[signal].plan.name);
+    report(detector, finding, TL_FINDING_FOUND);
+}
+
+static void end_frozen(tl_change_detector *detector, size_t signal, double at) {
+    for (size_t i = 0; i < detector->count; i++) {
+        tl_finding *finding = &detector->finding[i];
+        if (finding->kind == TL_FINDING_FREEZE && finding->index == signal && !finding->is_gone) {
+            end_finding(detector, finding, at);
+        }
+    }
+}
+
+void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample) {
+    for (size_t i = 0; i < detector->config->signal_count; i++) {
+        bool was_frozen = (detector->frozen >> i & 1U) != 0;
+        bool is_frozen = sample->quality[i] == TL_FROZEN;
+        if (sample->values[i] < detector->value[i] || sample->values[i] > detector->value[i]) {
+            detector->moved[i] = sample->tick;
+        }
+        detector->value[i] = sample->values[i];
+        if (is_frozen && !was_frozen) {
+            take_frozen(detector, i, sample->tick);
+        } else if (was_frozen && !is_frozen) {
+            end_frozen(detector, i, seconds_of(detector, (double)sample->tick));
+        }
+        detector->frozen ^= is_frozen != was_frozen ? (uint64_t)1 << i : 0U;
+    }
+}
+
+/* ---- results ---- */
+
+tl_changes tl_change_detector_get(const tl_change_detector *detector) {
+    tl_changes changes = {.finding = detector->finding,
+                          .count = detector->count,
+                          .is_ready = detector->ready_at != 0,
+                          .needed = tl_seconds(detector->config->detect_learn)};
+    for (size_t i = 0; i < detector->quantities; i++) {
+        const tl_change_series *series = &detector->quantity[i].series[0];
+        double learnt = seconds_of(detector, (double)(series->fit.blocks * series->block));
+        changes.learnt = fmax(changes.learnt, fmin(learnt, changes.needed));
+    }
+    changes.watched = changes.is_ready ? seconds_of(detector, (double)(detector->last - detector->ready_at)) : 0.0;
+    return changes;
+}

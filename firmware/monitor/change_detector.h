@@ -1,0 +1,65 @@
+/* Change detector: watches a run for lasting changes, and groups them to findings.
+ *
+ * Purpose:  answers "what has changed, since when". It watches two kinds of quantities.
+ *           Corrections: Δu of each adjusted variable. Outputs: ŷ minus y of the older released
+ *           twin (master/sync/released_twin.h), of matched and compared outputs.
+ * Blocks:   each quantity is watched with four block lengths: 10, 30 and 120 steps, and one that
+ *           is longer than the longest recurring cycle. Short blocks find large changes early and
+ *           date them, long ones find small changes.
+ * Promise:  `false_alarms_per_year` of the configuration, divided among all series.
+ * Start:    the first ten releases after each start and reset of the FMUs are left out, but at
+ *           most a tenth of the learning time.
+ * Finding:  changes of several quantities are one finding if they begin at about the same time, or
+ *           if the quantity belongs to an open finding already. It is named by the correction that
+ *           changed, else by the output. It is gone when the series that found it is back at its
+ *           learnt level.
+ * Cause:    two released twins run at the onset. Both were begun before it, so they have used no
+ *           later measurement. While one of them is recorded, the outputs that are off by three
+ *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
+ *           plant. None, or only one output in all: not known.
+ * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
+ * Memory:   malloc() at the creation, about 130 kB for each quantity.
+ * Thread:   one at a time.
+ */
+#ifndef TL_FIRMWARE_MONITOR_CHANGE_DETECTOR_H
+#define TL_FIRMWARE_MONITOR_CHANGE_DETECTOR_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/monitor/finding.h"
+#include "master/base/signal.h"
+#include "master/twin/account.h"
+#include "master/twin/twin.h"
+
+typedef struct tl_change_detector tl_change_detector;
+
+typedef enum tl_finding_turn {
+    TL_FINDING_FOUND,   /* a new finding */
+    TL_FINDING_FURTHER, /* its variable has changed again */
+    TL_FINDING_ENDED    /* it is gone */
+} tl_finding_turn;
+
+/* Called within tl_change_detector_step() and _sample(). */
+typedef void tl_change_report(void *context, const tl_finding *finding, tl_finding_turn turn);
+
+/* `config` and `context` must outlive the detector. `report` may be NULL. Returns NULL if memory is
+ * out. */
+tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_account *account,
+                                              tl_change_report *report, void *context);
+
+/* NULL is allowed. */
+void tl_change_detector_destroy(tl_change_detector *detector);
+
+/* Adds the sample of a tick, with the qualities that the twin has used. */
+void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample);
+
+/* Adds a committed step. Steps that repeat an earlier run are ignored. */
+void tl_change_detector_step(tl_change_detector *detector, const tl_record *record);
+
+/* Returns the results so far; `finding` is valid until the next step. */
+tl_changes tl_change_detector_get(const tl_change_detector *detector);
+
+#endif

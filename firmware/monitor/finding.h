@@ -1,0 +1,76 @@
+/* Finding: a change of the plant, of its model or of a sensor, with the time at which it began.
+ *
+ * Purpose: the result of the change detector (change_detector.h), for summaries, events and JSON.
+ * Thread:  plain data, pure functions.
+ */
+#ifndef TL_FIRMWARE_MONITOR_FINDING_H
+#define TL_FIRMWARE_MONITOR_FINDING_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 256, TL_FINDINGS = 64 };
+
+typedef enum tl_finding_kind {
+    TL_FINDING_STEP,  /* a lasting change of the mean */
+    TL_FINDING_DRIFT, /* it has changed further in the same direction */
+    TL_FINDING_FREEZE /* a signal repeats one value (frozen.h) */
+} tl_finding_kind;
+
+/* What has changed. */
+typedef enum tl_finding_subject {
+    TL_FINDING_CORRECTION, /* Δu of an adjusted variable */
+    TL_FINDING_OUTPUT,     /* ŷ minus y of the released twin, of a matched or compared output */
+    TL_FINDING_SIGNAL      /* a signal of the plant; only with FREEZE */
+} tl_finding_subject;
+
+/* What the released twin that was begun before the onset shows (master/sync/released_twin.h). */
+typedef enum tl_finding_cause {
+    TL_FINDING_NO_CAUSE, /* not known yet, or no output was off */
+    TL_FINDING_SENSOR,   /* one output was off: its sensor, or an input that acts on it alone */
+    TL_FINDING_PLANT     /* several were off: not one sensor */
+} tl_finding_cause;
+
+/* Times are s since t_start. Texts are cut. */
+typedef struct tl_finding {
+    uint32_t number; /* 1, 2, …, in the order of detection */
+    tl_finding_kind kind;
+    tl_finding_subject subject;
+    uint32_t index;                 /* of the adjusted variable, match or signal */
+    char variable[TL_FINDING_NAME]; /* OUTPUT and SIGNAL: of the plant, without "plant." */
+    char unit[TL_FINDING_UNIT];     /* "": none */
+    bool is_gone;                   /* the learnt state has returned */
+    double onset, onset_spread;     /* when it began, and half the width of its range */
+    double found, gone;             /* when it was found; when it returned (only if is_gone) */
+    double size, size_spread;       /* change in the variable's unit, and its standard error */
+    double percent;                 /* size, of the mean û or ŷ before; NaN: that mean is about 0 */
+    tl_finding_cause cause;
+    bool is_decided;               /* `cause` is final */
+    char sensor[TL_FINDING_NAME];  /* SENSOR: signal of the plant, without "plant." */
+    uint64_t corrections, outputs; /* bits of all adjusted variables and outputs that changed */
+} tl_finding;
+
+/* Results of a change detector. Plant time. Zeroed: there is none. */
+typedef struct tl_changes {
+    const tl_finding *finding; /* in the order of detection; the oldest are dropped beyond TL_FINDINGS */
+    size_t count;
+    bool is_ready;         /* changes are reported */
+    double learnt, needed; /* s until they are; needed 0: there is no detector */
+    double watched;        /* s since then */
+} tl_changes;
+
+/* Names for JSON: "step", "drift", "freeze"; "correction", "output", "signal"; "open", "gone". */
+const char *tl_finding_kind_name(tl_finding_kind kind);
+const char *tl_finding_subject_name(tl_finding_subject subject);
+const char *tl_finding_state_name(const tl_finding *finding);
+
+/* Writes one sentence without a full stop: "pump.flow: correction +0.012 m3/s (+5 %) since
+ * t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
+void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
+
+/* Writes the cause: "cause: sensor plant.level, or an input that acts on it alone"; empty if it is
+ * not known. */
+void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]);
+
+#endif

@@ -1,0 +1,67 @@
+#!/usr/bin/env python3
+"""What has changed since when: a replay of some days finds a broken actuator and a wrong sensor, and nothing in a healthy plant."""
+import csv
+import json
+
+import faults
+from twinlock_test import at_most, expect, expect_line, main, run_well, scratch
+
+DAYS, SEED = 2.5, 2
+AT = (DAYS - 1.4) * faults.DAY
+ALLOWED_S = 120  # largest error of an onset that these plants allow: their commands are held for 300 s and more
+
+
+def measured(plant, fault):
+    row = faults.measure(plant, SEED, DAYS, fault, AT)
+    print(row["texts"])
+    expect(row["watches"], "still learning")
+    expect(row["false"] == 0, f"false findings: {row['texts']}")
+    return row
+
+
+def expect_found(plant, fault, variable):
+    row = measured(plant, fault)
+    expect(row["found"] == 1, f"not one finding: {row['texts']}")
+    expect(row["variable"] == variable, row["variable"])
+    at_most(abs(row["onset_error_s"]), ALLOWED_S, "error of the onset, s")
+    return row
+
+
+def test_a_healthy_plant():
+    measured("vessels", None)
+
+
+def test_a_weak_pump():
+    row = expect_found("vessels", "pump -10 %", "first.u")
+    at_most(abs(row["percent"] + 10), 1.5, "error of the size, %")
+
+
+def test_a_weak_heater():
+    row = expect_found("tclab", "heater -20 %", "board.Q1")
+    expect(row["causes"] == ["plant"], row["causes"])
+    at_most(abs(row["percent"] + 20), 2, "error of the size, %")
+
+
+def test_a_wrong_sensor():
+    row = expect_found("tclab", "T1 +0.5 K", "board.Q1")
+    expect("plant.T1" in row["causes"], row["causes"])
+
+
+def test_sentences():
+    """A replay that is too short to learn says so; the table has the sentence of a finding."""
+    folder = scratch()
+    bench = faults.Bench("vessels", folder, SEED, DAYS, "level +0.05", AT)
+    config = bench._write(faults.merge(bench.lock, {"duration_s": 20000}))
+    told = run_well(["replay", config, "--recording", bench.recording])
+    expect_line(told, "changes|learning")
+    config = bench._write(faults.merge(bench.lock, {"duration_s": bench.length - 1}))
+    told = run_well(["replay", config, "--recording", bench.recording, "--db", folder / "run.db"])
+    expect_line(told, "first.u|since")
+    found = json.loads(run_well(["show", folder / "run.db", "--json", "--events"]))
+    events = [event for event in found["events"] if event["source"] == "finding"]
+    expect(events and events[0]["severity"] == "warning", f"events: {events}")
+    expect(any("first.u" in event["text"] for event in events), f"events: {events}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,318 @@
+/* The change detector with made-up records: what is one finding, and what is none. */
+#include <math.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/monitor/change_detector.h"
+#include "tests/support/message.h"
+
+enum { DAY = 86400, RELEASE = 600, TOLD = 16 };
+
+static tl_config_signal signals[2];
+static tl_plan_adjust adjust[2];
+static tl_plan_match match[2];
+static const char *matched_as[2] = {"plant.level", "plant.flow"};
+static tl_config config;
+static tl_account account;
+static tl_change_detector *detector;
+static tl_record record;
+static uint64_t random_state;
+static tl_finding told[TOLD];
+static tl_finding_turn turns[TOLD];
+static size_t count; /* of what was reported */
+
+static void keep(void *context, const tl_finding *finding, tl_finding_turn turn) {
+    (void)context;
+    if (count < TOLD) {
+        told[count] = *finding;
+        turns[count] = turn;
+    }
+    count++;
+}
+
+static double draw(void) {
+    double sum = 0.0;
+    for (int i = 0; i < 12; i++) {
+        random_state ^= random_state << 13;
+        random_state ^= random_state >> 7;
+        random_state ^= random_state << 17;
+        sum += (double)(random_state >> 11) / 9007199254740992.0 - 0.5;
+    }
+    return sum;
+}
+
+void setUp(void) {
+    memset(&record, 0, sizeof record);
+    memset(&config, 0, sizeof config);
+    random_state = 88172645463325252U;
+    count = 0;
+    signals[0].plan.name = "level";
+    signals[1].plan.name = "flow";
+    adjust[0] = (tl_plan_adjust){.variable = "tank.pump"};
+    adjust[1] = (tl_plan_adjust){.variable = "tank.valve"};
+    match[0] = (tl_plan_match){.variable = "tank.level", .to = "plant.level", .tolerance = 0.1, .weight = 1};
+    match[1] = (tl_plan_match){.variable = "tank.flow", .to = "plant.flow", .tolerance = 0.5};
+    config.name = "tank";
+    config.signals = signals;
+    config.signal_count = 2;
+    config.adjust = adjust;
+    config.adjust_count = 2;
+    config.match = match;
+    config.match_count = 2;
+    config.matched_as = matched_as;
+    config.step = TL_SECOND;
+    config.released_steps = RELEASE;
+    config.false_alarms_per_year = 1.0;
+    config.detect_learn = DAY * TL_SECOND;
+    account.match[0] = (tl_account_match){.unit = "m"};
+    account.match[1] = (tl_account_match){.unit = "l/s"};
+    account.adjust[0] = (tl_account_adjust){.unit = "%", .type = TL_REAL, .step = 1.0};
+    account.adjust[1] = (tl_account_adjust){.type = TL_BOOLEAN};
+    detector = tl_change_detector_create(&config, &account, keep, NULL);
+    TEST_ASSERT_NOT_NULL(detector);
+}
+
+void tearDown(void) {
+    tl_change_detector_destroy(detector);
+}
+
+/* Steps of a plant whose pump needs this correction, and whose outputs are off by these errors. */
+static void run(int64_t steps, double correction, double level, double flow) {
+    for (int64_t i = 0; i < steps; i++) {
+        record.outcome = TL_OPTIMISED;
+        record.nominal[0] = 40.0;
+        record.u[0] = 40.0 + correction + 0.1 * draw();
+        record.release_age = RELEASE / 2 + (uint32_t)(record.step % (RELEASE / 2));
+        record.released[0] = 2.0;
+        record.measured[0] = 2.0 + level + 0.01 * draw();
+        record.released[1] = 5.0;
+        record.measured[1] = 5.0 + flow + 0.05 * draw();
+        tl_change_detector_step(detector, &record);
+        record.step++;
+    }
+}
+
+static tl_changes get(void) {
+    return tl_change_detector_get(detector);
+}
+
+static void learn(void) {
+    run(DAY + DAY / 4, 0.0, 0.0, 0.0);
+    TEST_ASSERT_TRUE(get().is_ready);
+    TEST_ASSERT_EQUAL_size_t(0, count);
+}
+
+static void expect_told(size_t index, tl_finding_turn turn, const char *variable) {
+    TEST_ASSERT_GREATER_THAN_size_t(index, count);
+    TEST_ASSERT_EQUAL_INT(turn, turns[index]);
+    TEST_ASSERT_EQUAL_STRING(variable, told[index].variable);
+}
+
+static void test_learning(void) {
+    run(DAY / 2, 0.0, 0.0, 0.0);
+    run(DAY / 4, 8.0, 0.0, 0.0);
+    tl_changes changes = get();
+    TEST_ASSERT_FALSE(changes.is_ready);
+    TEST_ASSERT_DOUBLE_WITHIN(1000.0, 0.75 * DAY - 10 * RELEASE, changes.learnt);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, DAY, changes.needed);
+    TEST_ASSERT_EQUAL_size_t(0, changes.count);
+}
+
+/* A change of the pump moves both outputs as well: one finding, named by the correction. */
+static void test_one_cause_is_one_finding(void) {
+    learn();
+    const double at = (double)record.step;
+    run(DAY / 4, -2.0, 0.05, -0.5);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    const tl_finding *finding = get().finding;
+    TEST_ASSERT_EQUAL_STRING("tank.pump", finding->variable);
+    TEST_ASSERT_EQUAL_STRING("%", finding->unit);
+    TEST_ASSERT_DOUBLE_WITHIN(30.0, at, finding->onset);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, -2.0, finding->size);
+    TEST_ASSERT_DOUBLE_WITHIN(0.25, -5.0, finding->percent);
+    TEST_ASSERT_EQUAL_UINT64(1, finding->corrections);
+    TEST_ASSERT_EQUAL_UINT64(3, finding->outputs);
+    expect_told(0, TL_FINDING_FOUND, told[0].variable);
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(3, count); /* if an output was found first, and with the cause */
+    expect_told(count - 1, turns[count - 1], "tank.pump");
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_PLANT, told[count - 1].cause);
+}
+
+static void test_a_finding_ends_and_comes_back(void) {
+    learn();
+    run(DAY / 8, -2.0, 0.0, 0.0);
+    const double at = (double)record.step;
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_TRUE(get().finding->is_gone);
+    TEST_ASSERT_DOUBLE_WITHIN(60.0, at, get().finding->gone);
+    expect_told(1, TL_FINDING_ENDED, "tank.pump");
+    run(DAY / 8, -2.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_FALSE(get().finding->is_gone);
+    expect_told(2, TL_FINDING_FURTHER, "tank.pump");
+}
+
+static void test_a_sensor_is_named_by_its_output(void) {
+    learn();
+    run(DAY / 8, 0.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_OUTPUT, get().finding->subject);
+    TEST_ASSERT_EQUAL_STRING("flow", get().finding->variable);
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 1.0, get().finding->size);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_SENSOR, get().finding->cause);
+    TEST_ASSERT_EQUAL_STRING("flow", get().finding->sensor);
+}
+
+/* A biased sensor that is matched moves a correction. One output is off while the release from
+ * before the onset is recorded; later ones are off all together, and do not count. */
+static void test_a_matched_sensor(void) {
+    learn();
+    run(RELEASE / 2 - record.step % (RELEASE / 2), 1.5, 0.3, 0.0);
+    run(DAY / 8, 1.5, 0.1, 1.0);
+    TEST_ASSERT_EQUAL_STRING("tank.pump", get().finding->variable);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_SENSOR, get().finding->cause);
+    TEST_ASSERT_EQUAL_STRING("level", get().finding->sensor);
+}
+
+/* With one output, a sensor cannot be distinguished. */
+static void test_one_output_shows_no_cause(void) {
+    config.match_count = 1;
+    tl_change_detector_destroy(detector);
+    detector = tl_change_detector_create(&config, &account, keep, NULL);
+    learn();
+    run(DAY / 8, -2.0, 0.3, 0.0);
+    TEST_ASSERT_TRUE(get().finding->is_decided);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_NO_CAUSE, get().finding->cause);
+}
+
+static void test_a_drift(void) {
+    learn();
+    for (int i = 1; i <= 60; i++) {
+        run(600, -0.1 * i, 0.0, 0.0);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_DRIFT, get().finding->kind);
+}
+
+/* Less than a hundredth of û, and less than a tenth of a tolerance. */
+static void test_a_small_change_is_no_finding(void) {
+    learn();
+    run(DAY / 2, 0.2, 0.005, 0.02);
+    TEST_ASSERT_EQUAL_size_t(0, get().count);
+}
+
+static void test_two_changes_are_two_findings(void) {
+    learn();
+    run(DAY / 8, 0.0, 0.0, 1.0);
+    run(DAY / 8, -2.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    TEST_ASSERT_EQUAL_STRING("flow", get().finding[0].variable);
+    TEST_ASSERT_EQUAL_STRING("tank.pump", get().finding[1].variable);
+}
+
+/* After a reset the FMUs start again, and their first steps are no change. */
+static void test_a_reset_is_left_out(void) {
+    learn();
+    record.flags = TL_FLAG_RESET;
+    run(1, 30.0, 3.0, 3.0);
+    record.flags = 0;
+    run(9 * RELEASE, 30.0, 3.0, 3.0);
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(0, get().count);
+}
+
+/* Steps that repeat an earlier run, and values that are not good. */
+static void test_what_is_not_known_is_left_out(void) {
+    learn();
+    record.outcome = TL_RESUMED;
+    record.u[0] = 90.0;
+    for (int i = 0; i < 1000; i++) {
+        tl_change_detector_step(detector, &record);
+    }
+    record.measured_quality[1] = TL_STALE;
+    run(DAY / 8, 0.0, 0.0, 9.0);
+    TEST_ASSERT_EQUAL_size_t(0, get().count);
+}
+
+static void test_a_frozen_signal(void) {
+    tl_sample sample = {.tick = 0};
+    for (; sample.tick < 100; sample.tick++) {
+        sample.values[1] = sample.tick < 40 ? (double)sample.tick : 40.0;
+        sample.quality[1] = sample.tick < 80 ? TL_GOOD : TL_FROZEN;
+        tl_change_detector_sample(detector, &sample);
+    }
+    expect_told(0, TL_FINDING_FOUND, "flow");
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_FREEZE, told[0].kind);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 40.0, told[0].onset);
+    sample.quality[1] = TL_GOOD;
+    tl_change_detector_sample(detector, &sample);
+    expect_told(1, TL_FINDING_ENDED, "flow");
+    TEST_ASSERT_TRUE(told[1].is_gone);
+}
+
+/* The oldest findings are dropped, and the numbers go on. */
+static void test_many_findings(void) {
+    tl_sample sample = {.tick = 0};
+    for (; sample.tick < 2 * (TL_FINDINGS + 6); sample.tick++) {
+        sample.quality[0] = sample.tick % 2 == 0 ? TL_FROZEN : TL_GOOD;
+        tl_change_detector_sample(detector, &sample);
+    }
+    TEST_ASSERT_EQUAL_size_t(TL_FINDINGS, get().count);
+    TEST_ASSERT_EQUAL_UINT32(7, get().finding[0].number);
+    TEST_ASSERT_EQUAL_UINT32(TL_FINDINGS + 6, get().finding[TL_FINDINGS - 1].number);
+}
+
+static void test_sentences(void) {
+    char text[TL_FINDING_TEXT];
+    tl_finding finding = {.subject = TL_FINDING_CORRECTION,
+                          .variable = "tank.pump",
+                          .unit = "%",
+                          .size = -2.0,
+                          .percent = -5.0,
+                          .onset = 22680,
+                          .onset_spread = 10};
+    tl_finding_write(&finding, 0.0, 0, text);
+    TL_EXPECT_PARTS("tank.pump|-2 %|(-5 %)|since t = 22680 s|10 s", text);
+    finding = (tl_finding){.subject = TL_FINDING_OUTPUT,
+                           .variable = "level",
+                           .unit = "m",
+                           .size = 0.3,
+                           .percent = (double)NAN,
+                           .onset = 10,
+                           .is_gone = true,
+                           .gone = 70,
+                           .kind = TL_FINDING_DRIFT};
+    tl_finding_write(&finding, 0.0, 0, text);
+    TL_EXPECT_PARTS("plant.level|drifts|+0.3 m|from t = 10 s|to t = 70 s", text);
+    TEST_ASSERT_NULL(strchr(text, '('));
+    finding.cause = TL_FINDING_SENSOR;
+    tl_finding_write_cause(&finding, text);
+    TL_EXPECT_PARTS("sensor|plant", text);
+    finding.cause = TL_FINDING_PLANT;
+    tl_finding_write_cause(&finding, text);
+    TL_EXPECT_PARTS("the plant", text);
+    finding = (tl_finding){.subject = TL_FINDING_SIGNAL, .kind = TL_FINDING_FREEZE, .variable = "level", .onset = 10};
+    tl_finding_write(&finding, 20.0, 1764388800000, text);
+    TL_EXPECT_PARTS("plant.level|frozen|since|UTC", text);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_learning);
+    RUN_TEST(test_one_cause_is_one_finding);
+    RUN_TEST(test_a_finding_ends_and_comes_back);
+    RUN_TEST(test_a_sensor_is_named_by_its_output);
+    RUN_TEST(test_a_matched_sensor);
+    RUN_TEST(test_one_output_shows_no_cause);
+    RUN_TEST(test_a_drift);
+    RUN_TEST(test_a_small_change_is_no_finding);
+    RUN_TEST(test_two_changes_are_two_findings);
+    RUN_TEST(test_a_reset_is_left_out);
+    RUN_TEST(test_what_is_not_known_is_left_out);
+    RUN_TEST(test_a_frozen_signal);
+    RUN_TEST(test_many_findings);
+    RUN_TEST(test_sentences);
+    return UNITY_END();
+}
