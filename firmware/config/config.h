@@ -179,6 +179,7 @@ typedef struct tl_config {
     uint32_t verify_every; /* as in tl_plan */
     uint32_t released_steps; /* as in tl_plan */
     bool free_twin;          /* the free-run check is on */
+    bool rests;              /* u may rest at nominal if the corrections do harm (monitor/lock_monitor.h) */
     double margin;           /* as in tl_plan */
     tl_plan_saving saving;
     uint32_t saving_memory; /* MiB for the saved states of all FMUs */

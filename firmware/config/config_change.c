@@ -304,6 +304,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.noise_floor", IN_PLACE, NULL},
     {"synchronise.verify_every", NEW_TWIN_COMMISSIONED, NULL},
     {"synchronise.free_twin", NEW_TWIN, NULL},
+    {"synchronise.rest", NEW_TWIN, NULL},
     {"synchronise.release_s", NEW_TWIN, NULL},
     {"synchronise.saving.**", NEW_TWIN, NULL},
     {"synchronise.margin", IN_PLACE, NULL},

@@ -410,6 +410,8 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
     (void)tl_config_get_count(&object, "verify_every", &verify_every, &config->verify_every);
     read_free_twin(&object, config);
+    config->rests = true;
+    (void)tl_config_get_boolean(&object, "rest", &config->rests);
     read_release(&object, config);
     read_saving(&object, &defaults, config);
     resolve_keep(config);

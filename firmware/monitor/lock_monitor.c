@@ -422,9 +422,12 @@ static double square_of(double error) {
     return error * error < RUNAWAY ? error * error : RUNAWAY; /* also for NaN */
 }
 
+/* At rest the twin itself is as good as a released one. */
 static void add_release(tl_lock_monitor *monitor, const tl_record *record) {
     tl_release_check *release = &monitor->release;
-    bool is_old = record->release_age >= release->block;
+    bool has_released = record->release_age >= release->block;
+    bool is_old = has_released || release->rests;
+    const double *released = has_released ? record->released : record->y;
     release->first = release->steps == 0 ? record->step : release->first;
     release->steps++;
     release->released += is_old ? 1 : 0;
@@ -432,7 +435,7 @@ static void add_release(tl_lock_monitor *monitor, const tl_record *record) {
         const struct tl_lock_measure by = current_measure(monitor, i);
         if (by.weight > 0.0 && is_good(record, i)) {
             release->squares[0][i] += square_of((record->y[i] - record->measured[i]) / by.tolerance);
-            release->squares[1][i] += square_of((record->released[i] - record->measured[i]) / by.tolerance);
+            release->squares[1][i] += square_of((released[i] - record->measured[i]) / by.tolerance);
             release->counted[i]++;
         }
     }
@@ -479,13 +482,39 @@ static double find_excess(tl_lock_monitor *monitor) {
     return most;
 }
 
-static void assess_harm(tl_release_check *release) {
+static bool may_rest(const tl_lock_monitor *monitor) {
+    const tl_config *config = monitor->config;
+    bool may = config->rests && !config->free_twin;
+    for (size_t v = 0; v < config->adjust_count; v++) {
+        may = may && !(monitor->approved[v] < 0.0 || monitor->approved[v] > 0.0);
+    }
+    return may;
+}
+
+static void assess_harm(tl_lock_monitor *monitor) {
+    tl_release_check *release = &monitor->release;
     bool is_worse = release->error[0] > HARM * release->error[1] + HARM_FLOOR;
     release->in_a_row = is_worse != release->is_worse ? release->in_a_row + 1 : 0;
     if (release->in_a_row == TL_RELEASE_SURE) {
         release->is_worse = is_worse;
         release->in_a_row = 0;
         release->turn = is_worse ? TL_RELEASE_WORSE : TL_RELEASE_BETTER;
+        release->rests = is_worse && may_rest(monitor);
+        release->before = release->error[0];
+        release->rested = 0;
+    }
+}
+
+/* A twin at rest equals its released twin, so its error before the rest is what counts. */
+static void assess_rest(tl_release_check *release) {
+    release->rested++;
+    bool is_far = release->rested > BLOCKS && !(release->error[0] <= HARM * release->before + HARM_FLOOR);
+    release->in_a_row = is_far ? release->in_a_row + 1 : 0;
+    if (release->in_a_row == TL_RELEASE_BACK) {
+        release->rests = false;
+        release->is_worse = false;
+        release->in_a_row = 0;
+        release->turn = TL_RELEASE_ENDS;
     }
 }
 
@@ -542,7 +571,11 @@ static void close_block(tl_lock_monitor *monitor, int64_t step) {
     if (is_released) {
         find_release_errors(monitor);
         release->is_off = is_beyond(release->error[1], &CORRECTED, release->is_corrected);
-        assess_harm(release);
+        if (release->rests) {
+            assess_rest(release);
+        } else {
+            assess_harm(monitor);
+        }
     }
     tl_time lasted = tl_time_of_step(0, monitor->config->step, step - release->corrected_at);
     release->has_excess = is_beyond(excess, &CORRECTED, release->is_corrected);

@@ -60,13 +60,23 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  * Worse:     in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the
  *            released one. Then the corrections do harm: the horizon is too short for the plant, or
  *            the twin follows noise.
+ * Rest:      then u should rest at nominal, unless the configuration forbids it, has a free-running
+ *            twin, or has an approved correction. The rest ends when the twin's error exceeds that
+ *            before it in TL_RELEASE_BACK blocks in a row. The first release of a rest does not
+ *            count: its state is still that of the lock.
  * Thread:    plain data; one thread at a time.
  */
 
-enum { TL_RELEASE_SURE = 4 };
+enum { TL_RELEASE_SURE = 4, TL_RELEASE_BACK = 2 };
 
-/* WORSE: the lock does harm, to be reported. BETTER: it does not any more. */
-typedef enum tl_release_turn { TL_RELEASE_AS_BEFORE, TL_RELEASE_WORSE, TL_RELEASE_BETTER } tl_release_turn;
+/* WORSE: the lock does harm, to be reported. BETTER: it does not any more. ENDS: the twin at rest
+ * has left the plant, and u is searched again. */
+typedef enum tl_release_turn {
+    TL_RELEASE_AS_BEFORE,
+    TL_RELEASE_WORSE,
+    TL_RELEASE_BETTER,
+    TL_RELEASE_ENDS
+} tl_release_turn;
 
 /* Zeroed initially, except `block`. */
 typedef struct tl_release_check {
@@ -93,6 +103,9 @@ typedef struct tl_release_check {
     tl_lock_standing standing; /* the last reason, without its times */
     uint32_t in_a_row;         /* blocks in a row that contradict is_worse */
     bool is_worse;
+    bool rests;           /* u should rest at nominal */
+    double before;        /* error of the locked twin when the rest began */
+    uint32_t rested;      /* blocks of the rest */
     tl_release_turn turn; /* set by the last step */
 } tl_release_check;
 

@@ -568,7 +568,7 @@ static void put_steps(const tl_html_report *report, const tl_run_figures *figure
     put_row(file, "evaluations", "evaluations", figures->evaluations);
     put_row(file, "steps with a search", "optimised_steps", figures->optimised_steps);
     if (figures->rested != 0) {
-        put_row(file, "at nominal: the free-running twin was nearer", "rested_steps", figures->rested);
+        put_row(file, "at rest: u was nominal", "rested_steps", figures->rested);
     }
     if (report->settings.clock) {
         put_row(file, "searches stopped by the time budget", "time_limited", figures->time_limited);

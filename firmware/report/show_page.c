@@ -167,7 +167,7 @@ static void print_steps(const show_page *page) {
                       (unsigned long long)figures->refused);
     }
     if (figures->rested > 0) {
-        (void)fprintf(page->file, "                 at nominal in %llu of them: the free-running twin was nearer\n",
+        (void)fprintf(page->file, "                 u rested at nominal in %llu of them\n",
                       (unsigned long long)figures->rested);
     }
 }

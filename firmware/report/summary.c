@@ -359,6 +359,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
+    tl_json_add_count(&json, "rested_steps", page.figures.rested);
     tl_json_add_count(&json, "refused_trials", summary->refused);
     tl_json_add_count(&json, "refused_steps", page.figures.refused);
     add_matches(&json, &page);
@@ -620,6 +621,14 @@ static void print_standing(const printing *page) {
     }
 }
 
+static void print_rest(const printing *page) {
+    uint64_t steps = tl_run_figures_committed(&page->figures);
+    if (page->account->has_free_twin == 0 && page->figures.rested != 0 && steps != 0) {
+        print_line(page, "", "u rested at nominal in %.1f %% of the steps: the corrections did harm",
+                   100.0 * (double)page->figures.rested / (double)steps);
+    }
+}
+
 static void print_lock(const printing *page) {
     char text[TL_LOCK_SENTENCE];
     if (page->config->adjust_count == 0) {
@@ -629,6 +638,7 @@ static void print_lock(const printing *page) {
         tl_lock_tally_write(&page->summary->lock, page->figures.outcomes[TL_HELD] > 0 ? "strokes" : "steps", text);
         print_line(page, "in lock", "%s", text);
         print_standing(page);
+        print_rest(page);
     }
 }
 

@@ -312,11 +312,10 @@ static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
         return;
     }
     watch->rests = rests;
-    tl_journal_event(
-        watch->journal, tick, TL_EVENT_INFO, "twin",
-        rests ? "u stays at nominal from step %lld on: the twin without correction is nearer to the plant"
-              : "u is searched again from step %lld on: the twin without correction was too far from the plant",
-        (long long)record->step);
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                     rests ? "u stays at nominal from step %lld on: the twin without corrections is nearer to the plant"
+                           : "u is searched again from step %lld on",
+                     (long long)record->step);
 }
 
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
@@ -603,9 +602,13 @@ static void report_harm(tl_watch *watch, int64_t tick, const tl_release_check *r
     if (release->turn == TL_RELEASE_WORSE) {
         warn(
             watch, tick, TL_WATCH_HARM, TL_EVENT_WARNING, "twin",
-            "the corrections do harm: the twin is off by %.3g tolerances rms, and by %.3g without corrections; lengthen "
+            "the corrections do harm: the twin is off by %.3g tolerances rms, and by %.3g without corrections%s; lengthen "
             "horizon.prediction, or widen the tolerances (check --recording proposes both)",
-            release->error[0], release->error[1]);
+            release->error[0], release->error[1], release->rests ? ": u rests at nominal" : "");
+    } else if (release->turn == TL_RELEASE_ENDS) {
+        warn(watch, tick, TL_WATCH_HARM, TL_EVENT_INFO, "twin",
+             "u is searched again: at nominal the twin is off by %.3g tolerances rms, %.3g before", release->error[0],
+             release->before);
     } else if (release->turn == TL_RELEASE_BETTER) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                          "the corrections do no harm any more: off by %.3g tolerances rms, and by %.3g without them",

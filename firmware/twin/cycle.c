@@ -398,6 +398,7 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, PATIENCE_WITH_BEGINNING);
         tl_twin_reset(cycle->settings.assembly->twin);
     }
+    tl_twin_rest(cycle->settings.assembly->twin, cycle->recovery.lock_monitor.release.rests);
     (void)tl_lock_monitor_step(&cycle->second, record);
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);

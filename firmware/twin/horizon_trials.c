@@ -55,6 +55,7 @@ static char *make_text(const tl_horizon_trials_settings *settings, const tl_hori
         bool is_made =
             trial->prediction == 0 || set_value(horizon, "prediction", cJSON_CreateNumber((double)trial->prediction));
         is_made = is_made && set_value(synchronise, "free_twin", cJSON_CreateBool(trial->rests));
+        is_made = is_made && set_value(synchronise, "rest", cJSON_CreateBool(0)); /* the horizon itself is judged */
         is_made =
             is_made && set_value(synchronise, "release_s", cJSON_CreateNumber((double)choice->released_steps * step_s));
         is_made = is_made && set_value(root, "duration_s", cJSON_CreateNumber(tl_seconds(choice->length)));

@@ -75,7 +75,9 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
         tl_watch_lock(replay->watch, tick, change);
     }
     tl_watch_monitor(replay->watch, tick, replay->lock_monitor);
-    tl_change_detector_step(replay->detector, record);
+    if (replay->detector != NULL) {
+        tl_change_detector_step(replay->detector, record);
+    }
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->attached.counts);
     }
@@ -127,7 +129,9 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         tl_frozen_mark(tl_frozen_watch_sample(&replay->lock_monitor->frozen, sample, tick->is_decided), sample);
         tl_lock_monitor_sample(replay->lock_monitor, sample);
         tl_watch_sample(replay->watch, sample);
-        tl_change_detector_sample(replay->detector, sample);
+        if (replay->detector != NULL) {
+            tl_change_detector_sample(replay->detector, sample);
+        }
     }
     if (replay->recorder != NULL) {
         tl_recorder_put_sample(replay->recorder, sample);

@@ -70,9 +70,9 @@ typedef struct tl_replay {
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *lock_monitor;
-    tl_change_detector *detector;
-    FILE *trajectory;     /* NULL: none */
-    tl_html_report *page; /* NULL: none */
+    tl_change_detector *detector; /* NULL: none */
+    FILE *trajectory;             /* NULL: none */
+    tl_html_report *page;         /* NULL: none */
     bool realtime;
 } tl_replay;
 

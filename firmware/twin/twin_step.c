@@ -129,6 +129,9 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     if (tick->resets) { /* as recorded; the recovery at the tick before requested the same */
         tl_twin_reset(assembly->twin);
     }
+    if (tick->is_decided && attached != TL_ATTACHED_OUTPUTS) { /* as recorded */
+        tl_twin_rest(assembly->twin, tick->rests);
+    }
     tl_recording_tick marked;
     if (!tick->followed) {
         uint64_t frozen = tl_frozen_watch_sample(&recovery->lock_monitor.frozen, &tick->sample, tick->is_decided);
@@ -143,6 +146,9 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     if (ready && tl_recovery_step(recovery, &result->record, &change) &&
         attached != TL_ATTACHED_OUTPUTS) { /* an emulated plant is never reset */
         tl_twin_reset(assembly->twin);
+    }
+    if (!tick->is_decided && attached != TL_ATTACHED_OUTPUTS) {
+        tl_twin_rest(assembly->twin, recovery->lock_monitor.release.rests);
     }
     status = status == TL_OK ? verify_rollback(assembly, error) : status;
     result->tick = tick->sample.tick;

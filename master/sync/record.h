@@ -65,7 +65,7 @@ typedef enum tl_flag {
         64, /* the rollback of an FMU is not exact: found before this step (sync/verifier.h) or earlier */
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
-        256, /* nothing was searched: the free-running twin predicts better (sync/free_twin.h), and u rests at nominal */
+        256, /* nothing was searched, u rests at nominal: the free-running twin predicts better, or tl_twin_rest() */
     TL_FLAG_REFUSED = 512,     /* candidates of this step could not be evaluated (tl_record_refused) */
     TL_FLAG_NOT_FINITE = 1024, /* an output of an FMU was not finite (bad_outputs) */
     TL_LAST_FLAG = TL_FLAG_NOT_FINITE

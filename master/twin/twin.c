@@ -244,6 +244,10 @@ void tl_twin_reset(tl_twin *twin) {
     twin->resets = next >= twin->first;
 }
 
+void tl_twin_rest(tl_twin *twin, bool rests) {
+    twin->synchroniser.rests = rests || tl_free_twin_rests(&twin->free_twin);
+}
+
 static tl_status replace_component(tl_twin *twin, size_t component, tl_error *error) {
     tl_exchange_end_component(&twin->exchange, component);
     tl_event_horizon_forget(twin->event, component);

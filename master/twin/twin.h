@@ -162,6 +162,10 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  * Errors: none here. The next tick returns TL_FMU_FAILED or TL_FMU_FATAL if the reset failed. */
 void tl_twin_reset(tl_twin *twin);
 
+/* `rests` true: from the next step on u rests at nominal, and nothing is searched, until this is
+ * called with false, or after a reset, a tuning or a finding. No effect with an event horizon. */
+void tl_twin_rest(tl_twin *twin, bool rests);
+
 /* How an FMU is rolled back after a finding. */
 typedef enum tl_twin_mended {
     TL_MENDED_NOT,         /* by the same method as before */

@@ -66,6 +66,7 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_INT64(250500000, config->record_max_bytes);
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
     TEST_ASSERT_EQUAL_INT64(30 * TL_SECOND, config->record_resume);
+    TEST_ASSERT_FALSE(config->rests);
     TEST_ASSERT_EQUAL_INT64(3600 * TL_SECOND, config->detect_learn);
     TEST_ASSERT_EQUAL_INT64(40 * TL_SECOND, config->detect_cycle);
     TEST_ASSERT_EQUAL_DOUBLE(2.5, config->false_alarms_per_year);

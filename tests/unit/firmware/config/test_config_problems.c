@@ -484,6 +484,7 @@ static void test_limits_and_saving(void) {
         {"\"stagnation\": 30", "\"stagnation\": 100001", "synchronise.stagnation", "100001|1|100000", NULL},
         {"\"stagnation\": 30", "\"stagnation\": 1.5", "synchronise.stagnation", "1.5|whole number|1|100000", NULL},
         {"\"stagnation\": 30", "\"stagnation\": \"30\"", "synchronise.stagnation", "\"30\"|1|100000", NULL},
+        {"\"rest\": false", "\"rest\": 1", "synchronise.rest", "1|true|false", NULL},
         {"\"free_twin\": false", "\"free_twin\": 1", "synchronise.free_twin", "1|true|false", NULL},
         {"\"free_twin\": false", "\"free_twin\": true", "synchronise.free_twin", "true|false|\"outputs\"", NULL},
         {"\"release_s\": 7200", "\"release_s\": 0.01", "synchronise.release_s", "0.01|0|step_s|600", NULL},

@@ -662,6 +662,69 @@ static void test_corrections_that_do_harm(void) {
     TEST_ASSERT_FALSE(lock_monitor.release.is_worse);
 }
 
+static void let_it_do_harm(void) {
+    use_releases();
+    released(0.2, 0.4, TL_RELEASE_SURE * BLOCK);
+    TEST_ASSERT_TRUE(lock_monitor.release.is_worse);
+}
+
+static void test_a_harmful_lock_rests(void) {
+    config.rests = true;
+    let_it_do_harm();
+    TEST_ASSERT_TRUE(lock_monitor.release.rests);
+    released(0.9, 0.9, 4 * BLOCK);  /* the first release does not count */
+    released(0.2, 0.2, 10 * BLOCK); /* at rest both are the same */
+    TEST_ASSERT_TRUE(lock_monitor.release.rests);
+    TEST_ASSERT_TRUE(lock_monitor.release.is_worse);
+    released(0.7, 0.7, BLOCK); /* more than 1.2 times 0.4, and a tenth of a tolerance */
+    TEST_ASSERT_TRUE(lock_monitor.release.rests);
+    released(0.5, 0.5, BLOCK);
+    released(0.7, 0.7, TL_RELEASE_BACK * BLOCK);
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    TEST_ASSERT_EQUAL_INT(TL_RELEASE_ENDS, lock_monitor.release.turn);
+    released(0.2, 0.4, TL_RELEASE_SURE * BLOCK - 1);
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    released(0.2, 0.4, 1);
+    TEST_ASSERT_TRUE(lock_monitor.release.rests);
+}
+
+/* Without released twins the twin at rest is judged by itself. */
+static void test_a_rest_ends_without_released_twins(void) {
+    config.rests = true;
+    let_it_do_harm();
+    record.release_age = 0;
+    many(0.7, (4 + TL_RELEASE_BACK) * BLOCK);
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+}
+
+static void test_what_does_not_rest(void) {
+    let_it_do_harm(); /* forbidden */
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    config.rests = true;
+    config.free_twin = true;
+    let_it_do_harm();
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    config.free_twin = false;
+    adjust[0].approved = 0.1;
+    let_it_do_harm();
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    adjust[0].approved = 0;
+}
+
+static void test_a_reset_and_a_tuning_end_a_rest(void) {
+    config.rests = true;
+    let_it_do_harm();
+    record.flags = TL_FLAG_RESET;
+    one(WITHIN);
+    record.flags = 0;
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+    let_it_do_harm();
+    tl_tuning tuning = {.adjusts = 2};
+    tuning.adjust[0].approved = 0.7;
+    tl_lock_monitor_retune(&lock_monitor, &tuning);
+    TEST_ASSERT_FALSE(lock_monitor.release.rests);
+}
+
 static void test_at_a_bound(void) {
     lock();
     record.u[0] = 2;
@@ -840,6 +903,10 @@ int main(void) {
     RUN_TEST(test_an_approved_correction);
     RUN_TEST(test_a_correction_that_is_approved);
     RUN_TEST(test_corrections_that_do_harm);
+    RUN_TEST(test_a_harmful_lock_rests);
+    RUN_TEST(test_a_rest_ends_without_released_twins);
+    RUN_TEST(test_what_does_not_rest);
+    RUN_TEST(test_a_reset_and_a_tuning_end_a_rest);
     RUN_TEST(test_at_a_bound);
     RUN_TEST(test_a_slow_twin);
     RUN_TEST(test_strokes);
