@@ -74,6 +74,8 @@ def test_a_harmful_lock_rests():
     again = scratch() / "again.csv"
     replay(lock(), database, again)
     expect(steps.read_bytes() == again.read_bytes(), "a replay of the database differs")
+    replay(lock(), noisy, again, "--plain")
+    expect(steps.read_bytes() == again.read_bytes(), "without saving, the replay differs")
     events = json.loads(run_well(["show", database, "--json", "--events"]))["events"]
     warned = [event for event in events if "do harm" in event["text"]]
     expect(len(warned) == 1 and warned[0]["severity"] == "warning" and "rests at nominal" in warned[0]["text"], warned)
