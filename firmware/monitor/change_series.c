@@ -8,9 +8,9 @@ static const double GAUSS = 1.4826; /* deviation of a normal distribution, in me
 static const double MOST = 5.0;     /* innovations are clipped here, deviations */
 static const double FAR_OUT = 6.0;  /* distances from the median are clipped here in a fit, scales */
 static const double ALLOWANCE = 0.5;
-static const double MARGIN = 1.5;        /* threshold, in largest sums while learning */
-static const double LEAST_THRESHOLD = 8; /* deviations */
-static const double TAIL = 0.05;         /* share of the peaks that count as tail */
+static const double MARGIN = 1.5;         /* threshold, in largest sums while learning */
+static const double LEAST_THRESHOLD = 10; /* deviations: three blocks at least */
+static const double TAIL = 0.05;          /* share of the peaks that count as tail */
 enum {
     LEAST_TAIL = 20,   /* peaks */
     LONGEST = 4,       /* learning ends after this many times `learn` */
@@ -221,8 +221,11 @@ static double gain_of(const tl_series_fit *fit) {
 /* The sum that is exceeded `rate` times in a block. */
 static double find_tail(const tl_change_series *series) {
     const tl_series_histogram *peaks = &series->peaks;
+    if (peaks->total == 0) {
+        return 0.0;
+    }
     double in_tail = fmin(fmax(TAIL * (double)peaks->total, LEAST_TAIL), (double)peaks->total);
-    double begins = quantile(peaks, 1.0 - in_tail / fmax((double)peaks->total, 1.0));
+    double begins = quantile(peaks, 1.0 - in_tail / (double)peaks->total);
     double sum = 0.0;
     double count = 0.0;
     for (size_t i = 0; i < TL_SERIES_BINS; i++) {
@@ -248,7 +251,7 @@ static bool is_due(const tl_change_series *series) {
 }
 
 bool tl_change_series_is_ready(const tl_change_series *series) {
-    return series->fit.renewed != 0 && series->fit.blocks >= series->learn;
+    return series->threshold > 0.0 && series->fit.blocks >= series->learn;
 }
 
 /* ---- test ---- */

@@ -146,6 +146,7 @@ static void test_a_series_without_noise(void) {
     }
     TEST_ASSERT_EQUAL_INT(1, found);
     TEST_ASSERT_DOUBLE_WITHIN(20.0, DAY + 1000, first_onset);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 10.0, series.threshold); /* three blocks */
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, 1e-3, series.share);
 }
 
@@ -161,6 +162,19 @@ static void test_gaps(void) {
         }
     }
     TEST_ASSERT_TRUE(tl_change_series_is_ready(&series));
+    TEST_ASSERT_EQUAL_INT(0, found);
+}
+
+/* With fewer blocks in a row than the model has coefficients nothing is learnt, and nothing said. */
+static void test_only_gaps(void) {
+    begin(10, 12);
+    for (int64_t i = 0; i < 3 * (int64_t)DAY; i++) {
+        add(i, i < 2 * (int64_t)DAY ? draw() : 50.0, 1.0);
+        if (i % 60 == 59) {
+            tl_change_series_interrupt(&series);
+        }
+    }
+    TEST_ASSERT_FALSE(tl_change_series_is_ready(&series));
     TEST_ASSERT_EQUAL_INT(0, found);
 }
 
@@ -184,6 +198,7 @@ int main(void) {
     RUN_TEST(test_a_part_of_a_reference);
     RUN_TEST(test_a_series_without_noise);
     RUN_TEST(test_gaps);
+    RUN_TEST(test_only_gaps);
     RUN_TEST(test_extreme_values);
     return UNITY_END();
 }
