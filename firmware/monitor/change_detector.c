@@ -62,7 +62,7 @@ struct tl_change_detector {
     tl_change_report *report;
     void *context;
     int64_t left_out;                  /* steps that are still left out after a start */
-    int64_t last;                      /* step */
+    int64_t last;                      /* step; -1: none yet */
     int64_t ready_at;                  /* step from which on changes are reported; 0: not yet */
     uint64_t frozen;                   /* signals that are frozen, as bits */
     double value[TL_MAX_SIGNALS];      /* of the newest sample */
@@ -116,6 +116,7 @@ tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_
     detector->report = report;
     detector->context = context;
     detector->left_out = steps_of_start(config);
+    detector->last = -1;
     detector->quantities = quantities;
     double series = BANKS * fmax((double)quantities, 1.0);
     double rate = config->false_alarms_per_year / series * tl_seconds(config->step) / YEAR; /* in a step */
@@ -439,7 +440,7 @@ static void interrupt_series(tl_change_detector *detector) {
 }
 
 void tl_change_detector_step(tl_change_detector *detector, const tl_record *record) {
-    if (record->outcome == TL_RESUMED) {
+    if (record->outcome == TL_RESUMED || record->step <= detector->last) {
         return;
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {

@@ -56,7 +56,7 @@ void tl_change_detector_destroy(tl_change_detector *detector);
 /* Adds the sample of a tick, with the qualities that the twin has used. */
 void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample);
 
-/* Adds a committed step. Steps that repeat an earlier run are ignored. */
+/* Adds a committed step. Steps that repeat an earlier run, or come late, are ignored. */
 void tl_change_detector_step(tl_change_detector *detector, const tl_record *record);
 
 /* Returns the results so far; `finding` is valid until the next step. */
