@@ -50,7 +50,7 @@ static void write_size(const tl_finding *finding, char *text, size_t size) {
 }
 
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]) {
-    char size[TL_FINDING_NAME + 96];
+    char size[TL_FINDING_NAME + 128];
     char since[TL_LOCK_INSTANT];
     char gone[TL_LOCK_INSTANT] = "";
     write_size(finding, size, sizeof size);

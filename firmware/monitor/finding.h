@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 256, TL_FINDINGS = 64 };
+enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 352, TL_FINDINGS = 64 };
 
 typedef enum tl_finding_kind {
     TL_FINDING_STEP,  /* a lasting change of the mean */
