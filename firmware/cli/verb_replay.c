@@ -1,6 +1,5 @@
 /* twinlock replay: runs a recording through the twin. */
 #include <limits.h>
-#include <math.h>
 #include <string.h>
 
 #include "firmware/base/log.h"
@@ -46,15 +45,14 @@ static tl_status print_summary(const replayer *self, tl_error *error) {
 }
 
 /* Findings are warnings; what follows needs no attention. */
-static void report_finding(void *context, const tl_finding *finding, tl_finding_turn turn) {
+static void report_finding(void *context, int64_t tick, const tl_finding *finding, tl_finding_turn turn) {
     replayer *self = context;
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    int64_t tick = llround(finding->found / tl_seconds(self->job->config.step));
     tl_finding_write(finding, finding->found, 0, text);
     tl_finding_write_cause(finding, cause);
-    tl_journal_event(&self->journal, tick, turn == TL_FINDING_FOUND ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", "%s",
-                     text);
+    tl_journal_event(&self->journal, tick, turn == TL_FINDING_FOUND ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding",
+                     "%s%s%s", text, cause[0] == '\0' ? "" : "; ", cause);
 }
 
 /* Opens the recorder, the report and the watch that reports events to them. These events are not

@@ -8,9 +8,16 @@
 
 #include "firmware/monitor/change_series.h"
 
+enum {
+    STARTS = 64,         /* releases that are remembered */
+    START_RELEASES = 10, /* left out after a start, but at most this part of the learning time: */
+    PARTS_OF_LEARNING = 10,
+    RELEASE = 150, /* steps, if there are no released twins */
+    BANKS = 4,
+    CYCLE = BANKS - 1
+};
+
 /* Block lengths; the last one is replaced by a longer cycle. */
-enum { STARTS = 64 }; /* releases that are remembered */
-enum { BANKS = 4, CYCLE = BANKS - 1, START_RELEASES = 10, RELEASE = 150, PARTS_OF_LEARNING = 10 };
 static const uint32_t BLOCKS[BANKS] = {10, 30, 120, 3000};
 
 /* Least deviation of a block mean: of a correction in search steps, of an output in tolerances. */
@@ -62,6 +69,7 @@ struct tl_change_detector {
     tl_change_report *report;
     void *context;
     int64_t left_out;                  /* steps that are still left out after a start */
+    int64_t tick;                      /* of the newest sample or step */
     int64_t last;                      /* step; -1: none yet */
     int64_t ready_at;                  /* step from which on changes are reported; 0: not yet */
     uint64_t frozen;                   /* signals that are frozen, as bits */
@@ -163,7 +171,7 @@ static tl_finding *add_finding(tl_change_detector *detector) {
 
 static void report(const tl_change_detector *detector, const tl_finding *finding, tl_finding_turn turn) {
     if (detector->report != NULL) {
-        detector->report(detector->context, finding, turn);
+        detector->report(detector->context, detector->tick, finding, turn);
     }
 }
 
@@ -344,13 +352,13 @@ static void add_release(tl_change_detector *detector, const tl_record *record) {
 }
 
 /* Finds the first step whose recorded release was begun after an instant. Returns false if there is
- * none yet. */
+ * none yet. *from 0: it is not remembered any more. */
 static bool find_later_release(const tl_change_detector *detector, double step, int64_t *from) {
     uint64_t oldest = detector->release >= STARTS ? detector->release - STARTS + 1 : 1;
     for (uint64_t n = oldest; n <= detector->release; n++) {
         const recorded_release *one = &detector->releases[n % STARTS];
         if ((double)one->begun > step) {
-            *from = one->from;
+            *from = n == oldest && oldest > 1 ? 0 : one->from;
             return true;
         }
     }
@@ -439,13 +447,14 @@ static void interrupt_series(tl_change_detector *detector) {
     detector->left_out = steps_of_start(detector->config);
 }
 
-void tl_change_detector_step(tl_change_detector *detector, const tl_record *record) {
+void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_RESUMED || record->step <= detector->last) {
         return;
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {
         interrupt_series(detector);
     }
+    detector->tick = tick;
     detector->last = record->step;
     add_release(detector, record);
     if (detector->left_out > 0) {
@@ -484,6 +493,7 @@ static void end_frozen(tl_change_detector *detector, size_t signal, double at) {
 }
 
 void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample) {
+    detector->tick = sample->tick;
     for (size_t i = 0; i < detector->config->signal_count; i++) {
         bool was_frozen = (detector->frozen >> i & 1U) != 0;
         bool is_frozen = sample->quality[i] == TL_FROZEN;

@@ -42,8 +42,8 @@ typedef enum tl_finding_turn {
     TL_FINDING_ENDED    /* it is gone */
 } tl_finding_turn;
 
-/* Called within tl_change_detector_step() and _sample(). */
-typedef void tl_change_report(void *context, const tl_finding *finding, tl_finding_turn turn);
+/* Called within tl_change_detector_step() and _sample(), with the tick at which it is known. */
+typedef void tl_change_report(void *context, int64_t tick, const tl_finding *finding, tl_finding_turn turn);
 
 /* `config` and `context` must outlive the detector. `report` may be NULL. Returns NULL if memory is
  * out. */
@@ -56,8 +56,8 @@ void tl_change_detector_destroy(tl_change_detector *detector);
 /* Adds the sample of a tick, with the qualities that the twin has used. */
 void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample);
 
-/* Adds a committed step. Steps that repeat an earlier run, or come late, are ignored. */
-void tl_change_detector_step(tl_change_detector *detector, const tl_record *record);
+/* Adds a committed step, which was complete at this tick. Steps that repeat an earlier run, or come late, are ignored. */
+void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record);
 
 /* Returns the results so far; `finding` is valid until the next step. */
 tl_changes tl_change_detector_get(const tl_change_detector *detector);

@@ -10,6 +10,7 @@ static const double FAR_OUT = 6.0;  /* distances from the median are clipped her
 static const double ALLOWANCE = 0.5;
 static const double MARGIN = 1.5;         /* threshold, in largest sums while learning */
 static const double LEAST_THRESHOLD = 10; /* deviations: three blocks at least */
+static const double PEAK_WIDTH = 0.25;    /* of a bin of peaks, deviations; it doubles if needed */
 static const double TAIL = 0.05;          /* share of the peaks that count as tail */
 enum {
     LEAST_TAIL = 20,   /* peaks */
@@ -121,6 +122,12 @@ static double clipped(double value, double most) {
     return fmin(fmax(value, -most), most);
 }
 
+static void drop_peaks(tl_change_series *series) {
+    begin_histogram(&series->peaks, 0.0, PEAK_WIDTH);
+    series->tested = 0;
+    series->largest = 0.0;
+}
+
 static void begin_interval(tl_change_series *series) {
     tl_series_fit *fit = &series->fit;
     fit->sum = 0.0;
@@ -131,9 +138,7 @@ static void begin_interval(tl_change_series *series) {
     series->cumulative[0] = series->cumulative[1] = 0.0;
     series->peak[0] = series->peak[1] = 0.0;
     if (fit->blocks <= series->learn / 2) { /* the sums of a fit of fewer blocks say little */
-        begin_histogram(&series->peaks, 0.0, 0.25);
-        series->tested = 0;
-        series->largest = 0.0;
+        drop_peaks(series);
     }
 }
 
@@ -315,6 +320,7 @@ static void add_to_fit(tl_change_series *series, double innovation) {
 static void repeat_kept(tl_change_series *series) {
     uint64_t newest = series->number;
     uint64_t oldest = series->first + TL_SERIES_ORDER;
+    drop_peaks(series);
     for (int round = 0; round < ROUNDS; round++) {
         begin_interval(series);
         for (series->number = oldest; series->number <= newest; series->number++) {
@@ -457,12 +463,11 @@ static uint64_t later_of(uint64_t one, uint64_t other) {
 }
 
 static void set_size(tl_change_series *series, const fitted_change *found, uint64_t from) {
+    bool is_constant = !(found->change.gain > 0.0 || found->change.gain < 0.0);
     bool has_share = fabs(found->reference) > ABOUT_ZERO * fabs(found->size);
     series->size = found->size;
     series->size_spread = spread_of_mean(series, (double)(series->number - from + 1));
-    series->share = found->change.gain > 0.0 || found->change.gain < 0.0 ? found->change.gain
-                    : has_share                                          ? found->size / fabs(found->reference)
-                                                                         : (double)NAN;
+    series->share = !is_constant ? found->change.gain : has_share ? found->size / found->reference : (double)NAN;
 }
 
 static double end_of_block(const tl_change_series *series, uint64_t number) {
@@ -615,5 +620,5 @@ void tl_change_series_interrupt(tl_change_series *series) {
 void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t learn, double rate, double least) {
     *series = (tl_change_series){.block = block, .rate = rate, .least = least, .first = 1};
     series->learn = learn > LEAST_LEARN ? learn : LEAST_LEARN;
-    begin_histogram(&series->peaks, 0.0, 0.25);
+    drop_peaks(series);
 }

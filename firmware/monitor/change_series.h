@@ -100,7 +100,7 @@ typedef struct tl_change_series {
     uint64_t settles;                 /* block at which it is known; 0: it is */
     double onset, onset_spread; /* results, of the last change: index of a value, and half the width of its range */
     double size, size_spread;   /* mean distance from the learnt median since the change; standard error */
-    double share;               /* of the reference; NaN: the reference is about 0 */
+    double share;               /* size as a part of the reference, with sign; NaN: the reference is about 0 */
     bool is_off;                /* the series has left its learnt level */
     bool is_same;               /* after SETTLED: no new change, only a better estimate of the one before */
 } tl_change_series;

@@ -305,17 +305,19 @@ static void watch_rollback(tl_watch *watch, int64_t tick, const tl_record *recor
     watch->no_way_back = has_none;
 }
 
-/* A step that was caught up gives no information. */
+/* A step that was caught up gives no information. Without a free twin report_harm() reports it. */
 static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
-    if (rests == watch->rests || record->outcome == TL_CAUGHT_UP || record->outcome == TL_FREE_RUN) {
+    if (!watch->config->free_twin || rests == watch->rests || record->outcome == TL_CAUGHT_UP ||
+        record->outcome == TL_FREE_RUN) {
         return;
     }
     watch->rests = rests;
-    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                     rests ? "u stays at nominal from step %lld on: the twin without corrections is nearer to the plant"
-                           : "u is searched again from step %lld on",
-                     (long long)record->step);
+    tl_journal_event(
+        watch->journal, tick, TL_EVENT_INFO, "twin",
+        rests ? "u stays at nominal from step %lld on: the twin without correction is nearer to the plant"
+              : "u is searched again from step %lld on: the twin without correction was too far from the plant",
+        (long long)record->step);
 }
 
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {

@@ -76,7 +76,7 @@ static void keep_record(const tl_replay *replay, int64_t tick, const tl_twin_res
     }
     tl_watch_monitor(replay->watch, tick, replay->lock_monitor);
     if (replay->detector != NULL) {
-        tl_change_detector_step(replay->detector, record);
+        tl_change_detector_step(replay->detector, tick, record);
     }
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->attached.counts);

@@ -50,17 +50,20 @@ def test_a_wrong_sensor():
 def test_sentences():
     """A replay that is too short to learn says so; the table has the sentence of a finding."""
     folder = scratch()
-    bench = faults.Bench("vessels", folder, SEED, DAYS, "level +0.05", AT)
+    bench = faults.Bench("tclab", folder, SEED, DAYS, "T1 +0.5 K", AT)
     config = bench._write(faults.merge(bench.lock, {"duration_s": 20000}))
     told = run_well(["replay", config, "--recording", bench.recording])
     expect_line(told, "changes|learning")
     config = bench._write(faults.merge(bench.lock, {"duration_s": bench.length - 1}))
     told = run_well(["replay", config, "--recording", bench.recording, "--db", folder / "run.db"])
-    expect_line(told, "first.u|since")
+    expect_line(told, "board.Q1|since")
     found = json.loads(run_well(["show", folder / "run.db", "--json", "--events"]))
     events = [event for event in found["events"] if event["source"] == "finding"]
     expect(events and events[0]["severity"] == "warning", f"events: {events}")
-    expect(any("first.u" in event["text"] for event in events), f"events: {events}")
+    expect(any("board.Q1" in event["text"] for event in events), f"events: {events}")
+    expect(any("sensor plant.T1" in event["text"] for event in events), f"no cause: {events}")
+    ticks = [event["tick"] for event in events]
+    expect(ticks == sorted(ticks) and ticks[0] >= AT, f"events: {events}")
 
 
 if __name__ == "__main__":

@@ -78,6 +78,8 @@ def test_a_harmful_lock_rests():
     expect(steps.read_bytes() == again.read_bytes(), "without saving, the replay differs")
     events = json.loads(run_well(["show", database, "--json", "--events"]))["events"]
     warned = [event for event in events if "do harm" in event["text"]]
+    told = [event["text"] for event in events if "nominal" in event["text"]]
+    expect(len(told) == 1, f"a rest is told more than once: {told}")
     expect(len(warned) == 1 and warned[0]["severity"] == "warning" and "rests at nominal" in warned[0]["text"], warned)
 
 

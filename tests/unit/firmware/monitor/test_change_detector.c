@@ -7,7 +7,7 @@
 #include "firmware/monitor/change_detector.h"
 #include "tests/support/message.h"
 
-enum { DAY = 86400, RELEASE = 600, TOLD = 16 };
+enum { DAY = 86400, RELEASE = 600, TOLD = 16, LEAD = 3 };
 
 static tl_config_signal signals[2];
 static tl_plan_adjust adjust[2];
@@ -22,11 +22,14 @@ static tl_finding told[TOLD];
 static tl_finding_turn turns[TOLD];
 static size_t count; /* of what was reported */
 
-static void keep(void *context, const tl_finding *finding, tl_finding_turn turn) {
+static int64_t ticks[TOLD];
+
+static void keep(void *context, int64_t tick, const tl_finding *finding, tl_finding_turn turn) {
     (void)context;
     if (count < TOLD) {
         told[count] = *finding;
         turns[count] = turn;
+        ticks[count] = tick;
     }
     count++;
 }
@@ -88,7 +91,7 @@ static void run(int64_t steps, double correction, double level, double flow) {
         record.measured[0] = 2.0 + level + 0.01 * draw();
         record.released[1] = 5.0;
         record.measured[1] = 5.0 + flow + 0.05 * draw();
-        tl_change_detector_step(detector, &record);
+        tl_change_detector_step(detector, record.step + LEAD, &record);
         record.step++;
     }
 }
@@ -148,6 +151,8 @@ static void test_a_finding_ends_and_comes_back(void) {
     TEST_ASSERT_TRUE(get().finding->is_gone);
     TEST_ASSERT_DOUBLE_WITHIN(60.0, at, get().finding->gone);
     expect_told(1, TL_FINDING_ENDED, "tank.pump");
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, told[0].found, (double)(ticks[0] - LEAD));
+    TEST_ASSERT_GREATER_THAN_INT64((int64_t)at, ticks[1]); /* events are in order */
     run(DAY / 8, -2.0, 0.0, 0.0);
     TEST_ASSERT_EQUAL_size_t(1, get().count);
     TEST_ASSERT_FALSE(get().finding->is_gone);
@@ -174,6 +179,21 @@ static void test_a_matched_sensor(void) {
     TEST_ASSERT_EQUAL_STRING("tank.pump", get().finding->variable);
     TEST_ASSERT_EQUAL_INT(TL_FINDING_SENSOR, get().finding->cause);
     TEST_ASSERT_EQUAL_STRING("level", get().finding->sensor);
+}
+
+/* A slow change is found when the releases of its onset are forgotten: then no cause is told. */
+static void test_a_cause_that_is_too_old(void) {
+    config.released_steps = 20; /* 64 of them last 640 steps */
+    tl_change_detector_destroy(detector);
+    detector = tl_change_detector_create(&config, &account, keep, NULL);
+    learn();
+    for (int i = 1; i <= 400 && get().count == 0; i++) {
+        run(100, 0.005 * i, 0.0, 0.0);
+    }
+    run(2000, 2.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_TRUE(get().finding->is_decided);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_NO_CAUSE, get().finding->cause);
 }
 
 /* With one output, a sensor cannot be distinguished. */
@@ -229,7 +249,7 @@ static void test_what_is_not_known_is_left_out(void) {
     record.outcome = TL_RESUMED;
     record.u[0] = 90.0;
     for (int i = 0; i < 1000; i++) {
-        tl_change_detector_step(detector, &record);
+        tl_change_detector_step(detector, record.step + LEAD, &record);
     }
     record.measured_quality[1] = TL_STALE;
     run(DAY / 8, 0.0, 0.0, 9.0);
@@ -305,6 +325,7 @@ int main(void) {
     RUN_TEST(test_a_finding_ends_and_comes_back);
     RUN_TEST(test_a_sensor_is_named_by_its_output);
     RUN_TEST(test_a_matched_sensor);
+    RUN_TEST(test_a_cause_that_is_too_old);
     RUN_TEST(test_one_output_shows_no_cause);
     RUN_TEST(test_a_drift);
     RUN_TEST(test_a_small_change_is_no_finding);

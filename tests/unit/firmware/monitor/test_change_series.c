@@ -138,6 +138,16 @@ static void test_a_part_of_a_reference(void) {
     TEST_ASSERT_LESS_OR_EQUAL_INT(4, found); /* until the reference has moved often enough */
 }
 
+/* 5 % less of a negative value is −5 %, whether it is fitted as a constant or as a part. */
+static void test_the_sign_of_a_share(void) {
+    begin(10, 13);
+    for (int64_t i = 0; i < 2 * (int64_t)DAY; i++) {
+        add(i, i < DAY + 1000 ? 0.0 : 2.0, -40.0);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 2.0, series.size);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, -0.05, series.share);
+}
+
 /* A series that is always 0 while it learns, like Δu of a lock whose tolerance exceeds the noise. */
 static void test_a_series_without_noise(void) {
     begin(10, 9);
@@ -196,6 +206,7 @@ int main(void) {
     RUN_TEST(test_a_shift_is_found_once);
     RUN_TEST(test_a_shift_that_ends);
     RUN_TEST(test_a_part_of_a_reference);
+    RUN_TEST(test_the_sign_of_a_share);
     RUN_TEST(test_a_series_without_noise);
     RUN_TEST(test_gaps);
     RUN_TEST(test_only_gaps);
