@@ -56,7 +56,8 @@ void tl_change_detector_destroy(tl_change_detector *detector);
 /* Adds the sample of a tick, with the qualities that the twin has used. */
 void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample);
 
-/* Adds a committed step, which was complete at this tick. Steps that repeat an earlier run, or come late, are ignored. */
+/* Adds a committed step, complete at this tick. Steps that repeat an earlier run, or come late, are
+ * ignored. */
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record);
 
 /* Returns the results so far; `finding` is valid until the next step. */

@@ -612,9 +612,11 @@ static tl_status begin_step(tl_step_search *search, tl_synchroniser *synchronise
     return tl_track_begin(synchroniser->track, error);
 }
 
-/* Whether time has prevented the evaluation of nominal: a repetition must know. */
+/* Whether time has prevented the evaluation of nominal: a repetition must know. The repetition has
+ * no clock: its last candidate may end it by the tolerance. */
 static bool is_without_nominal(const tl_step_search *search, tl_outcome outcome) {
-    return isnan(search->nominal_value) && (search->stop == TL_STOP_TIME || outcome == TL_NOMINAL);
+    return isnan(search->nominal_value) &&
+           (search->stop == TL_STOP_TIME || outcome == TL_NOMINAL || search->budget->without_nominal);
 }
 
 static double finite_or_nan(double value) {
