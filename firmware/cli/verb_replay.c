@@ -6,6 +6,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/cli/verb_job.h"
+#include "firmware/monitor/change_storage.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/report/journal.h"
@@ -27,19 +28,20 @@ typedef struct replayer {
     tl_lock_monitor lock_monitor;
     tl_twin_record record;
     tl_summary summary;
+    tl_change_storage changes; /* after the run */
     tl_replay_report report;
     char path[PATH_MAX]; /* of the recording */
 } replayer;
 
 static tl_status print_summary(const replayer *self, tl_error *error) {
     const tl_verb_job *job = self->job;
-    const tl_changes changes = tl_change_detector_get(self->replay.detector);
     if (job->options->json) {
-        return tl_summary_print_json(&self->summary, &job->config, &self->account, &changes, job->output, error);
+        return tl_summary_print_json(&self->summary, &job->config, &self->account, &self->changes.changes, job->output,
+                                     error);
     }
     if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
-        tl_summary_print_table(&self->summary, &job->config, &self->account, &changes, job->options->verbose,
-                               job->output);
+        tl_summary_print_table(&self->summary, &job->config, &self->account, &self->changes.changes,
+                               job->options->verbose, job->output);
     }
     return TL_OK;
 }
@@ -87,6 +89,9 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     if (status == TL_OK && replay->detector == NULL) {
         status = tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", config->name);
     }
+    if (status == TL_OK && replay->recorder != NULL) {
+        tl_change_detector_number_from(replay->detector, tl_recorder_last_finding(replay->recorder));
+    }
     replay->watch = &self->watch;
     return status;
 }
@@ -116,6 +121,7 @@ static tl_status close_outputs(replayer *self, tl_status status, tl_error *error
         status = first_of(status, closed, &later, error);
     }
     tl_replay_report_close(&self->report);
+    tl_change_storage_release(&self->changes);
     tl_change_detector_destroy(replay->detector);
     return status;
 }
@@ -133,6 +139,9 @@ static tl_status report_result(replayer *self, tl_status status, tl_error *error
     tl_recorder *recorder = self->replay.recorder;
     tl_twin_verify_report outcome;
     tl_error later;
+    if (!tl_change_storage_fill(&self->changes, &self->job->config, self->replay.detector)) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", self->job->config.name);
+    }
     tl_status printed = print_summary(self, &later);
     status = first_of(status, printed, &later, error);
     tl_twin_recorder_check(&self->account, warn, recorder);
@@ -143,6 +152,9 @@ static tl_status report_result(replayer *self, tl_status status, tl_error *error
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(&self->report, &self->summary, ended, &later);
         status = first_of(status, kept, &later, error);
+    }
+    if (recorder != NULL) {
+        tl_recorder_put_changes(recorder, &self->changes.changes);
     }
     return status;
 }

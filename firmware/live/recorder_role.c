@@ -1,4 +1,5 @@
-/* Recorder: the process that writes SQLite; it does nothing else. See live_role.h. */
+/* Recorder: the process that writes SQLite, and watches what it writes for lasting changes. See
+ * live_role.h. */
 #include <libgen.h>
 #include <limits.h>
 #include <signal.h>
@@ -9,6 +10,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/live/live_detection.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/twin_slots.h"
 #include "firmware/plant/live_plant.h"
@@ -43,7 +45,8 @@ typedef struct recorder {
     tl_thread_heartbeat *heartbeat;
     tl_twin_record record; /* description of the run, except its twin */
     tl_recorder_writer *writer;
-    tl_resume_history *history; /* NULL: not requested yet, or finished */
+    tl_live_detection *detection; /* NULL: memory is out */
+    tl_resume_history *history;   /* NULL: not requested yet, or finished */
     tl_live_request answered;
     tl_live_samples samples;            /* for the other slot */
     char fmus[TL_SHA256_TEXT];          /* hash of the FMU files for `history` */
@@ -104,6 +107,13 @@ static bool has_no_handover(void *context) {
     return __atomic_load_n(&self->handover_block->handovers, __ATOMIC_ACQUIRE) == self->setup.job.handovers;
 }
 
+static void observe_entry(void *context, const tl_recorder_entry *entry) {
+    const recorder *self = context;
+    if (self->detection != NULL) {
+        tl_live_detection_observe(self->detection, entry);
+    }
+}
+
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_record_queue_settings events = tl_live_event_queue();
     const size_t queue = TL_LIVE_QUEUE_TWIN + self->setup.job.slot_index;
@@ -126,6 +136,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .ring = queue,
         .hand_over = TL_LIVE_HANDED_OVER,
         .goes_on = has_no_handover,
+        .observe = observe_entry,
         .context = self,
         .state = &self->own->state,
         .heartbeat = self->heartbeat,
@@ -136,6 +147,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
                                       .answer = &self->own->answer[1 - self->setup.job.slot_index],
                                       .resume = &self->setup.blocks[TL_LIVE_RESUME + 1 - self->setup.job.slot_index],
                                       .boot = self->record.boot};
+    self->detection = tl_live_detection_create(&self->setup.config, settings.state);
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
 
@@ -237,6 +249,12 @@ static void report_drained(recorder *self) {
     __atomic_store_n(&self->own->drained, self->setup.job.handovers + 1, __ATOMIC_RELEASE);
 }
 
+static void store_changes(recorder *self, bool at_end) {
+    if (self->detection != NULL) {
+        tl_live_detection_store(self->detection, self->writer, at_end);
+    }
+}
+
 static void write_now(recorder *self) {
     bool over = handover_result(self); /* first: all data before that is read now */
     if (over) {
@@ -244,6 +262,7 @@ static void write_now(recorder *self) {
     }
     read_tuning(self);
     tl_recorder_writer_write(self->writer);
+    store_changes(self, false);
     for (size_t i = 0; i < TL_LIVE_QUEUES; i++) { /* the supervisor reads it */
         __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
     }
@@ -254,6 +273,10 @@ static void write_now(recorder *self) {
 
 static tl_status close_writer(recorder *self, tl_error *error) {
     bool over = handover_result(self);
+    tl_recorder_writer_write(self->writer); /* what is found in the last entries is stored, too */
+    store_changes(self, true);
+    tl_live_detection_close(self->detection);
+    self->detection = NULL;
     tl_status status = tl_recorder_writer_close(self->writer, PATIENCE_AT_END, error);
     if (over && status == TL_OK) {
         report_drained(self);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/monitor/change_series.h"
 
 enum {
@@ -14,7 +15,8 @@ enum {
     PARTS_OF_LEARNING = 10,
     RELEASE = 150, /* steps, if there are no released twins */
     BANKS = 4,
-    CYCLE = BANKS - 1
+    CYCLE = BANKS - 1,
+    FORMAT = 1 /* of the stored bytes */
 };
 
 /* Block lengths; the last one is replaced by a longer cycle. */
@@ -42,6 +44,9 @@ static const double LEAST = 1e-9;
 
 static const double YEAR = 365.25 * 86400.0; /* s */
 
+/* Longest time between two runs, s; keeps all sums of times within range. */
+static const double LONGEST = 1e10;
+
 /* One watched quantity. */
 typedef struct quantity {
     bool is_output;
@@ -63,24 +68,31 @@ typedef struct tracked {
     double size, percent; /* when it had settled */
 } tracked;
 
+/* What is stored, besides the quantities. */
+typedef struct detector_state {
+    int64_t started;               /* t_start, ms since 1970 UTC; 0: unknown */
+    int64_t last;                  /* newest step; -1: none yet */
+    bool is_ready;                 /* changes are reported */
+    double ready_at;               /* since then, s */
+    uint64_t frozen;               /* signals that are frozen, as bits */
+    double value[TL_MAX_SIGNALS];  /* of the newest sample */
+    int64_t moved[TL_MAX_SIGNALS]; /* tick at which it has changed last */
+    uint32_t numbers;              /* findings so far */
+    size_t count;
+    tl_finding finding[TL_FINDINGS];
+    tracked tracked[TL_FINDINGS];
+} detector_state;
+
 struct tl_change_detector {
     const tl_config *config;
     tl_account account;
     tl_change_report *report;
     void *context;
-    int64_t left_out;                  /* steps that are still left out after a start */
-    int64_t tick;                      /* of the newest sample or step */
-    int64_t last;                      /* step; -1: none yet */
-    int64_t ready_at;                  /* step from which on changes are reported; 0: not yet */
-    uint64_t frozen;                   /* signals that are frozen, as bits */
-    double value[TL_MAX_SIGNALS];      /* of the newest sample */
-    int64_t moved[TL_MAX_SIGNALS];     /* tick at which it has changed last */
-    uint32_t numbers;                  /* findings so far */
+    int64_t left_out; /* steps that are still left out after a start */
+    int64_t tick;     /* of the newest sample or step */
+    detector_state state;
     recorded_release releases[STARTS]; /* release n lies at n % STARTS */
     uint64_t release;                  /* number of the newest one; 0: none yet */
-    size_t count;
-    tl_finding finding[TL_FINDINGS];
-    tracked tracked[TL_FINDINGS];
     size_t quantities;
     quantity quantity[];
 };
@@ -124,7 +136,7 @@ tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_
     detector->report = report;
     detector->context = context;
     detector->left_out = steps_of_start(config);
-    detector->last = -1;
+    detector->state.last = -1;
     detector->quantities = quantities;
     double series = BANKS * fmax((double)quantities, 1.0);
     double rate = config->false_alarms_per_year / series * tl_seconds(config->step) / YEAR; /* in a step */
@@ -147,9 +159,9 @@ void tl_change_detector_destroy(tl_change_detector *detector) {
 /* ---- findings ---- */
 
 static tl_finding *finding_of(tl_change_detector *detector, uint32_t number) {
-    for (size_t i = 0; i < detector->count; i++) {
-        if (detector->finding[i].number == number) {
-            return &detector->finding[i];
+    for (size_t i = 0; i < detector->state.count; i++) {
+        if (detector->state.finding[i].number == number) {
+            return &detector->state.finding[i];
         }
     }
     return NULL;
@@ -157,15 +169,17 @@ static tl_finding *finding_of(tl_change_detector *detector, uint32_t number) {
 
 /* A new finding at the end of the list. The oldest one is dropped if the list is full. */
 static tl_finding *add_finding(tl_change_detector *detector) {
-    if (detector->count == TL_FINDINGS) {
-        memmove(detector->finding, detector->finding + 1, (TL_FINDINGS - 1) * sizeof *detector->finding);
-        memmove(detector->tracked, detector->tracked + 1, (TL_FINDINGS - 1) * sizeof *detector->tracked);
-        detector->count--;
+    if (detector->state.count == TL_FINDINGS) {
+        memmove(detector->state.finding, detector->state.finding + 1,
+                (TL_FINDINGS - 1) * sizeof *detector->state.finding);
+        memmove(detector->state.tracked, detector->state.tracked + 1,
+                (TL_FINDINGS - 1) * sizeof *detector->state.tracked);
+        detector->state.count--;
     }
-    tl_finding *finding = &detector->finding[detector->count];
-    *finding = (tl_finding){.number = ++detector->numbers};
-    detector->tracked[detector->count] = (tracked){.quantity = SIZE_MAX};
-    detector->count++;
+    tl_finding *finding = &detector->state.finding[detector->state.count];
+    *finding = (tl_finding){.number = ++detector->state.numbers};
+    detector->state.tracked[detector->state.count] = (tracked){.quantity = SIZE_MAX};
+    detector->state.count++;
     return finding;
 }
 
@@ -208,7 +222,7 @@ static bool is_part_of(const tl_change_detector *detector, const tl_finding *fin
     double onset = seconds_of(detector, series->onset);
     double late = finding->found + seconds_of(detector, 2.0 * series->block + release);
     return finding->kind != TL_FINDING_FREEZE && !finding->is_gone &&
-           (fabs(onset - finding->onset) <= reach || seconds_of(detector, (double)detector->last) <= late);
+           (fabs(onset - finding->onset) <= reach || seconds_of(detector, (double)detector->state.last) <= late);
 }
 
 static uint64_t bit_of(const quantity *one) {
@@ -219,7 +233,7 @@ static uint64_t bit_of(const quantity *one) {
 static bool returns_soon(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
                          const tl_change_series *series) {
     uint64_t bits = one->is_output ? finding->outputs : finding->corrections;
-    double since = seconds_of(detector, (double)detector->last) - finding->gone;
+    double since = seconds_of(detector, (double)detector->state.last) - finding->gone;
     return finding->is_gone && finding->kind != TL_FINDING_FREEZE && (bits & bit_of(one)) != 0 &&
            fabs(series->size) <= OTHER * fabs(finding->size) && since < tl_seconds(detector->config->detect_learn);
 }
@@ -228,8 +242,8 @@ static bool returns_soon(const tl_change_detector *detector, const tl_finding *f
  * time, else a new one. */
 static tl_finding *find_or_add(tl_change_detector *detector, const quantity *one, const tl_change_series *series) {
     tl_finding *found = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
-    for (size_t i = detector->count; i > 0 && found == NULL; i--) {
-        tl_finding *finding = &detector->finding[i - 1];
+    for (size_t i = detector->state.count; i > 0 && found == NULL; i--) {
+        tl_finding *finding = &detector->state.finding[i - 1];
         found = returns_soon(detector, finding, one, series) || is_part_of(detector, finding, series) ? finding : NULL;
     }
     return found != NULL ? found : add_finding(detector);
@@ -250,7 +264,7 @@ static bool is_better_onset(const tl_change_detector *detector, const tl_change_
 
 /* A finding takes name and size of the first quantity, but a correction precedes an output. */
 static bool takes_name(const tl_change_detector *detector, const tl_finding *finding, const quantity *one) {
-    const tracked *by = &detector->tracked[finding - detector->finding];
+    const tracked *by = &detector->state.tracked[finding - detector->state.finding];
     return by->quantity == SIZE_MAX || (finding->subject == TL_FINDING_OUTPUT && !one->is_output);
 }
 
@@ -282,7 +296,7 @@ static void take_change(tl_change_detector *detector, size_t which, size_t bank,
         return;
     }
     tl_finding *finding = find_or_add(detector, one, series);
-    tracked *by = &detector->tracked[finding - detector->finding];
+    tracked *by = &detector->state.tracked[finding - detector->state.finding];
     bool is_new = by->quantity == SIZE_MAX;
     bool returns = finding->is_gone;
     one->finding = finding->number;
@@ -297,7 +311,7 @@ static void take_change(tl_change_detector *detector, size_t which, size_t bank,
         name_finding(detector, one, finding);
         set_size(series, finding);
     }
-    finding->found = is_new ? seconds_of(detector, (double)detector->last) : finding->found;
+    finding->found = is_new ? seconds_of(detector, (double)detector->state.last) : finding->found;
     if (names) {
         report(detector, finding, is_new ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
     }
@@ -314,7 +328,7 @@ static void take_level(tl_change_detector *detector, size_t which, size_t bank) 
         }
         return;
     }
-    tracked *by = &detector->tracked[finding - detector->finding];
+    tracked *by = &detector->state.tracked[finding - detector->state.finding];
     if (by->quantity != which || by->bank != bank) {
         return;
     }
@@ -395,8 +409,8 @@ static void decide_cause(const tl_change_detector *detector, tl_finding *finding
 }
 
 static void decide_causes(tl_change_detector *detector) {
-    for (size_t i = 0; i < detector->count; i++) {
-        tl_finding *finding = &detector->finding[i];
+    for (size_t i = 0; i < detector->state.count; i++) {
+        tl_finding *finding = &detector->state.finding[i];
         if (finding->kind != TL_FINDING_FREEZE && !finding->is_decided) {
             decide_cause(detector, finding);
             if (finding->cause != TL_FINDING_NO_CAUSE) {
@@ -411,14 +425,15 @@ static void decide_causes(tl_change_detector *detector) {
 static void add_value(tl_change_detector *detector, size_t which, double value, double reference) {
     quantity *one = &detector->quantity[which];
     for (size_t bank = 0; bank < BANKS; bank++) {
-        tl_series_turn turn = tl_change_series_add(&one->series[bank], detector->last, value, reference);
+        tl_series_turn turn = tl_change_series_add(&one->series[bank], detector->state.last, value, reference);
         if (turn == TL_SERIES_CHANGED) {
             take_change(detector, which, bank, false);
         } else if (turn == TL_SERIES_SETTLED) {
             take_level(detector, which, bank);
         }
-        if (detector->ready_at == 0 && tl_change_series_is_ready(&one->series[bank])) {
-            detector->ready_at = detector->last;
+        if (!detector->state.is_ready && tl_change_series_is_ready(&one->series[bank])) {
+            detector->state.is_ready = true;
+            detector->state.ready_at = seconds_of(detector, (double)detector->state.last);
         }
     }
 }
@@ -448,14 +463,14 @@ static void interrupt_series(tl_change_detector *detector) {
 }
 
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record) {
-    if (record->outcome == TL_RESUMED || record->step <= detector->last) {
+    if (record->outcome == TL_RESUMED || record->step <= detector->state.last) {
         return;
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {
         interrupt_series(detector);
     }
     detector->tick = tick;
-    detector->last = record->step;
+    detector->state.last = record->step;
     add_release(detector, record);
     if (detector->left_out > 0) {
         detector->left_out--;
@@ -474,7 +489,7 @@ static void take_frozen(tl_change_detector *detector, size_t signal, int64_t tic
     finding->kind = TL_FINDING_FREEZE;
     finding->subject = TL_FINDING_SIGNAL;
     finding->index = (uint32_t)signal;
-    finding->onset = seconds_of(detector, (double)detector->moved[signal]);
+    finding->onset = seconds_of(detector, (double)detector->state.moved[signal]);
     finding->onset_spread = seconds_of(detector, 1.0);
     finding->found = seconds_of(detector, (double)tick);
     finding->percent = (double)NAN;
@@ -484,8 +499,8 @@ static void take_frozen(tl_change_detector *detector, size_t signal, int64_t tic
 }
 
 static void end_frozen(tl_change_detector *detector, size_t signal, double at) {
-    for (size_t i = 0; i < detector->count; i++) {
-        tl_finding *finding = &detector->finding[i];
+    for (size_t i = 0; i < detector->state.count; i++) {
+        tl_finding *finding = &detector->state.finding[i];
         if (finding->kind == TL_FINDING_FREEZE && finding->index == signal && !finding->is_gone) {
             end_finding(detector, finding, at);
         }
@@ -495,33 +510,188 @@ static void end_frozen(tl_change_detector *detector, size_t signal, double at) {
 void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sample) {
     detector->tick = sample->tick;
     for (size_t i = 0; i < detector->config->signal_count; i++) {
-        bool was_frozen = (detector->frozen >> i & 1U) != 0;
-        bool is_frozen = sample->quality[i] == TL_FROZEN;
-        if (sample->values[i] < detector->value[i] || sample->values[i] > detector->value[i]) {
-            detector->moved[i] = sample->tick;
-        }
-        detector->value[i] = sample->values[i];
+        bool was_frozen = (detector->state.frozen >> i & 1U) != 0;
+        bool moves = sample->values[i] < detector->state.value[i] || sample->values[i] > detector->state.value[i];
+        bool is_frozen = sample->quality[i] == TL_FROZEN || (was_frozen && !moves);
+        detector->state.moved[i] = moves ? sample->tick : detector->state.moved[i];
+        detector->state.value[i] = sample->values[i];
         if (is_frozen && !was_frozen) {
             take_frozen(detector, i, sample->tick);
         } else if (was_frozen && !is_frozen) {
             end_frozen(detector, i, seconds_of(detector, (double)sample->tick));
         }
-        detector->frozen ^= is_frozen != was_frozen ? (uint64_t)1 << i : 0U;
+        detector->state.frozen ^= is_frozen != was_frozen ? (uint64_t)1 << i : 0U;
     }
 }
 
 /* ---- results ---- */
 
 tl_changes tl_change_detector_get(const tl_change_detector *detector) {
-    tl_changes changes = {.finding = detector->finding,
-                          .count = detector->count,
-                          .is_ready = detector->ready_at != 0,
-                          .needed = tl_seconds(detector->config->detect_learn)};
+    tl_run_detection detection = {.is_ready = detector->state.is_ready,
+                                  .needed = tl_seconds(detector->config->detect_learn)};
     for (size_t i = 0; i < detector->quantities; i++) {
         const tl_change_series *series = &detector->quantity[i].series[0];
         double learnt = seconds_of(detector, (double)(series->fit.blocks * series->block));
-        changes.learnt = fmax(changes.learnt, fmin(learnt, changes.needed));
+        detection.learnt = fmax(detection.learnt, fmin(learnt, detection.needed));
     }
-    changes.watched = changes.is_ready ? seconds_of(detector, (double)(detector->last - detector->ready_at)) : 0.0;
-    return changes;
+    double now = seconds_of(detector, (double)detector->state.last);
+    detection.watched = detection.is_ready ? fmax(now - detector->state.ready_at, 0.0) : 0.0;
+    return (tl_changes){.finding = detector->state.finding, .count = detector->state.count, .detection = detection};
+}
+
+/* ---- storing ---- */
+
+/* Identifies what the bytes belong to: this layout, these quantities and signals, these blocks. */
+static void write_key(const tl_change_detector *detector, char key[TL_SHA256_TEXT]) {
+    const tl_config *config = detector->config;
+    char text[2 * TL_ERROR_TEXT];
+    (void)snprintf(key, TL_SHA256_TEXT, "%d", FORMAT);
+    (void)snprintf(text, sizeof text, "%s %zu %zu %lld", key, sizeof(detector_state), TL_SERIES_STORED,
+                   (long long)config->step);
+    tl_sha256(text, strlen(text), key);
+    for (size_t i = 0; i < detector->quantities + config->signal_count; i++) {
+        bool is_signal = i >= detector->quantities;
+        const quantity *one = &detector->quantity[is_signal ? 0 : i];
+        const char *name = is_signal        ? config->signals[i - detector->quantities].plan.name
+                           : one->is_output ? config->matched_as[one->index]
+                                            : config->adjust[one->index].variable;
+        (void)snprintf(text, sizeof text, "%s %u %.*s", key, is_signal ? 0 : one->series[CYCLE].block, TL_ERROR_TEXT,
+                       name);
+        tl_sha256(text, strlen(text), key);
+    }
+}
+
+size_t tl_change_detector_size(const tl_change_detector *detector) {
+    size_t each = sizeof(uint32_t) + BANKS * TL_SERIES_STORED;
+    return TL_SHA256_TEXT + sizeof detector->state + detector->quantities * each;
+}
+
+static unsigned char *put(unsigned char *to, const void *from, size_t size) {
+    memcpy(to, from, size);
+    return to + size;
+}
+
+static const unsigned char *take(const unsigned char *from, void *to, size_t size) {
+    memcpy(to, from, size);
+    return from + size;
+}
+
+void tl_change_detector_save(const tl_change_detector *detector, unsigned char *bytes) {
+    char key[TL_SHA256_TEXT];
+    write_key(detector, key);
+    bytes = put(put(bytes, key, sizeof key), &detector->state, sizeof detector->state);
+    for (size_t i = 0; i < detector->quantities; i++) {
+        const quantity *one = &detector->quantity[i];
+        bytes = put(bytes, &one->finding, sizeof one->finding);
+        for (size_t bank = 0; bank < BANKS; bank++) {
+            bytes = put(bytes, &one->series[bank], TL_SERIES_STORED);
+        }
+    }
+}
+
+static bool is_flag(const bool *flag) {
+    unsigned char byte = 2;
+    memcpy(&byte, flag, sizeof *flag);
+    return byte <= 1;
+}
+
+static bool ends(const char *text, size_t size) {
+    return memchr(text, '\0', size) != NULL;
+}
+
+/* The bytes may come from a damaged file. */
+static bool is_sound(const tl_change_detector *detector, const detector_state *state) {
+    const size_t limits[] = {
+        [TL_FINDING_CORRECTION] = detector->config->adjust_count,
+        [TL_FINDING_OUTPUT] = detector->config->match_count,
+        [TL_FINDING_SIGNAL] = detector->config->signal_count,
+    };
+    bool right = state->count <= TL_FINDINGS && is_flag(&state->is_ready) && isfinite(state->ready_at);
+    for (size_t i = 0; right && i < state->count; i++) {
+        const tl_finding *finding = &state->finding[i];
+        const tracked *by = &state->tracked[i];
+        right = (unsigned)finding->kind <= TL_FINDING_FREEZE && (unsigned)finding->subject <= TL_FINDING_SIGNAL &&
+                (unsigned)finding->cause <= TL_FINDING_PLANT && finding->index < limits[finding->subject] &&
+                is_flag(&finding->is_gone) && is_flag(&finding->is_decided) && is_flag(&by->is_settled) &&
+                isfinite(finding->onset) && isfinite(finding->found) && isfinite(finding->gone) &&
+                ends(finding->variable, sizeof finding->variable) && ends(finding->unit, sizeof finding->unit) &&
+                ends(finding->sensor, sizeof finding->sensor) &&
+                (by->quantity == SIZE_MAX || (by->quantity < detector->quantities && by->bank < BANKS));
+    }
+    return right;
+}
+
+bool tl_change_detector_load(tl_change_detector *detector, const unsigned char *bytes, size_t size) {
+    static detector_state state; /* large; one thread at a time */
+    char key[TL_SHA256_TEXT];
+    bool right = true;
+    write_key(detector, key);
+    if (size != tl_change_detector_size(detector) || memcmp(bytes, key, sizeof key) != 0) {
+        return false;
+    }
+    bytes = take(bytes + sizeof key, &state, sizeof state);
+    if (!is_sound(detector, &state)) {
+        return false;
+    }
+    detector->state = state;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        quantity *one = &detector->quantity[i];
+        bytes = take(bytes, &one->finding, sizeof one->finding);
+        for (size_t bank = 0; bank < BANKS; bank++) {
+            right = tl_change_series_load(&one->series[bank], bytes) && right;
+            bytes += TL_SERIES_STORED;
+        }
+    }
+    return right;
+}
+
+/* Times and steps count from the t_start of the new run. */
+static void move_times(tl_change_detector *detector, double seconds) {
+    detector_state *state = &detector->state;
+    double steps = seconds / tl_seconds(detector->config->step);
+    state->last = -1;
+    state->ready_at -= seconds;
+    for (size_t i = 0; i < state->count; i++) {
+        state->finding[i].onset -= seconds;
+        state->finding[i].found -= seconds;
+        state->finding[i].gone -= seconds;
+    }
+    for (size_t i = 0; i < detector->config->signal_count; i++) {
+        state->moved[i] -= (int64_t)steps;
+    }
+    for (size_t i = 0; i < detector->quantities; i++) {
+        for (size_t bank = 0; bank < BANKS; bank++) {
+            tl_change_series_move(&detector->quantity[i].series[bank], -steps);
+        }
+    }
+}
+
+/* What a replay has found has no calendar time, so it cannot go on. */
+static void drop_findings(tl_change_detector *detector) {
+    detector->state.count = 0;
+    detector->state.frozen = 0;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        detector->quantity[i].finding = 0;
+    }
+}
+
+void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started) {
+    bool is_of_replay = detector->state.started == 0;
+    double later = is_of_replay ? seconds_of(detector, (double)detector->state.last)
+                                : (double)(started - detector->state.started) / 1e3;
+    if (is_of_replay) {
+        drop_findings(detector);
+    }
+    if (is_of_replay || fabs(later) > tl_seconds(detector->config->step) / 2) {
+        move_times(detector, fmin(fmax(later, -LONGEST), LONGEST));
+    }
+    detector->state.started = started;
+    detector->account = *account;
+    detector->release = 0;
+    interrupt_series(detector);
+}
+
+void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last) {
+    uint32_t *numbers = &detector->state.numbers;
+    *numbers = *numbers > last ? *numbers : last;
 }

@@ -18,6 +18,7 @@
  *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
  *           plant. None, or only one output in all: not known.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
+ * Stored:   about 40 kB for each quantity, so that a restarted process continues.
  * Memory:   malloc() at the creation, about 130 kB for each quantity.
  * Thread:   one at a time.
  */
@@ -59,6 +60,22 @@ void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sa
 /* Adds a committed step, complete at this tick. Steps that repeat an earlier run, or come late, are
  * ignored. */
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record);
+
+/* Call it when a run begins, before its first sample: drops what depends on time, and leaves out the
+ * start. What was learnt and the findings remain; their times are moved. `account`: of this run.
+ * `started`: its t_start, ms since 1970 UTC. */
+void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started);
+
+/* The next finding has a number above `last`. */
+void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last);
+
+/* Return what was learnt and the findings as bytes, and their number, at most a few MB. */
+size_t tl_change_detector_size(const tl_change_detector *detector);
+void tl_change_detector_save(const tl_change_detector *detector, unsigned char *bytes);
+
+/* Restores them; then call tl_change_detector_begin(). Returns false if the bytes are of another
+ * configuration (variables, step, cycle) or damaged: then the detector must be destroyed. */
+bool tl_change_detector_load(tl_change_detector *detector, const unsigned char *bytes, size_t size);
 
 /* Returns the results so far; `finding` is valid until the next step. */
 tl_changes tl_change_detector_get(const tl_change_detector *detector);

@@ -622,3 +622,76 @@ void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t le
     series->learn = learn > LEAST_LEARN ? learn : LEAST_LEARN;
     drop_peaks(series);
 }
+
+/* ---- storing ---- */
+
+static bool is_histogram(const tl_series_histogram *histogram) {
+    uint64_t total = 0;
+    for (size_t i = 0; i < TL_SERIES_BINS; i++) {
+        total += histogram->count[i] <= histogram->total ? histogram->count[i] : UINT64_MAX / TL_SERIES_BINS;
+    }
+    return total == histogram->total && fabs(histogram->least) < UNKNOWN && histogram->width > 0.0 &&
+           histogram->width < UNKNOWN;
+}
+
+static bool are_finite(const double *values, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        if (!(fabs(values[i]) < UNKNOWN * UNKNOWN)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool is_fit(const tl_series_fit *fit) {
+    const double numbers[] = {fit->median, fit->scale, fit->deviation, fit->sum};
+    return are_finite(numbers, sizeof numbers / sizeof numbers[0]) && are_finite(fit->model, TL_SERIES_ORDER) &&
+           are_finite(fit->products, TL_SERIES_ORDER + 1) && fit->scale > 0.0 && fit->deviation > 0.0 &&
+           is_histogram(&fit->levels) && is_histogram(&fit->innovations);
+}
+
+static bool is_flag(const bool *flag) {
+    unsigned char byte = 2;
+    memcpy(&byte, flag, sizeof *flag);
+    return byte <= 1;
+}
+
+/* The bytes may come from a damaged file. Numbers that could overflow are no data of ours. */
+static bool is_sound(const tl_change_series *series) {
+    static const uint64_t most = UINT64_MAX / 1024;
+    const double numbers[] = {series->change.offset, series->change.gain, series->largest,
+                              series->threshold,     series->settled,     series->onset,
+                              series->onset_spread,  series->size,        series->size_spread};
+    return are_finite(numbers, sizeof numbers / sizeof numbers[0]) && series->threshold >= 0.0 &&
+           series->number < most && series->fit.blocks <= series->number && series->opened <= series->number &&
+           series->begins <= series->number && is_flag(&series->is_off) && is_flag(&series->is_same) &&
+           is_histogram(&series->peaks) && (series->tested != 0 || series->peaks.total == 0) &&
+           (series->fit.renewed == 0 || is_fit(&series->fit));
+}
+
+bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes) {
+    tl_change_series stored = {0};
+    memcpy(&stored, bytes, TL_SERIES_STORED);
+    if (stored.block != series->block || !is_sound(&stored)) {
+        return false;
+    }
+    if (stored.fit.renewed == 0) { /* its first fit needs the blocks that were not stored */
+        return true;
+    }
+    stored.learn = series->learn;
+    stored.rate = series->rate;
+    stored.least = series->least;
+    if (stored.settles != 0) { /* its estimate needs them, too: the first one remains */
+        stored.change = (tl_series_change){.offset = stored.size};
+        stored.settled = stored.size;
+        stored.settles = 0;
+        stored.is_off = true;
+    }
+    stored.refines = 0;
+    memcpy(series, &stored, TL_SERIES_STORED);
+    return true;
+}
+
+void tl_change_series_move(tl_change_series *series, double by) {
+    series->onset += by;
+}

@@ -20,13 +20,15 @@
  *            If the series changes again, it is first tried on all blocks since the onset.
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
- * Memory:    plain data of the caller, about 32 kB, without pointers, so that it can be stored.
+ * Memory:    plain data of the caller, about 32 kB, without pointers. The first TL_SERIES_STORED
+ *            bytes can be stored; to continue, a series does not need the blocks behind them.
  * Thread:    one thread at a time.
  */
 #ifndef TL_FIRMWARE_MONITOR_CHANGE_SERIES_H
 #define TL_FIRMWARE_MONITOR_CHANGE_SERIES_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 enum {
@@ -88,22 +90,24 @@ typedef struct tl_change_series {
     uint64_t tested;           /* blocks in `peaks` */
     double largest;            /* sum while learning */
     double threshold;
+    uint64_t number;             /* blocks so far */
+    uint64_t first;              /* the oldest usable one */
+    uint64_t refines;            /* block at which its estimate is renewed; 0: never */
+    double settled;              /* size of the change before; 0: there was none */
+    uint64_t opened;             /* block from which on the estimate holds; only if is_off */
+    uint64_t begins;             /* block with which the last change begins */
+    uint64_t settles;            /* block at which it is known; 0: it is */
+    double onset, onset_spread;  /* results, of the last change: index of a value, and half the width of its range */
+    double size, size_spread;    /* mean distance from the learnt median since the change; standard error */
+    double share;                /* size as a part of the reference, with sign; NaN: the reference is about 0 */
+    bool is_off;                 /* the series has left its learnt level */
+    bool is_same;                /* after SETTLED: no new change, only a better estimate of the one before */
     double kept[TL_SERIES_KEPT]; /* block n lies at n % TL_SERIES_KEPT */
     double reference[TL_SERIES_KEPT];
     int64_t kept_end[TL_SERIES_KEPT]; /* index of its last value */
-    uint64_t number;                  /* blocks so far */
-    uint64_t first;                   /* the oldest usable one */
-    uint64_t refines;                 /* block at which its estimate is renewed; 0: never */
-    double settled;                   /* size of the change before; 0: there was none */
-    uint64_t opened;                  /* block from which on the estimate holds; only if is_off */
-    uint64_t begins;                  /* block with which the last change begins */
-    uint64_t settles;                 /* block at which it is known; 0: it is */
-    double onset, onset_spread; /* results, of the last change: index of a value, and half the width of its range */
-    double size, size_spread;   /* mean distance from the learnt median since the change; standard error */
-    double share;               /* size as a part of the reference, with sign; NaN: the reference is about 0 */
-    bool is_off;                /* the series has left its learnt level */
-    bool is_same;               /* after SETTLED: no new change, only a better estimate of the one before */
 } tl_change_series;
+
+#define TL_SERIES_STORED offsetof(tl_change_series, kept)
 
 /* Starts a series that has learnt nothing. `learn`: at least 256 is used. `least`: > 0. */
 void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t learn, double rate, double least);
@@ -117,6 +121,14 @@ void tl_change_series_interrupt(tl_change_series *series);
 /* Returns the mean distance from the learnt median, over the kept blocks that lie from `first` to
  * `last` (indices); NaN: there is none, or nothing was learnt. */
 double tl_change_series_distance(const tl_change_series *series, double first, double last);
+
+/* Restores what a series has learnt, from TL_SERIES_STORED bytes of it. The series was started with
+ * the same block length. Then call tl_change_series_interrupt(). Returns false, and changes nothing,
+ * if the bytes cannot be of such a series. */
+bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes);
+
+/* Moves all indices, because they count from another instant now. */
+void tl_change_series_move(tl_change_series *series, double by);
 
 /* Returns true if changes are reported. */
 bool tl_change_series_is_ready(const tl_change_series *series);

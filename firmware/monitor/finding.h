@@ -10,6 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/store/run_types.h"
+
 enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 352, TL_FINDINGS = 64 };
 
 typedef enum tl_finding_kind {
@@ -51,13 +53,11 @@ typedef struct tl_finding {
     uint64_t corrections, outputs; /* bits of all adjusted variables and outputs that changed */
 } tl_finding;
 
-/* Results of a change detector. Plant time. Zeroed: there is none. */
+/* Results of a change detector. Plant time. */
 typedef struct tl_changes {
     const tl_finding *finding; /* in the order of detection; the oldest are dropped beyond TL_FINDINGS */
     size_t count;
-    bool is_ready;         /* changes are reported */
-    double learnt, needed; /* s until they are; needed 0: there is no detector */
-    double watched;        /* s since then */
+    tl_run_detection detection;
 } tl_changes;
 
 /* Names for JSON: "step", "drift", "freeze"; "correction", "output", "signal"; "open", "gone". */

@@ -55,6 +55,15 @@ tl_status tl_show_report(const tl_show_request *request, const char *path, tl_er
 /* Returns true if the run was live. Its steps have calendar times, those of a replay have none. */
 bool tl_show_is_live(const tl_history_run *run);
 
+/* Reads the findings that concern the run, and the state of the change detector. */
+typedef struct tl_show_changes {
+    const tl_history_finding *finding; /* belong to the history */
+    size_t count, open;
+    bool is_watched; /* `detection` is known */
+    tl_run_detection detection;
+} tl_show_changes;
+tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *changes, tl_error *error);
+
 /* Returns the start of step `step` of a live run: ms since 1970, UTC. */
 int64_t tl_show_instant(const tl_history_run *run, int64_t step);
 

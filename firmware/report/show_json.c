@@ -3,6 +3,7 @@
 
 #include "firmware/base/json.h"
 #include "firmware/config/config.h"
+#include "firmware/report/changes.h"
 #include "firmware/report/run_figures.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
@@ -155,6 +156,25 @@ static tl_status add_tunings(tl_json_writer *json, const tl_show_request *reques
     return status;
 }
 
+static tl_status add_changes(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    tl_show_changes changes;
+    tl_status status = tl_show_read_changes(request, &changes, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (changes.is_watched) {
+        tl_changes_add_detection(json, &changes.detection);
+    } else {
+        tl_json_add_text(json, "detection", NULL);
+    }
+    tl_json_open_array(json, "findings");
+    for (size_t i = 0; i < changes.count; i++) {
+        tl_changes_add_finding(json, &changes.finding[i].row, changes.finding[i].started);
+    }
+    tl_json_close(json);
+    return TL_OK;
+}
+
 static tl_status add_all(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
     tl_show_summary summary;
     tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &summary, error);
@@ -162,7 +182,8 @@ static tl_status add_all(tl_json_writer *json, const tl_show_request *request, t
         return status;
     }
     tl_json_add_text(json, "file", request->path);
-    status = add_runs(json, request, error);
+    status = add_changes(json, request, error);
+    status = status == TL_OK ? add_runs(json, request, error) : status;
     if (status != TL_OK) {
         return status;
     }

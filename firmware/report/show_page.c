@@ -1,5 +1,5 @@
-/* Page of `show`, for the person who maintains the plant. It first lists the runs. For the selected
- * run it then shows what was recorded, how well the twin followed, the corrections and their
+/* Page of `show`, for the person who maintains the plant. It begins with what has changed, and lists
+ * the runs. For the selected run it then shows what was recorded, how well the twin followed, the corrections and their
  * changes, and the events. */
 #include <math.h>
 #include <stdarg.h>
@@ -7,11 +7,12 @@
 #include <sys/stat.h>
 
 #include "firmware/config/config.h"
+#include "firmware/report/changes.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
 #include "firmware/store/history.h"
 
-enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, HASH_SHOWN = 12, TEXTS = 16, TEXT = 512 };
+enum { FINDINGS_SHOWN = 10, RUNS_SHOWN = 10, EVENTS_SHOWN = 10, HASH_SHOWN = 12, TEXTS = 16, TEXT = 512 };
 
 /* State while the page is printed. */
 typedef struct show_page {
@@ -460,6 +461,42 @@ static tl_status print_events(show_page *page, tl_error *error) {
                              &visitor, error);
 }
 
+/* ---- Changes --------------------------------------------------------------------------------- */
+
+static void print_finding(const show_page *page, const tl_history_finding *finding) {
+    const tl_history_run *run = page->request->run;
+    char text[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
+    int64_t now = 0;
+    (void)tl_utc_parse(run->committed, &now);
+    tl_changes_write_finding(&finding->row, (double)(now - finding->started) / 1e3, finding->started, text, cause);
+    (void)fprintf(page->file, "  %-4lld %s\n", (long long)finding->row.number, clean_line(page, text));
+    if (cause[0] != '\0') {
+        (void)fprintf(page->file, "       %s\n", clean_line(page, cause));
+    }
+}
+
+/* The verdict in one sentence, then the findings, the newest last. */
+static tl_status print_findings(const show_page *page, tl_error *error) {
+    tl_show_changes changes;
+    char text[TL_FINDING_TEXT];
+    tl_status status = tl_show_read_changes(page->request, &changes, error);
+    if (status != TL_OK || (!changes.is_watched && changes.count == 0)) {
+        return status;
+    }
+    print_heading(page, "Changes");
+    tl_changes_write_verdict(&changes.detection, changes.open, changes.count - changes.open, text);
+    (void)fprintf(page->file, "  %s\n", text);
+    size_t first = changes.count > FINDINGS_SHOWN ? changes.count - FINDINGS_SHOWN : 0;
+    if (first > 0) {
+        (void)fprintf(page->file, "  (%zu older ones: --json lists them)\n", first);
+    }
+    for (size_t i = first; i < changes.count; i++) {
+        print_finding(page, &changes.finding[i]);
+    }
+    return TL_OK;
+}
+
 /* ---- The page -------------------------------------------------------------------------------- */
 
 static void print_title(const show_page *page) {
@@ -482,7 +519,8 @@ tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *err
         return status;
     }
     print_title(&page);
-    status = print_runs(&page, error);
+    status = print_findings(&page, error);
+    status = status == TL_OK ? print_runs(&page, error) : status;
     if (status == TL_OK) {
         print_run(&page);
         status = print_match(&page, error);

@@ -8,7 +8,9 @@
 
 #include "firmware/base/json.h"
 #include "firmware/base/text.h"
+#include "firmware/monitor/finding.h"
 #include "firmware/monitor/lock_monitor.h"
+#include "firmware/report/changes.h"
 
 /* ---- run end ---- */
 
@@ -272,72 +274,8 @@ static void add_ages(tl_json_writer *json, const tl_ages *ages) {
     tl_json_close(json);
 }
 
-/* The other variables that have changed with it. */
-static void add_also(tl_json_writer *json, const tl_finding *finding, const tl_config *config) {
-    tl_json_open_array(json, "also");
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        bool is_own = finding->subject == TL_FINDING_CORRECTION && finding->index == i;
-        if ((finding->corrections >> i & 1U) != 0 && !is_own) {
-            tl_json_add_text(json, NULL, config->adjust[i].variable);
-        }
-    }
-    for (size_t i = 0; i < config->match_count; i++) {
-        bool is_own = finding->subject == TL_FINDING_OUTPUT && finding->index == i;
-        if ((finding->outputs >> i & 1U) != 0 && !is_own) {
-            tl_json_add_text(json, NULL, config->match[i].variable);
-        }
-    }
-    tl_json_close(json);
-}
-
-static void add_causes(tl_json_writer *json, const tl_finding *finding) {
-    char sensor[TL_FINDING_NAME + 8];
-    tl_json_open_array(json, "causes");
-    if (finding->cause == TL_FINDING_SENSOR) {
-        (void)snprintf(sensor, sizeof sensor, "plant.%s", finding->sensor);
-        tl_json_add_text(json, NULL, sensor);
-        tl_json_add_text(json, NULL, "input");
-    } else if (finding->cause == TL_FINDING_PLANT) {
-        tl_json_add_text(json, NULL, "plant");
-    }
-    tl_json_close(json);
-}
-
-static void add_changes(tl_json_writer *json, const tl_changes *changes, const tl_config *config) {
-    tl_json_open_object(json, "detection");
-    tl_json_add_text(json, "state", changes->is_ready ? "watching" : "learning");
-    tl_json_add_number(json, "learnt_s", changes->learnt);
-    tl_json_add_number(json, "needed_s", changes->needed);
-    tl_json_close(json);
-    tl_json_open_array(json, "findings");
-    for (size_t i = 0; i < changes->count; i++) {
-        const tl_finding *finding = &changes->finding[i];
-        bool has_size = finding->kind != TL_FINDING_FREEZE;
-        char text[TL_FINDING_TEXT];
-        tl_finding_write(finding, 0.0, 0, text);
-        tl_json_open_object(json, NULL);
-        tl_json_add_text(json, "kind", tl_finding_kind_name(finding->kind));
-        tl_json_add_text(json, "variable", finding->variable);
-        tl_json_add_text(json, "subject", tl_finding_subject_name(finding->subject));
-        tl_json_add_number(json, "onset", finding->onset);
-        tl_json_add_number(json, "onset_spread_s", finding->onset_spread);
-        tl_json_add_number(json, "found", finding->found);
-        add_seconds(json, "gone", finding->gone, finding->is_gone);
-        tl_json_add_number(json, "size", has_size ? finding->size : (double)NAN);
-        tl_json_add_number(json, "size_spread", has_size ? finding->size_spread : (double)NAN);
-        tl_json_add_number(json, "percent", finding->percent);
-        tl_json_add_text(json, "unit", finding->unit);
-        add_also(json, finding, config);
-        add_causes(json, finding);
-        tl_json_add_text(json, "state", tl_finding_state_name(finding));
-        tl_json_add_text(json, "text", text);
-        tl_json_close(json);
-    }
-    tl_json_close(json);
-}
-
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
-                                const tl_changes *changes, FILE *file, tl_error *error) {
+                                const tl_run_changes *changes, FILE *file, tl_error *error) {
     printing page;
     tl_json_writer json;
     begin_printing(&page, summary, config, account);
@@ -350,7 +288,12 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
         tl_json_close(&json);
     }
     if (changes != NULL) {
-        add_changes(&json, changes, config);
+        tl_changes_add_detection(&json, &changes->detection);
+        tl_json_open_array(&json, "findings");
+        for (size_t i = 0; i < changes->count; i++) {
+            tl_changes_add_finding(&json, &changes->finding[i], 0);
+        }
+        tl_json_close(&json);
     }
     add_executions(&json, account);
     add_verified(&json, account);
@@ -400,7 +343,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
 /* ---- table for people ---- */
 
 enum { NARROWEST = 12, WIDEST = 32 }; /* of its first column */
-enum { DURATION = 24, SHOWN = 10 };   /* findings that are shown */
+enum { SHOWN = 10 };                  /* findings that are shown */
 
 /* A run that has learnt less than this part says nothing about changes. */
 static const double SHORT_RUN = 0.04;
@@ -653,47 +596,31 @@ static void print_late(const printing *page) {
     }
 }
 
-static size_t count_open(const tl_changes *changes) {
+/* The verdict, and the newest findings. A short run says nothing about changes. */
+static void print_changes(const printing *page, const tl_run_changes *changes) {
+    const tl_run_detection *detection = &changes->detection;
+    char text[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
     size_t open = 0;
     for (size_t i = 0; i < changes->count; i++) {
-        open += changes->finding[i].is_gone ? 0 : 1;
+        open += isnan(changes->finding[i].gone) ? 1 : 0;
     }
-    return open;
-}
-
-/* The verdict, and the newest findings. A short run says nothing about changes. */
-static void print_changes(const printing *page, const tl_changes *changes) {
-    char learnt[DURATION];
-    char needed[DURATION];
-    char watched[DURATION];
-    char text[TL_FINDING_TEXT];
-    tl_show_duration(changes->learnt, learnt, sizeof learnt);
-    tl_show_duration(changes->needed, needed, sizeof needed);
-    tl_show_duration(changes->watched, watched, sizeof watched);
-    if (changes->count == 0 && !changes->is_ready) {
-        if (changes->learnt >= SHORT_RUN * changes->needed) {
-            print_line(page, "changes", "learning: %s of %s; nothing can be said yet", learnt, needed);
-        }
+    if (changes->count == 0 && !detection->is_ready && detection->learnt < SHORT_RUN * detection->needed) {
         return;
     }
-    if (changes->count == 0) {
-        print_line(page, "changes", "none found in %s, after %s of learning", watched, learnt);
-        return;
-    }
-    print_line(page, "changes", "%zu found, %zu of them gone", changes->count, changes->count - count_open(changes));
-    size_t first = changes->count > SHOWN ? changes->count - SHOWN : 0;
-    for (size_t i = first; i < changes->count; i++) {
-        tl_finding_write(&changes->finding[i], 0.0, 0, text);
+    tl_changes_write_verdict(detection, open, changes->count - open, text);
+    print_line(page, "changes", "%s", text);
+    for (size_t i = changes->count > SHOWN ? changes->count - SHOWN : 0; i < changes->count; i++) {
+        tl_changes_write_finding(&changes->finding[i], 0.0, 0, text, cause);
         print_line(page, "", "%s", text);
-        tl_finding_write_cause(&changes->finding[i], text);
-        if (text[0] != '\0') {
-            print_line(page, "", "%s", text);
+        if (cause[0] != '\0') {
+            print_line(page, "", "%s", cause);
         }
     }
 }
 
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account,
-                            const tl_changes *changes, bool verbose, FILE *file) {
+                            const tl_run_changes *changes, bool verbose, FILE *file) {
     printing page;
     char text[TL_AGES_TEXT];
     begin_printing(&page, summary, config, account);

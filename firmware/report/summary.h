@@ -10,10 +10,10 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
-#include "firmware/monitor/finding.h"
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/report/ages.h"
 #include "firmware/report/run_figures.h"
+#include "firmware/store/run_types.h"
 #include "master/twin/account.h"
 
 /* ---- Summary of a run: for `replay --json`, the final table of `replay` and `run`, and the demo.
@@ -61,12 +61,12 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
 /* Prints one JSON object and a newline. `changes`: of the run; NULL: there is no change detector.
  * Errors: TL_TRY_AGAIN if memory is out; then nothing is printed. */
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
-                                const tl_changes *changes, FILE *file, tl_error *error);
+                                const tl_run_changes *changes, FILE *file, tl_error *error);
 
 /* Prints a table for people: the lock, the errors and the corrections. `verbose`: also outcomes,
  * executions, the ledger and MSEs. `changes`: as above. */
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account,
-                            const tl_changes *changes, bool verbose, FILE *file);
+                            const tl_run_changes *changes, bool verbose, FILE *file);
 
 /* ---- Validation of a run end: the summary and the account that a twin reports when its run ends.
  *

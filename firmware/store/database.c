@@ -20,6 +20,43 @@
  * integer 5. That would change −0.0 to 0.0, but a replay must use the same bits.
  */
 
+/* What the change detector has learnt: one row, and bytes for the next process. */
+#define LEARNED_TABLE                                                                                                  \
+    "CREATE TABLE learned ("                                                                                           \
+    "  id INTEGER PRIMARY KEY CHECK (id = 1),"                                                                         \
+    "  run INTEGER NOT NULL,"                                                                                          \
+    "  at TEXT NOT NULL,"                                                                                              \
+    "  state TEXT NOT NULL,"                                                                                           \
+    "  learnt_s,"                                                                                                      \
+    "  needed_s,"                                                                                                      \
+    "  watched_s,"                                                                                                     \
+    "  sha256 TEXT NOT NULL,"                                                                                          \
+    "  bytes BLOB NOT NULL)"
+
+/* Findings outlive the data of their run. Times count from t_start of `run`, which has written the
+ * row last; `…_at` is UTC, in live runs. */
+#define FINDINGS_TABLE                                                                                                 \
+    "CREATE TABLE findings ("                                                                                          \
+    "  finding INTEGER PRIMARY KEY,"                                                                                   \
+    "  run INTEGER NOT NULL,"                                                                                          \
+    "  kind TEXT NOT NULL,"                                                                                            \
+    "  subject TEXT NOT NULL,"                                                                                         \
+    "  variable TEXT NOT NULL,"                                                                                        \
+    "  unit TEXT NOT NULL,"                                                                                            \
+    "  onset_s,"                                                                                                       \
+    "  onset_spread_s,"                                                                                                \
+    "  found_s,"                                                                                                       \
+    "  gone_s,"                                                                                                        \
+    "  onset_at TEXT,"                                                                                                 \
+    "  found_at TEXT,"                                                                                                 \
+    "  gone_at TEXT,"                                                                                                  \
+    "  size,"                                                                                                          \
+    "  size_spread,"                                                                                                   \
+    "  percent,"                                                                                                       \
+    "  also TEXT NOT NULL,"                                                                                            \
+    "  cause TEXT NOT NULL,"                                                                                           \
+    "  state TEXT NOT NULL)"
+
 static const char *const schema[] = {
     /* Codes and their names; the recorder writes the program's names when a run begins. */
     "CREATE TABLE outcomes (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
@@ -162,6 +199,9 @@ static const char *const schema[] = {
     "  source TEXT NOT NULL,"
     "  text TEXT NOT NULL)",
     "CREATE INDEX events_of_run ON events (run, event)",
+
+    LEARNED_TABLE,
+    FINDINGS_TABLE,
 
     "CREATE VIEW v_runs AS SELECT run, verb, name, started,"
     "  coalesce(ended, 'running') AS ended, ended_reason,"
@@ -450,7 +490,7 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
         "  ('signals', 'run, kind, signal'), ('samples', 'run, tick, signal'), ('steps', 'run, step'),"
         "  ('outputs', 'run, step, signal'), ('adjustments', 'run, step, signal'), ('components', 'run, component'),"
         "  ('beginnings', 'run'), ('checkpoints', 'run, tick'), ('tunings', 'run, tick'), ('events', 'event'),"
-        "  ('severities', 'code'))"
+        "  ('severities', 'code'), ('learned', 'id'), ('findings', 'finding'))"
         " SELECT 'it has the ' || iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60) ||"
         "  '\", which twinlock never creates' FROM sqlite_schema WHERE type = 'trigger' OR"
         "  (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)"
@@ -514,6 +554,7 @@ static const char rename_format_5[] = "ALTER TABLE outputs RENAME COLUMN y TO si
                                       "ALTER TABLE components RENAME COLUMN caught_up TO repeated;"
                                       "ALTER TABLE components RENAME COLUMN unstored TO uncached;";
 
+/* Column NULL: the whole table. */
 static const struct {
     const char *table, *column;
     const char *add, *view;
@@ -524,6 +565,13 @@ static const struct {
      "CREATE TEMP VIEW steps AS SELECT *, NULL AS release_age FROM main.steps"},
     {"outputs", "released", "ALTER TABLE outputs ADD COLUMN released",
      "CREATE TEMP VIEW IF NOT EXISTS outputs AS SELECT *, NULL AS released FROM main.outputs"},
+    {"learned", NULL, LEARNED_TABLE,
+     "CREATE TEMP VIEW learned AS SELECT 1 AS id, 0 AS run, '' AS at, '' AS state, 0 AS learnt_s, 0 AS needed_s,"
+     " 0 AS watched_s, '' AS sha256, NULL AS bytes WHERE 0"},
+    {"findings", NULL, FINDINGS_TABLE,
+     "CREATE TEMP VIEW findings AS SELECT 1 AS finding, 0 AS run, '' AS kind, '' AS subject, '' AS variable,"
+     " '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
+     " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state WHERE 0"},
 };
 
 enum { ADDED = sizeof added / sizeof added[0] };
@@ -534,10 +582,15 @@ static tl_status find_missing(sqlite3 *database, bool is_missing[ADDED], bool *a
     tl_status status = TL_OK;
     *any = false;
     for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
-        (void)snprintf(text, sizeof text,
-                       "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
-                       " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
-                       added[i].table, added[i].table, added[i].column);
+        if (added[i].column == NULL) {
+            (void)snprintf(text, sizeof text,
+                           "SELECT 1 WHERE NOT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = '%s')", added[i].table);
+        } else {
+            (void)snprintf(text, sizeof text,
+                           "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
+                           " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
+                           added[i].table, added[i].table, added[i].column);
+        }
         status = query_text(database, text, found, sizeof found, error);
         is_missing[i] = status == TL_OK && found[0] != '\0';
         *any = *any || is_missing[i];

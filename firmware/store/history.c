@@ -17,6 +17,7 @@
  * in the pages, which may be damaged. Values that the recorder does not write are reported as
  * damage. */
 
+static const double LONGEST_INSTANT = 1e11;           /* s */
 static const tl_time LONGEST_STEP = 3600 * TL_SECOND; /* that a configuration allows */
 
 enum { TABLES = TL_HISTORY_ADJUSTMENTS + 1 };
@@ -467,6 +468,68 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
     void *items = NULL;
     tl_status status = read_list(history, &list, run, run->run, &items, count, error);
     *components = items;
+    return status;
+}
+
+/* ---- Findings ---- */
+
+/* Numbers must ascend. Calendar times count from the same instant. */
+static void read_finding(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
+    tl_history_finding *finding = (tl_history_finding *)items + index;
+    int64_t at = 0;
+    (void)run;
+    finding->row.number = take_integer(row, index == 0 ? 1 : finding[-1].row.number + 1, TL_ROW_NUMBER_MAX);
+    finding->run = take_integer(row, 1, TL_ROW_NUMBER_MAX);
+    finding->row.kind = take_text(history, row, NAME_MOST);
+    finding->row.subject = take_text(history, row, NAME_MOST);
+    finding->row.variable = take_text(history, row, NAME_MOST);
+    finding->row.unit = take_text(history, row, NAME_MOST);
+    finding->row.onset = take_number(row);
+    finding->row.onset_spread = take_number(row);
+    finding->row.found = take_number(row);
+    finding->row.gone = take_number(row);
+    finding->row.size = take_number(row);
+    finding->row.size_spread = take_number(row);
+    finding->row.percent = take_number(row);
+    finding->row.also = take_text(history, row, NAME_MOST);
+    finding->row.cause = take_text(history, row, NAME_MOST);
+    finding->row.state = take_text(history, row, NAME_MOST);
+    const char *onset_at = take_utc_or_null(history, row);
+    row->right = row->right && fabs(finding->row.onset) < LONGEST_INSTANT && fabs(finding->row.found) < LONGEST_INSTANT;
+    if (row->right && onset_at != NULL && tl_utc_parse(onset_at, &at)) {
+        finding->started = at - (int64_t)(finding->row.onset * 1e3);
+    }
+}
+
+tl_status tl_history_findings(tl_history *history, const tl_history_run *run, const tl_history_finding **findings,
+                              size_t *count, tl_error *error) {
+    static const row_list list = {
+        "SELECT finding, run, kind, subject, variable, unit, onset_s, onset_spread_s, found_s, gone_s, size, size_spread,"
+        " percent, also, cause, state, onset_at FROM findings WHERE run = ?1 OR (onset_at IS NOT NULL AND"
+        " (SELECT verb FROM runs WHERE run = ?1) <> 'replay') ORDER BY finding",
+        "findings", TL_HISTORY_FINDINGS, sizeof(tl_history_finding), read_finding};
+    void *items = NULL;
+    tl_status status = read_list(history, &list, run, run->run, &items, count, error);
+    *findings = items;
+    return status;
+}
+
+tl_status tl_history_detection(tl_history *history, tl_run_detection *detection, bool *any, tl_error *error) {
+    sqlite3_stmt *statement = NULL;
+    tl_status status =
+        query_row(history, "SELECT state, learnt_s, needed_s, watched_s FROM learned", 0, 0, NULL, &statement, error);
+    *any = status == TL_OK && statement != NULL;
+    if (*any) {
+        table_row row = row_of(statement);
+        detection->is_ready = strcmp(read_text(&row, NAME_MOST), "watching") == 0;
+        detection->learnt = take_number(&row);
+        detection->needed = take_number(&row);
+        detection->watched = take_number(&row);
+        if (!row.right) {
+            status = tl_database_invalid(history->database, error, "the state of the change detector is invalid");
+        }
+    }
+    (void)sqlite3_finalize(statement);
     return status;
 }
 

@@ -100,6 +100,23 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error);
 
+/* A finding of the database, and what its times count from. */
+typedef struct tl_history_finding {
+    tl_run_finding row; /* numbers may be NaN, except onset and found */
+    int64_t run;
+    int64_t started; /* ms since 1970 UTC, of a live run; 0: of a replay */
+} tl_history_finding;
+
+/* Most findings of a database; more are damage. */
+enum { TL_HISTORY_FINDINGS = 1000000 };
+
+/* Returns the findings of all live runs, or of this replay, in the order of their numbers. */
+tl_status tl_history_findings(tl_history *history, const tl_history_run *run, const tl_history_finding **findings,
+                              size_t *count, tl_error *error);
+
+/* Reads the state of the change detector; *any is false if there is none. */
+tl_status tl_history_detection(tl_history *history, tl_run_detection *detection, bool *any, tl_error *error);
+
 /* A checkpoint: the twin after a tick. */
 typedef struct tl_history_checkpoint {
     int64_t tick;

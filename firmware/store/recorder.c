@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 #include "firmware/store/record_queue.h"
@@ -28,7 +29,9 @@ struct tl_recorder {
     tl_record_queue queue;
     tl_recorder_writer_state state;
     tl_record_queue_start start;
-    bool stop; /* atomic */
+    uint32_t last_finding;
+    bool stop;       /* atomic */
+    bool is_stopped; /* the thread has ended */
     pthread_t thread;
     tl_recorder_writer *writer; /* used by the thread, and after its end by close() */
 };
@@ -120,6 +123,9 @@ static tl_status start(tl_recorder *recorder, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
+    unsigned char *learned = NULL; /* a replay learns from the start */
+    (void)tl_recorder_writer_read_learned(recorder->writer, &learned, &bytes, &recorder->last_finding);
+    free(learned);
     int code = tl_side_thread_start(&recorder->thread, STACK, run_writer, recorder);
     if (code != 0) {
         (void)tl_recorder_writer_close(recorder->writer, 0, NULL);
@@ -145,6 +151,26 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
     return TL_OK;
 }
 
+static void stop_thread(tl_recorder *recorder) {
+    if (!recorder->is_stopped) {
+        __atomic_store_n(&recorder->stop, true, __ATOMIC_RELEASE);
+        (void)pthread_join(recorder->thread, NULL);
+        recorder->is_stopped = true;
+    }
+}
+
+uint32_t tl_recorder_last_finding(const tl_recorder *recorder) {
+    return recorder->last_finding;
+}
+
+void tl_recorder_put_changes(tl_recorder *recorder, const tl_run_changes *changes) {
+    stop_thread(recorder);
+    tl_recorder_writer_write(recorder->writer);
+    if (!tl_recorder_writer_keep(recorder->writer, changes)) {
+        tl_log(TL_LOG_WARNING, "%s: the findings cannot be written", recorder->settings.path);
+    }
+}
+
 /* The end follows all entries; if the ring is full, they are written first. */
 static void put_end(tl_recorder *recorder, const char *reason, tl_time until) {
     while (!tl_record_queue_wait_for_room(&recorder->queue, 0) && tl_clock_now(NULL) < until) {
@@ -161,8 +187,7 @@ tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_record
         return TL_OK;
     }
     tl_time until = tl_clock_now(NULL) + recorder->patience;
-    __atomic_store_n(&recorder->stop, true, __ATOMIC_RELEASE);
-    (void)pthread_join(recorder->thread, NULL);
+    stop_thread(recorder);
     put_end(recorder, reason, until);
     tl_time left = until - tl_clock_now(NULL);
     tl_status status = tl_recorder_writer_close(recorder->writer, left < 0 ? 0 : left, error);

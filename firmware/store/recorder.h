@@ -64,6 +64,13 @@ void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity
 
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder);
 
+/* Returns the largest number of a finding that the database had at the opening; 0: none. */
+uint32_t tl_recorder_last_finding(const tl_recorder *recorder);
+
+/* Writes the findings of the run, and what was learnt, as soon as all entries so far are written.
+ * Call it at the end; a failure is only logged, because the recording does not depend on it. */
+void tl_recorder_put_changes(tl_recorder *recorder, const tl_run_changes *changes);
+
 /* Writes the remaining entries, ends the run with `reason` ("end of recording", "SIGTERM", …) and
  * closes. Retries for at most settings.patience if the disk refuses; then counts the remaining
  * entries as lost and fails with TL_TRY_AGAIN. The run then has no end, and the next recorder marks

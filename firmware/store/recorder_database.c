@@ -65,8 +65,13 @@ typedef enum statement {
     OUTPUT,
     ADJUSTMENT,
     EVENT,
+    LEARNED,
+    READ_LEARNED,
+    FINDING,
+    LAST_FINDING,
     MOVE_EVENTS,
     MOVE_TUNINGS,
+    MOVE_FINDINGS,
     MOVE_RUNS,
     LEDGER,
     TOTALS,
@@ -125,6 +130,10 @@ typedef enum statement {
            ", printf('%+.3f seconds', (SELECT seconds FROM moved WHERE moved.run = " run ")))"
 #define IS_MOVED " WHERE run IN (SELECT run FROM moved WHERE abs(seconds) > 0.4)"
 
+/* UTC of an instant of a live run, which is s since t_start. */
+#define UTC_OF(seconds)                                                                                                \
+    "iif(verb = 'run', strftime('%Y-%m-%dT%H:%M:%fZ', started, printf('%+.3f seconds', " seconds ")), NULL)"
+
 /* OR REPLACE: a tick that comes twice is an error of the caller, but must not block the recording
  *             for ever. */
 static const char *const sql_of[STATEMENTS] = {
@@ -162,8 +171,18 @@ static const char *const sql_of[STATEMENTS] = {
     [ADJUSTMENT] =
         "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    [LEARNED] = "INSERT OR REPLACE INTO learned (id, run, at, state, learnt_s, needed_s, watched_s, sha256, bytes)"
+                " VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+    [READ_LEARNED] = "SELECT bytes, sha256 FROM learned",
+    [FINDING] = "INSERT OR REPLACE INTO findings (finding, run, kind, subject, variable, unit, onset_s, onset_spread_s,"
+                " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"
+                " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, " UTC_OF(
+                    "?7") ", " UTC_OF("?9") ", " UTC_OF("?10") " FROM runs WHERE run = ?1",
+    [LAST_FINDING] = "SELECT max(finding) FROM findings",
     [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
     [MOVE_TUNINGS] = MOVED_RUNS "UPDATE tunings SET " MOVED("at", "tunings.run") IS_MOVED,
+    [MOVE_FINDINGS] = MOVED_RUNS "UPDATE findings SET " MOVED("onset_at", "findings.run") ", " MOVED(
+        "found_at", "findings.run") ", " MOVED("gone_at", "findings.run") IS_MOVED,
     [MOVE_RUNS] = MOVED_RUNS "UPDATE runs SET " MOVED("committed", "runs.run") ", " MOVED(
         "ended", "runs.run") ", " MOVED("started", "runs.run") IS_MOVED,
     [LEDGER] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, repeated = ?6, uncached = ?7"
@@ -883,6 +902,72 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
     return write_row(database, EVENT,
                      (cell[]){cell_text(at), event->tick >= 0 ? cell_within(0, event->tick) : no_cell,
                               cell_whole(event->severity), cell_text(event->source), cell_text(event->text)});
+}
+
+/* ---- Changes ---- */
+
+static int write_finding(tl_recorder_database *database, const tl_run_finding *finding) {
+    return write_row(database, FINDING,
+                     (cell[]){cell_whole(finding->number), cell_text(finding->kind), cell_text(finding->subject),
+                              cell_text(finding->variable), cell_text(finding->unit), cell_number(finding->onset),
+                              cell_number(finding->onset_spread), cell_number(finding->found),
+                              cell_number(finding->gone), cell_number(finding->size), cell_number(finding->size_spread),
+                              cell_number(finding->percent), cell_text(finding->also), cell_text(finding->cause),
+                              cell_text(finding->state)});
+}
+
+int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_changes *changes) {
+    const tl_run_detection *detection = &changes->detection;
+    sqlite3_stmt *prepared = database->statements[LEARNED];
+    char digest[TL_SHA256_TEXT];
+    char now[TL_UTC_TEXT];
+    int code = SQLITE_OK;
+    for (size_t i = 0; i < changes->count && code == SQLITE_OK; i++) {
+        code = write_finding(database, &changes->finding[i]);
+    }
+    bool is_large = changes->size > (size_t)database->log_limit;
+    if (code != SQLITE_OK || is_large) {
+        return code;
+    }
+    tl_sha256(changes->learned, changes->size, digest);
+    tl_recorder_database_now(database, now);
+    bind_row(database, LEARNED,
+             (cell[]){cell_text(now), cell_text(detection->is_ready ? "watching" : "learning"),
+                      cell_number(detection->learnt), cell_number(detection->needed), cell_number(detection->watched),
+                      cell_text(digest), no_cell});
+    (void)sqlite3_bind_blob64(prepared, 8, changes->learned, changes->size, SQLITE_STATIC);
+    code = run_statement(prepared);
+    (void)sqlite3_clear_bindings(prepared);
+    return code;
+}
+
+int tl_recorder_database_learned(tl_recorder_database *database, unsigned char **bytes, size_t *size,
+                                 uint32_t *last_finding) {
+    sqlite3_stmt *prepared = database->statements[READ_LEARNED];
+    char digest[TL_SHA256_TEXT];
+    int64_t last = 0;
+    *bytes = NULL;
+    *size = 0;
+    int code = query_number(database, LAST_FINDING, 0, 0, &last);
+    *last_finding = last > 0 && last < UINT32_MAX / 2 ? (uint32_t)last : 0;
+    code = code == SQLITE_OK ? sqlite3_step(prepared) : code;
+    if (code == SQLITE_ROW) {
+        const void *found = sqlite3_column_blob(prepared, 0);
+        const char *expected = (const char *)sqlite3_column_text(prepared, 1);
+        *size = (size_t)sqlite3_column_bytes(prepared, 0);
+        *bytes = found != NULL && expected != NULL && *size != 0 ? malloc(*size) : NULL;
+        if (*bytes != NULL) {
+            memcpy(*bytes, found, *size);
+            tl_sha256(*bytes, *size, digest);
+        }
+        if (*bytes == NULL || strcmp(digest, expected) != 0) {
+            free(*bytes);
+            *bytes = NULL;
+            *size = 0;
+        }
+    }
+    (void)sqlite3_reset(prepared);
+    return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
 static void bind_totals(tl_recorder_database *database, statement which, const tl_recorder_totals *totals) {

@@ -26,7 +26,7 @@ void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity,
                          : severity == TL_EVENT_WARNING ? TL_LOG_WARNING
                                                         : TL_LOG_NOTICE;
     tl_log_limited(&file->limiter, level, "recorder: %s: %s", tl_recorder_file_path(file), text);
-    tl_recorder_state_add_event(file->state, severity, text);
+    tl_recorder_state_add_event(file->state, -1, severity, "recorder", text);
 }
 
 void tl_recorder_file_keep_reason(tl_recorder_file *file, int code) {

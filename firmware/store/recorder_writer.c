@@ -68,6 +68,11 @@ struct tl_recorder_writer {
     bool ends;               /* the run ends with this batch */
     bool is_stray;           /* the newest sample was of a run whose beginning was not read */
     bool is_last;            /* the producer of samples has ended */
+    /* of the observer: */
+    tl_record_queue_reader observer; /* of the ring; it reads ahead of the writer */
+    uint64_t observed;               /* end of what was observed */
+    uint64_t observed_end;           /* end of an END entry: what follows is observed when that is written */
+    bool is_observing;               /* the observer knows the run */
 };
 
 static const tl_recorder_mark *mark_of(const tl_recorder_writer *writer) {
@@ -289,7 +294,7 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
         (void)snprintf(text, sizeof text,
                        "the system clock was set by %+.3f s: the recorded times of this boot are moved",
                        (double)moved / 1e3);
-        tl_recorder_state_add_event(writer->state, TL_EVENT_INFO, text);
+        tl_recorder_state_add_event(writer->state, -1, TL_EVENT_INFO, "recorder", text);
     }
     return code;
 }
@@ -372,6 +377,44 @@ static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     writer->is_stray = false;
     taken_of(writer)->ring = position;
     writer->file.goes_on = false;
+}
+
+/* ---- Observing ---- */
+
+/* The run may have begun before this writer. */
+static void observe_run(tl_recorder_writer *writer) {
+    const tl_recorder_mark *mark = mark_of(writer);
+    if (!writer->is_observing && mark->has_begun && !mark->has_ended && !mark->is_untimed) {
+        writer->entry.kind = TL_ENTRY_START;
+        writer->entry.start = mark->start;
+        writer->entry.id = mark->id;
+        writer->settings.observe(writer->settings.context, &writer->entry);
+    }
+    writer->is_observing = true;
+}
+
+/* Passes on the new entries of the ring, whether or not a file can be written. */
+static void observe_entries(tl_recorder_writer *writer) {
+    const tl_recorder_writer_settings *settings = &writer->settings;
+    uint64_t taken = taken_of_ring(writer);
+    if (settings->observe == NULL) {
+        return;
+    }
+    observe_run(writer);
+    if (writer->observed < taken) { /* at the opening, and if damaged bytes were skipped */
+        writer->observed = taken;
+        tl_record_queue_reader_open(settings_of_ring(writer), writer->sources[settings->ring].queue.memory,
+                                    &writer->observer);
+    }
+    uint64_t end = writer->observed_end > taken ? writer->observed : readable_end(writer);
+    while (writer->observed < end &&
+           tl_record_queue_reader_entry(&writer->observer, &writer->observed, end, &writer->entry)) {
+        settings->observe(settings->context, &writer->entry);
+        if (writer->entry.kind == TL_ENTRY_END) {
+            writer->observed_end = writer->observed;
+            end = writer->observed;
+        }
+    }
 }
 
 /* ---- Losses ---- */
@@ -886,6 +929,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     tl_thread_heartbeat_beat(writer->settings.heartbeat);
     mend_queues(writer);
     skip_damage(writer);
+    observe_entries(writer);
     while (again && is_open(writer)) {
         if (mends < MENDS && tl_recorder_file_check(&writer->file)) {
             mends++;
@@ -903,6 +947,30 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
         }
     }
     report_damage(writer, began_at);
+}
+
+/* ---- Changes ---- */
+
+bool tl_recorder_writer_keep(tl_recorder_writer *writer, const tl_run_changes *changes) {
+    const tl_recorder_mark *mark = mark_of(writer);
+    if (writer->file.database == NULL || mark->run == 0) {
+        return false;
+    }
+    begin_batch(writer);
+    int code = begin_transaction(writer, changes->size + changes->count * (size_t)EVENT_BYTES);
+    code = code == SQLITE_OK ? tl_recorder_database_changes(writer->file.database, changes) : code;
+    code = end_batch(writer, code);
+    if (code != SQLITE_OK) {
+        (void)tl_recorder_file_repair(&writer->file, code);
+    }
+    return code == SQLITE_OK;
+}
+
+bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char **bytes, size_t *size,
+                                     uint32_t *last_finding) {
+    *bytes = NULL;
+    return writer->file.database != NULL &&
+           tl_recorder_database_learned(writer->file.database, bytes, size, last_finding) == SQLITE_OK;
 }
 
 /* ---- Opening and closing ---- */
@@ -958,6 +1026,8 @@ static void open_queues(tl_recorder_writer *writer) {
             tl_record_queue_reader_open(&from->queue.settings, from->queue.memory, &from->reader);
         }
     }
+    writer->observer = *ring_of(writer);
+    writer->observed = taken_of_ring(writer);
     writer->settings.queues = NULL; /* owned by the caller */
 }
 

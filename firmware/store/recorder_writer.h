@@ -37,6 +37,7 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_database.h"
+#include "firmware/store/recorder_entry.h"
 #include "firmware/store/recorder_state.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
@@ -64,7 +65,10 @@ typedef struct tl_recorder_writer_settings {
     size_t ring;                    /* index of the queue whose entries are read; others: events only */
     const char *hand_over;          /* reason, see Rings; NULL: no handover */
     bool (*goes_on)(void *context); /* see Rings; called in the writer's thread */
-    void *context;
+    /* Called with each entry of the ring once, before it is written, and first with the start of the
+     * present run. Independent of the disk until the ring is full. NULL: no observer. */
+    void (*observe)(void *context, const tl_recorder_entry *entry);
+    void *context; /* of both */
     tl_recorder_writer_state *state;
     const tl_record_queue_start *first; /* a run that begins at once, without a START; or NULL */
     tl_thread_heartbeat *heartbeat;     /* of the caller's thread; beats with each batch; or NULL */
@@ -90,6 +94,15 @@ void tl_recorder_writer_finish_ring(tl_recorder_writer *writer);
 /* Returns true if all entries of the ring up to a handover are written, and the events of its queue
  * that belong to them. */
 bool tl_recorder_writer_has_drained(tl_recorder_writer *writer);
+
+/* Writes findings and what was learnt, in a transaction of its own. Returns false if that is not
+ * possible now. */
+bool tl_recorder_writer_keep(tl_recorder_writer *writer, const tl_run_changes *changes);
+
+/* Reads what was learnt by earlier runs (malloc(), or NULL), and the largest number of a finding.
+ * Returns false if that is not possible now. */
+bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char **bytes, size_t *size,
+                                     uint32_t *last_finding);
 
 /* Returns since when this queue is unreadable (CLOCK_MONOTONIC); 0: it is readable. The writer
  * checks again every second, because a successor of the producer may have repaired the queue. */

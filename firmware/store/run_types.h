@@ -7,6 +7,8 @@
 #ifndef TL_FIRMWARE_STORE_RUN_TYPES_H
 #define TL_FIRMWARE_STORE_RUN_TYPES_H
 
+#include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "firmware/base/identity.h"
@@ -84,6 +86,39 @@ typedef struct tl_recorder_known {
     const char *origin; /* way of the request: "reload", "network", … (change.h) */
     const char *why;
 } tl_recorder_known;
+
+/* A finding (monitor/finding.h) as a row. Times: s since t_start, negative if before. Texts are in
+ * UTF-8, names as in JSON. */
+typedef struct tl_run_finding {
+    int64_t number;       /* 1, 2, … in a database */
+    const char *kind;     /* "step", "drift", "freeze" */
+    const char *subject;  /* "correction", "output", "signal" */
+    const char *variable; /* of an output or a signal: of the plant, without "plant." */
+    const char *unit;     /* "": none */
+    double onset, onset_spread;
+    double found, gone;       /* gone NaN: not yet */
+    double size, size_spread; /* in the unit */
+    double percent;           /* NaN: unknown */
+    const char *also;         /* further variables that have changed, one in a line */
+    const char *cause;        /* "plant"; "plant.NAME": this sensor, or an input that acts on it alone; "": unknown */
+    const char *state;        /* "open", "gone" */
+} tl_run_finding;
+
+/* State of the change detector (monitor/change_detector.h). */
+typedef struct tl_run_detection {
+    bool is_ready;         /* changes are reported */
+    double learnt, needed; /* s until they are */
+    double watched;        /* s since then */
+} tl_run_detection;
+
+/* Both, and what the next process needs to continue. */
+typedef struct tl_run_changes {
+    tl_run_detection detection;
+    const tl_run_finding *finding;
+    size_t count;
+    const unsigned char *learned;
+    size_t size; /* bytes */
+} tl_run_changes;
 
 /* Severity of an event. */
 typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;

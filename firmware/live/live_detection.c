@@ -1,0 +1,148 @@
+/* Change detection of a live run: see live_detection.h. */
+#include "firmware/live/live_detection.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/monitor/change_detector.h"
+#include "firmware/monitor/change_storage.h"
+
+static const tl_time INTERVAL = 3600 * TL_SECOND; /* of storing */
+
+struct tl_live_detection {
+    const tl_config *config;
+    tl_recorder_writer_state *state;
+    tl_change_detector *detector; /* NULL: no run yet, or memory is out */
+    tl_account account;           /* of the present run */
+    tl_change_storage storage;
+    int64_t started; /* t_start of the present run, ms since 1970 UTC */
+    uint64_t run;    /* its id in the record queue */
+    int64_t tick;    /* of the newest sample */
+    tl_time stored;  /* when it was stored last */
+    bool is_watched; /* the present run has a twin */
+    bool is_stray;   /* the newest sample was of another run */
+    bool is_read;    /* what was learnt before was read, or there is nothing */
+    bool is_due;     /* a finding has changed */
+};
+
+/* Findings are warnings; what follows needs no attention. */
+static void report_finding(void *context, int64_t tick, const tl_finding *finding, tl_finding_turn turn) {
+    tl_live_detection *self = context;
+    char sentence[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
+    char text[TL_EVENT_TEXT];
+    bool is_new = turn == TL_FINDING_FOUND;
+    tl_finding_write(finding, finding->found, self->started, sentence);
+    tl_finding_write_cause(finding, cause);
+    (void)snprintf(text, sizeof text, "%.*s%s%.*s", TL_EVENT_TEXT / 2, sentence, cause[0] == '\0' ? "" : "; ",
+                   TL_EVENT_TEXT / 3, cause);
+    tl_log(is_new ? TL_LOG_WARNING : TL_LOG_NOTICE, "finding: %s", text);
+    tl_recorder_state_add_event(self->state, tick, is_new ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", text);
+    self->is_due = true;
+}
+
+tl_live_detection *tl_live_detection_create(const tl_config *config, tl_recorder_writer_state *state) {
+    tl_live_detection *self = calloc(1, sizeof *self);
+    if (self != NULL) {
+        self->config = config;
+        self->state = state;
+        self->stored = tl_clock_now(NULL);
+    }
+    return self;
+}
+
+static void begin_run(tl_live_detection *self, const tl_recorder_entry *entry) {
+    self->run = entry->id;
+    self->is_watched = !entry->start.holds;
+    self->is_stray = false;
+    if (!self->is_watched) {
+        return;
+    }
+    self->account = entry->start.account;
+    self->started = entry->start.resumption.started;
+    if (self->detector == NULL) {
+        self->detector = tl_change_detector_create(self->config, &self->account, report_finding, self);
+    }
+    if (self->detector != NULL) {
+        tl_change_detector_begin(self->detector, &self->account, self->started);
+    }
+}
+
+void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry *entry) {
+    if (entry->kind == TL_ENTRY_START) {
+        begin_run(self, entry);
+    }
+    if (self->detector == NULL || !self->is_watched) {
+        return;
+    }
+    if (entry->kind == TL_ENTRY_SAMPLE) {
+        self->is_stray = entry->id != self->run;
+        self->tick = entry->sample.tick;
+    }
+    if (entry->kind == TL_ENTRY_SAMPLE && !self->is_stray) {
+        tl_change_detector_sample(self->detector, &entry->sample);
+    } else if (entry->kind == TL_ENTRY_STEP && !self->is_stray) {
+        tl_change_detector_step(self->detector, self->tick, &entry->record);
+    }
+}
+
+/* Continues with what was learnt before. The present run is at its beginning. */
+static void continue_with(tl_live_detection *self, const unsigned char *bytes, size_t size) {
+    tl_change_detector *earlier = tl_change_detector_create(self->config, &self->account, report_finding, self);
+    if (earlier == NULL) {
+        return;
+    }
+    if (tl_change_detector_load(earlier, bytes, size)) {
+        tl_change_detector_begin(earlier, &self->account, self->started);
+        tl_change_detector_destroy(self->detector);
+        self->detector = earlier;
+        return;
+    }
+    static const char text[] = "the variables, the step or the cycle have changed: learning begins at zero";
+    tl_log(TL_LOG_NOTICE, "finding: %s", text);
+    tl_recorder_state_add_event(self->state, -1, TL_EVENT_INFO, "finding", text);
+    tl_change_detector_destroy(earlier);
+}
+
+static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
+    unsigned char *bytes = NULL;
+    size_t size = 0;
+    uint32_t last = 0;
+    if (!tl_recorder_writer_read_learned(writer, &bytes, &size, &last)) {
+        return;
+    }
+    if (bytes != NULL) {
+        continue_with(self, bytes, size);
+        free(bytes);
+    }
+    tl_change_detector_number_from(self->detector, last);
+    self->is_read = true;
+}
+
+void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end) {
+    tl_time now = tl_clock_now(NULL);
+    if (self->detector == NULL) {
+        return;
+    }
+    if (!self->is_read) {
+        read_earlier(self, writer);
+    }
+    if (!self->is_read || !(at_end || self->is_due || now - self->stored >= INTERVAL) ||
+        !tl_change_storage_fill(&self->storage, self->config, self->detector)) {
+        return;
+    }
+    if (tl_recorder_writer_keep(writer, &self->storage.changes)) {
+        self->is_due = false;
+        self->stored = now;
+    }
+}
+
+void tl_live_detection_close(tl_live_detection *self) {
+    if (self != NULL) {
+        tl_change_storage_release(&self->storage);
+        tl_change_detector_destroy(self->detector);
+        free(self);
+    }
+}

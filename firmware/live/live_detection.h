@@ -1,0 +1,34 @@
+/* Change detection of a live run, in the recorder's process: off the cycle.
+ *
+ * Purpose: passes what the recorder reads from the record queue to the change detector
+ *          (change_detector.h), before it is written. Reports findings as events of the source
+ *          "finding", and stores them and what was learnt: after each finding, every hour, and at
+ *          the end. The next process and the next run continue.
+ * Begin:   what was learnt before is read from the database as soon as that is possible. If it is of
+ *          another configuration, learning begins at zero, with a notice.
+ * Owner:   the caller frees it with tl_live_detection_close().
+ * Thread:  the recorder's.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_DETECTION_H
+#define TL_FIRMWARE_LIVE_LIVE_DETECTION_H
+
+#include "firmware/config/config.h"
+#include "firmware/store/recorder_entry.h"
+#include "firmware/store/recorder_state.h"
+#include "firmware/store/recorder_writer.h"
+
+typedef struct tl_live_detection tl_live_detection;
+
+/* `config` and `state` (of the writer) must outlive it. Returns NULL if memory is out. */
+tl_live_detection *tl_live_detection_create(const tl_config *config, tl_recorder_writer_state *state);
+
+/* An observer of the writer; `context` is the detection. */
+void tl_live_detection_observe(tl_live_detection *detection, const tl_recorder_entry *entry);
+
+/* Reads what was learnt before, and stores what is due. `at_end`: stores everything. */
+void tl_live_detection_store(tl_live_detection *detection, tl_recorder_writer *writer, bool at_end);
+
+/* NULL is allowed. */
+void tl_live_detection_close(tl_live_detection *detection);
+
+#endif

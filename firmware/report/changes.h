@@ -1,0 +1,30 @@
+/* Findings in JSON and as sentences, of a replay and of a database.
+ *
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_REPORT_CHANGES_H
+#define TL_FIRMWARE_REPORT_CHANGES_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/base/json.h"
+#include "firmware/monitor/finding.h"
+#include "firmware/store/run_types.h"
+
+/* Adds an object to an array. `started`: t_start, ms since 1970 UTC; 0: a replay. Then the object
+ * has no calendar times. */
+void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int64_t started);
+
+/* Adds the state of the detector as an object. */
+void tl_changes_add_detection(tl_json_writer *json, const tl_run_detection *detection);
+
+/* Writes the verdict, for example "2 open, 1 gone", "none found in 3 d, after 1 d of learning" or
+ * "learning: 3 h of 1 d; nothing can be said yet". */
+void tl_changes_write_verdict(const tl_run_detection *detection, size_t open, size_t gone, char text[TL_FINDING_TEXT]);
+
+/* Writes the sentence of a finding, and its cause ("": unknown). `now`: s since t_start. */
+void tl_changes_write_finding(const tl_run_finding *row, double now, int64_t started, char text[TL_FINDING_TEXT],
+                              char cause[TL_FINDING_TEXT]);
+
+#endif
