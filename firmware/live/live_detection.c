@@ -9,7 +9,9 @@
 #include "firmware/monitor/change_detector.h"
 #include "firmware/monitor/change_storage.h"
 
-static const tl_time INTERVAL = 3600 * TL_SECOND; /* of storing */
+/* Interval of storing: at most this, and at most a part of the learning time. */
+static const tl_time INTERVAL = 3600 * TL_SECOND;
+enum { PARTS_OF_LEARNING = 24 };
 
 struct tl_live_detection {
     const tl_config *config;
@@ -21,6 +23,7 @@ struct tl_live_detection {
     uint64_t run;    /* its id in the record queue */
     int64_t tick;    /* of the newest sample */
     tl_time stored;  /* when it was stored last */
+    tl_time interval;
     bool is_watched; /* the present run has a twin */
     bool is_stray;   /* the newest sample was of another run */
     bool is_read;    /* what was learnt before was read, or there is nothing */
@@ -49,6 +52,8 @@ tl_live_detection *tl_live_detection_create(const tl_config *config, tl_recorder
         self->config = config;
         self->state = state;
         self->stored = tl_clock_now(NULL);
+        self->interval = config->detect_learn / PARTS_OF_LEARNING;
+        self->interval = self->interval < INTERVAL ? self->interval : INTERVAL;
     }
     return self;
 }
@@ -129,7 +134,7 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
     if (!self->is_read) {
         read_earlier(self, writer);
     }
-    if (!self->is_read || !(at_end || self->is_due || now - self->stored >= INTERVAL) ||
+    if (!self->is_read || !(at_end || self->is_due || now - self->stored >= self->interval) ||
         !tl_change_storage_fill(&self->storage, self->config, self->detector)) {
         return;
     }

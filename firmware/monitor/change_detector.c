@@ -72,6 +72,7 @@ typedef struct tracked {
 typedef struct detector_state {
     int64_t started;               /* t_start, ms since 1970 UTC; 0: unknown */
     int64_t last;                  /* newest step; -1: none yet */
+    int64_t left_out;              /* steps that are still left out after a start */
     bool is_ready;                 /* changes are reported */
     double ready_at;               /* since then, s */
     uint64_t frozen;               /* signals that are frozen, as bits */
@@ -88,8 +89,7 @@ struct tl_change_detector {
     tl_account account;
     tl_change_report *report;
     void *context;
-    int64_t left_out; /* steps that are still left out after a start */
-    int64_t tick;     /* of the newest sample or step */
+    int64_t tick; /* of the newest sample or step */
     detector_state state;
     recorded_release releases[STARTS]; /* release n lies at n % STARTS */
     uint64_t release;                  /* number of the newest one; 0: none yet */
@@ -135,7 +135,7 @@ tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_
     detector->account = *account;
     detector->report = report;
     detector->context = context;
-    detector->left_out = steps_of_start(config);
+    detector->state.left_out = steps_of_start(config);
     detector->state.last = -1;
     detector->quantities = quantities;
     double series = BANKS * fmax((double)quantities, 1.0);
@@ -459,7 +459,7 @@ static void interrupt_series(tl_change_detector *detector) {
             tl_change_series_interrupt(&detector->quantity[i].series[bank]);
         }
     }
-    detector->left_out = steps_of_start(detector->config);
+    detector->state.left_out = steps_of_start(detector->config);
 }
 
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record) {
@@ -472,8 +472,8 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
     detector->tick = tick;
     detector->state.last = record->step;
     add_release(detector, record);
-    if (detector->left_out > 0) {
-        detector->left_out--;
+    if (detector->state.left_out > 0) {
+        detector->state.left_out--;
         return;
     }
     for (size_t i = 0; i < detector->quantities; i++) {
@@ -606,7 +606,8 @@ static bool is_sound(const tl_change_detector *detector, const detector_state *s
         [TL_FINDING_OUTPUT] = detector->config->match_count,
         [TL_FINDING_SIGNAL] = detector->config->signal_count,
     };
-    bool right = state->count <= TL_FINDINGS && is_flag(&state->is_ready) && isfinite(state->ready_at);
+    bool right = state->count <= TL_FINDINGS && is_flag(&state->is_ready) && isfinite(state->ready_at) &&
+                 state->left_out <= steps_of_start(detector->config);
     for (size_t i = 0; right && i < state->count; i++) {
         const tl_finding *finding = &state->finding[i];
         const tracked *by = &state->tracked[i];
@@ -677,18 +678,21 @@ static void drop_findings(tl_change_detector *detector) {
 
 void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started) {
     bool is_of_replay = detector->state.started == 0;
+    int64_t left_out = detector->state.left_out;
     double later = is_of_replay ? seconds_of(detector, (double)detector->state.last)
                                 : (double)(started - detector->state.started) / 1e3;
     if (is_of_replay) {
         drop_findings(detector);
     }
-    if (is_of_replay || fabs(later) > tl_seconds(detector->config->step) / 2) {
+    bool continues = !is_of_replay && fabs(later) <= tl_seconds(detector->config->step) / 2;
+    if (!continues) {
         move_times(detector, fmin(fmax(later, -LONGEST), LONGEST));
     }
     detector->state.started = started;
     detector->account = *account;
     detector->release = 0;
     interrupt_series(detector);
+    detector->state.left_out = continues ? left_out : detector->state.left_out;
 }
 
 void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last) {

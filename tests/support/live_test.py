@@ -263,11 +263,11 @@ def check_replay(config, database, rows, run=1, costs=True):
     return told
 
 
-# Without the events of drivers and of the recorder, which have no tick, and without those of the
-# cycle: how it counts missed ticks together depends on how many it catches up at once. A run that
-# was cut short may lack its last sample, but not the events before it.
+# Without the events of drivers and of the recorder, which have no tick, without findings, which the
+# recorder reports ahead of other events, and without those of the cycle: how it counts missed ticks
+# together depends on how many it catches up at once. A run that was cut short may lack its last sample, but not the events before it.
 EVENTS = """SELECT tick, severity, source, text FROM events
-            WHERE run = ? AND source <> 'cycle' AND tick IS NOT NULL
+            WHERE run = ? AND source NOT IN ('cycle', 'finding') AND tick IS NOT NULL
             AND (tick <= (SELECT max(tick) FROM samples WHERE run = ?)
                  OR (SELECT coalesce(ended_reason, 'not ended cleanly') FROM runs WHERE run = ?) <> 'not ended cleanly')
             ORDER BY event"""

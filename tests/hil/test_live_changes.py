@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""A live run finds a change of the plant. What is normal, it knows from a replay into the same database. The finding survives
+a recorder that dies and a restart, and ends when the plant is as before."""
+import csv
+import json
+import os
+import random
+import signal
+import time
+
+from live_test import Program, check_database, end_well, free_port, member, number, query, wait_until
+from twinlock_test import at_most, expect, expect_line, expect_no_line, main, merge, run, run_well, scratch
+
+STEP, NORMAL_S, LEARN_S = 0.01, 600, 300
+BREAKS, MENDED = 42, 100  # s: the pump is weak meanwhile
+LEFT_OUT = LEARN_S / 10  # s after a start
+LAGS = {"first": {"fmu": "lag.fmu", "set": {"T": 0.6, "x_start": 1, "t_step": 0.01}},
+        "second": {"fmu": "lag.fmu", "set": {"T": 0.4, "x_start": 1, "t_step": 0.01}}}
+COMMON = {"twinlock": 1, "name": "two vessels", "step_s": STEP, "components": LAGS, "recording": {"time_column": "time"}}
+CONNECT = [["plant.q", "first.u"], ["first.y", "second.u"]]
+
+
+def write_commands(path, length, seed, leaks=()):
+    """Commands, and what a pump makes of them; it is weak between the times of `leaks`."""
+    choice = random.Random(seed)
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["time", "q", "q_actual"])
+        value, until = 1.0, 0.0
+        for i in range(int(length / 0.1)):
+            at = 0.1 * i
+            if at >= until:
+                value, until = choice.uniform(0.5, 2.0), at + choice.uniform(1, 4)
+            weak = any(begin <= at < end for begin, end in leaks)
+            rows.writerow([f"{at:.1f}", f"{value:.5g}", f"{value * (0.85 if weak else 1.0):.6g}"])
+
+
+def write(path, document):
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+class Bench:
+    """A plant with a pump, played by Modbus, and a twin of it."""
+
+    def __init__(self):
+        self.folder = scratch()
+        self.port = free_port()
+        self.database = self.folder / "twin.db"
+
+    def plant(self, length, seed, leaks):
+        write_commands(self.folder / "commands.csv", length, seed, leaks)
+        return write(self.folder / "plant.json", {
+            **COMMON, "duration_s": length - 1, "recording": {"file": "commands.csv", "time_column": "time"},
+            "plant": {"q": {}, "q_actual": {}}, "connect": [["plant.q_actual", "first.u"], ["first.y", "second.u"]],
+            "emulate": {"columns": {"q": {"from": "plant.q"}, "level": {"from": "second.y", "noise": 0.01}}}})
+
+    def twin(self, change=None):
+        signal_of = {"source": "device", "unit_id": 1, "table": "input", "type": "float32"}
+        lock = {**COMMON, "plant": {"q": {"modbus": {**signal_of, "address": 0}, "csv": {"column": "q"}},
+                                    "level": {"modbus": {**signal_of, "address": 2}, "csv": {"column": "level"}}},
+                "sources": {"device": {"modbus_tcp": {"host": "127.0.0.1", "port": self.port, "period_s": 0.005, "timeout_s": 0.5}}},
+                "connect": CONNECT, "record": {"file": "twin.db", "max_mb": 100, "commit_s": 0.1, "resume_s": 0},
+                "detect": {"learn_s": LEARN_S},
+                "synchronise": {"adjust": {"first.u": {"step": 0.1, "min": 0, "max": 4}}, "horizon": {"prediction": 30},
+                                "match": {"second.y": {"to": "plant.level", "tolerance": 0.03}}}}
+        return write(self.folder / "twin.json", merge(lock, change or {}))
+
+    def learn(self):
+        """Stores what is normal, from a recording."""
+        recording = self.folder / "normal.csv"
+        run_well(["plant", self.plant(NORMAL_S, 1, ()), "--record", recording])
+        return json.loads(run_well(["replay", self.twin({"duration_s": NORMAL_S - 2}), "--recording", recording, "--db", self.database,
+                                    "--json"]))
+
+    def play(self, length, seed, leaks):
+        plant = self.plant(length, seed, leaks)
+        return Program("plant", plant, "--for", self.twin(), "--seed", str(seed))
+
+    def states(self):
+        return [state for state, in query(self.database, "SELECT state FROM findings ORDER BY finding")]
+
+
+def epoch(database, column, table):
+    return number(database, f"SELECT (julianday({column}) - 2440587.5) * 86400 FROM {table} ORDER BY 1 DESC LIMIT 1")
+
+
+def shown(database):
+    return json.loads(run_well(["show", database, "--json", "--events"]))
+
+
+def expect_found(bench, live, began):
+    live.wait_for("finding|first.u|since|UTC")
+    at_most(time.time() - began, 15, "time until the change was found, s")
+    wait_until(bench.states, "a stored finding", live.log)
+
+
+def test_a_change_of_the_plant():
+    bench = Bench()
+    learned = bench.learn()
+    expect(learned["detection"]["state"] == "watching" and learned["findings"] == [], f"{learned['detection']}, {learned['findings']}")
+    with bench.play(150, 2, [(BREAKS, MENDED)]) as plant:
+        plant.wait_for("by Modbus TCP")
+        began = time.time()
+        expect_a_change(bench, began)
+    page = run_well(["show", bench.database])
+    expect_line(page, "0 open|1 gone")
+    check_database(bench.database)
+    expect_nothing_learned(bench)
+
+
+def expect_a_change(bench, began):
+    with Program("run", bench.twin(), "--json") as live:
+        live.wait_for("lock|locked")
+        time.sleep(LEFT_OUT + 3)
+        os.kill(member(live, "recorder"), signal.SIGKILL)  # the next one continues
+        expect(bench.states() == [], "found in a healthy plant")
+        expect_found(bench, live, began + BREAKS)
+        time.sleep(5)
+        _, log = end_well(live, signal.SIGTERM)
+        expect_no_line(log, "learning begins at zero")
+    found = shown(bench.database)
+    expect(found["detection"]["state"] == "watching", found["detection"])
+    expect([finding["state"] for finding in found["findings"]] == ["open"], f"not one open finding: {found['findings']}")
+    finding = found["findings"][0]
+    expect(finding["variable"] == "first.u" and finding["kind"] == "step", finding)
+    at_most(abs(finding["onset"] - BREAKS), 3, "error of the onset, s")
+    at_most(abs(finding["percent"] + 15), 4, "error of the size, %")
+    at_most(abs(epoch(bench.database, "onset_at", "findings") - epoch(bench.database, "started", "runs") - finding["onset"]),
+            0.01, "difference between both times of the onset, s")
+    expect([event["severity"] for event in found["events"] if event["source"] == "finding"][:1] == ["warning"], found["events"])
+    expect_line(run_well(["show", bench.database]), "first.u|since|UTC")
+
+    with Program("run", bench.twin(), "--json") as live:  # another run: the same change, which ends
+        wait_until(lambda: bench.states() == ["gone"], "the end of the finding", live.log)
+        end_well(live, signal.SIGTERM)
+
+
+def expect_nothing_learned(bench):
+    """Another configuration: what was learnt does not apply, but the findings are kept."""
+    twin = bench.twin({"step_s": 0.02, "duration_s": 3})
+    _, _, log = run(["run", twin])
+    expect_line(log, "learning begins at zero")
+    found = shown(bench.database)
+    expect(found["detection"]["state"] == "learning", found["detection"])
+    expect([finding["state"] for finding in found["findings"]] == ["gone"], "the finding is lost")
+    expect_line(run_well(["show", bench.database]), "1 gone")
+
+
+if __name__ == "__main__":
+    main()
