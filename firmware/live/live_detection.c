@@ -75,11 +75,18 @@ static void begin_run(tl_live_detection *self, const tl_recorder_entry *entry) {
     }
 }
 
+/* The process of the FMUs may have written any number. */
+static bool is_possible(const tl_live_detection *self, const tl_recorder_entry *entry) {
+    int64_t most = INT64_MAX / 4 / self->config->step;
+    int64_t tick = entry->kind == TL_ENTRY_SAMPLE ? entry->sample.tick : entry->record.step;
+    return (entry->kind == TL_ENTRY_SAMPLE || entry->kind == TL_ENTRY_STEP) && tick >= 0 && tick < most;
+}
+
 void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry *entry) {
     if (entry->kind == TL_ENTRY_START) {
         begin_run(self, entry);
     }
-    if (self->detector == NULL || !self->is_watched) {
+    if (self->detector == NULL || !self->is_watched || !is_possible(self, entry)) {
         return;
     }
     if (entry->kind == TL_ENTRY_SAMPLE) {

@@ -262,7 +262,7 @@ tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *
     *changes = (tl_show_changes){.finding = NULL};
     tl_status status = tl_history_findings(request->history, request->run, &changes->finding, &changes->count, error);
     if (status == TL_OK) {
-        status = tl_history_detection(request->history, &changes->detection, &changes->is_watched, error);
+        status = tl_history_detection(request->history, request->run, &changes->detection, &changes->is_watched, error);
     }
     for (size_t i = 0; status == TL_OK && i < changes->count; i++) {
         changes->open += strcmp(changes->finding[i].row.state, "open") == 0 ? 1 : 0;

@@ -514,10 +514,12 @@ tl_status tl_history_findings(tl_history *history, const tl_history_run *run, co
     return status;
 }
 
-tl_status tl_history_detection(tl_history *history, tl_run_detection *detection, bool *any, tl_error *error) {
+tl_status tl_history_detection(tl_history *history, const tl_history_run *run, tl_run_detection *detection, bool *any,
+                               tl_error *error) {
+    static const char sql[] = "SELECT state, learnt_s, needed_s, watched_s FROM learned WHERE run = ?1 OR"
+                              " (SELECT verb FROM runs WHERE run = ?1) <> 'replay'";
     sqlite3_stmt *statement = NULL;
-    tl_status status =
-        query_row(history, "SELECT state, learnt_s, needed_s, watched_s FROM learned", 0, 0, NULL, &statement, error);
+    tl_status status = query_row(history, sql, run->run, 0, NULL, &statement, error);
     *any = status == TL_OK && statement != NULL;
     if (*any) {
         table_row row = row_of(statement);

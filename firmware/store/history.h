@@ -114,8 +114,10 @@ enum { TL_HISTORY_FINDINGS = 1000000 };
 tl_status tl_history_findings(tl_history *history, const tl_history_run *run, const tl_history_finding **findings,
                               size_t *count, tl_error *error);
 
-/* Reads the state of the change detector; *any is false if there is none. */
-tl_status tl_history_detection(tl_history *history, tl_run_detection *detection, bool *any, tl_error *error);
+/* Reads the state of the change detector, for all live runs or for this replay; *any is false if
+ * there is none. */
+tl_status tl_history_detection(tl_history *history, const tl_history_run *run, tl_run_detection *detection, bool *any,
+                               tl_error *error);
 
 /* A checkpoint: the twin after a tick. */
 typedef struct tl_history_checkpoint {

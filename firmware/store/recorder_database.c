@@ -171,8 +171,10 @@ static const char *const sql_of[STATEMENTS] = {
     [ADJUSTMENT] =
         "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    /* What was learnt in a replay never replaces anything. */
     [LEARNED] = "INSERT OR REPLACE INTO learned (id, run, at, state, learnt_s, needed_s, watched_s, sha256, bytes)"
-                " VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                " SELECT 1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8 FROM runs"
+                " WHERE runs.run = ?1 AND (verb = 'run' OR NOT EXISTS (SELECT 1 FROM learned))",
     [READ_LEARNED] = "SELECT bytes, sha256 FROM learned",
     [FINDING] = "INSERT OR REPLACE INTO findings (finding, run, kind, subject, variable, unit, onset_s, onset_spread_s,"
                 " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"

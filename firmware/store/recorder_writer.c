@@ -71,7 +71,7 @@ struct tl_recorder_writer {
     /* of the observer: */
     tl_record_queue_reader observer; /* of the ring; it reads ahead of the writer */
     uint64_t observed;               /* end of what was observed */
-    uint64_t observed_end;           /* end of an END entry: what follows is observed when that is written */
+    uint64_t observed_end;           /* end of a run with a handover: what follows is observed when that is written */
     bool is_observing;               /* the observer knows the run */
 };
 
@@ -381,6 +381,11 @@ static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
 
 /* ---- Observing ---- */
 
+static bool ends_with_handover(const tl_recorder_writer *writer) {
+    const char *hand_over = writer->settings.hand_over;
+    return writer->entry.kind == TL_ENTRY_END && hand_over != NULL && strcmp(writer->entry.reason, hand_over) == 0;
+}
+
 /* The run may have begun before this writer. */
 static void observe_run(tl_recorder_writer *writer) {
     const tl_recorder_mark *mark = mark_of(writer);
@@ -401,8 +406,10 @@ static void observe_entries(tl_recorder_writer *writer) {
         return;
     }
     observe_run(writer);
-    if (writer->observed < taken) { /* at the opening, and if damaged bytes were skipped */
-        writer->observed = taken;
+    bool was_skipped = writer->observed < taken; /* damaged bytes */
+    bool is_mended = writer->observer.is_ring_broken && !ring_of(writer)->is_ring_broken;
+    writer->observed = was_skipped ? taken : writer->observed;
+    if (was_skipped || is_mended) {
         tl_record_queue_reader_open(settings_of_ring(writer), writer->sources[settings->ring].queue.memory,
                                     &writer->observer);
     }
@@ -410,7 +417,7 @@ static void observe_entries(tl_recorder_writer *writer) {
     while (writer->observed < end &&
            tl_record_queue_reader_entry(&writer->observer, &writer->observed, end, &writer->entry)) {
         settings->observe(settings->context, &writer->entry);
-        if (writer->entry.kind == TL_ENTRY_END) {
+        if (ends_with_handover(writer)) {
             writer->observed_end = writer->observed;
             end = writer->observed;
         }
@@ -659,7 +666,6 @@ static bool is_stray(tl_recorder_writer *writer) {
 }
 
 static int write_entry(tl_recorder_writer *writer) {
-    const char *hand_over = writer->settings.hand_over;
     if (is_stray(writer)) {
         drop_entry(writer);
         return SQLITE_OK;
@@ -671,7 +677,7 @@ static int write_entry(tl_recorder_writer *writer) {
     case TL_ENTRY_END:
         writer->ends = !writer->next.has_ended;
         writer->next.has_ended = true;
-        writer->next.hands_over = hand_over != NULL && strcmp(writer->entry.reason, hand_over) == 0;
+        writer->next.hands_over = ends_with_handover(writer);
         return SQLITE_OK;
     default:
         return write_sample_or_step(writer);
@@ -761,6 +767,7 @@ static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *mor
  * as many events as fit. *more: another batch should follow. */
 static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t position = 0;
+    observe_entries(writer);
     begin_batch(writer);
     *more = false;
     end = limit_end(writer, end);

@@ -89,6 +89,7 @@ tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
     bench->queues[TL_BENCH_TWIN].memory = bench->ring == TL_BENCH_TWIN ? bench->memory[TL_BENCH_TWIN] : NULL;
     bench->queues[TL_BENCH_OTHER].memory = bench->ring == TL_BENCH_OTHER ? bench->memory[TL_BENCH_OTHER] : NULL;
     const tl_recorder_writer_settings settings = {.record = &bench->record,
+                                                  .observe = bench->observe,
                                                   .queues = bench->queues,
                                                   .queue_count = TL_BENCH_QUEUES,
                                                   .ring = bench->ring,

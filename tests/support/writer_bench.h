@@ -37,9 +37,10 @@ typedef struct tl_writer_bench {
     size_t ring;  /* queue that is read: TL_BENCH_TWIN (default) or TL_BENCH_OTHER */
     bool goes_on; /* result of the callback goes_on() */
     tl_recorder_writer_state *state;
-    bool is_last;               /* see recorder_writer.h */
-    tl_recorder_plant plant;    /* see recorder_writer.h */
-    tl_recorder_writer *writer; /* NULL: not open */
+    bool is_last;                                                 /* see recorder_writer.h */
+    void (*observe)(void *bench, const tl_recorder_entry *entry); /* NULL: none */
+    tl_recorder_plant plant;                                      /* see recorder_writer.h */
+    tl_recorder_writer *writer;                                   /* NULL: not open */
     tl_error error;
     pid_t child; /* running child process; 0: none */
 } tl_writer_bench;

@@ -1,6 +1,8 @@
 /* The writer: runs from record queues, continuation by a successor, waiting, and invalid queues. */
+#include <math.h>
 #include <sqlite3.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -315,6 +317,188 @@ static void test_batches_end_between_ticks(void) {
     tl_writer_bench_close_well(&bench);
 }
 
+/* ---- Observing, and changes ---- */
+
+enum { OBSERVED = 400 };
+
+static tl_recorder_kind kinds[OBSERVED]; /* of the observed entries */
+static int64_t ticks_seen[OBSERVED];
+static size_t observed;
+
+static void observe(void *context, const tl_recorder_entry *entry) {
+    (void)context;
+    TEST_ASSERT_LESS_THAN_size_t(OBSERVED, observed);
+    kinds[observed] = entry->kind;
+    ticks_seen[observed++] = entry->kind == TL_ENTRY_SAMPLE ? entry->sample.tick : entry->record.step;
+}
+
+/* A start, then these ticks with a sample and a step each. */
+static void expect_observed(size_t at, int64_t first, int64_t count) {
+    TEST_ASSERT_GREATER_OR_EQUAL_size_t(at + 1 + 2 * (size_t)count, observed);
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_START, kinds[at]);
+    for (size_t i = 0; i < 2 * (size_t)count; i++) {
+        TEST_ASSERT_EQUAL_INT(i % 2 == 0 ? TL_ENTRY_SAMPLE : TL_ENTRY_STEP, kinds[at + 1 + i]);
+        TEST_ASSERT_EQUAL_INT64(first + (int64_t)i / 2, ticks_seen[at + 1 + i]);
+    }
+}
+
+static void open_with_observer(void) {
+    observed = 0;
+    bench.observe = observe;
+    tl_writer_bench_open(&bench);
+}
+
+/* Each entry is observed once, also while the disk is full. A run after a handover is observed when
+ * the end of the one before is written, because it may belong to another queue. */
+static void test_an_observer_and_a_full_disk(void) {
+    open_with_observer();
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_size_t(21, observed);
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    write_now();
+    TEST_ASSERT_EQUAL_size_t(41, observed);
+    bench.goes_on = true; /* announced without cause */
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, TL_BENCH_HAND_OVER));
+    tl_writer_bench_start(&bench, 2);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    expect_observed(0, 0, 20);
+    TEST_ASSERT_EQUAL_size_t(42, observed);
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_END, kinds[41]);
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_write_until(&bench, 60);
+    write_now();
+    expect_observed(42, 0, 10);
+    TEST_ASSERT_EQUAL_size_t(63, observed);
+    tl_writer_bench_close_well(&bench);
+}
+
+/* A successor observes the run's start, and what was not written. */
+static void test_an_observer_of_a_successor(void) {
+    open_with_observer();
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_put(&bench, 10, 10);
+    open_with_observer();
+    write_now();
+    expect_observed(0, 10, 10);
+    TEST_ASSERT_EQUAL_size_t(21, observed);
+    tl_writer_bench_close_well(&bench);
+}
+
+/* Behind damaged bytes the observer continues. */
+static void test_an_observer_of_a_damaged_queue(void) {
+    open_with_observer();
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
+    tl_writer_bench_put(&bench, 10, 10);
+    memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
+    write_now();
+    TEST_ASSERT_EQUAL_size_t(21, observed);
+    tl_record_queue_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
+    tl_writer_bench_start(&bench, 2);
+    tl_writer_bench_put(&bench, 20, 10);
+    tl_writer_bench_write_until(&bench, 40);
+    write_now();
+    expect_observed(observed - 21, 20, 10);
+    tl_writer_bench_close_well(&bench);
+}
+
+static tl_run_changes made_changes(const tl_run_finding *findings, size_t count) {
+    static const unsigned char bytes[] = "learned";
+    return (tl_run_changes){.detection = {.is_ready = true, .learnt = 60, .needed = 60, .watched = 5},
+                            .finding = findings,
+                            .count = count,
+                            .learned = bytes,
+                            .size = sizeof bytes};
+}
+
+static void expect_learned(uint32_t last) {
+    unsigned char *bytes = NULL;
+    size_t size = 0;
+    uint32_t found = 0;
+    TEST_ASSERT_TRUE(tl_recorder_writer_read_learned(bench.writer, &bytes, &size, &found));
+    TEST_ASSERT_EQUAL_UINT32(last, found);
+    TEST_ASSERT_EQUAL_size_t(sizeof "learned", size);
+    TEST_ASSERT_EQUAL_STRING("learned", (char *)bytes);
+    free(bytes);
+}
+
+static void expect_in_history(void) {
+    tl_history *history = NULL;
+    const tl_history_run *run = NULL;
+    const tl_history_finding *found = NULL;
+    size_t count = 0;
+    bool any = false;
+    tl_run_detection detection = {0};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_open(bench.path, &history, &bench.error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_find(history, 0, &run, &bench.error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_findings(history, run, &found, &count, &bench.error),
+                                  bench.error.text);
+    TEST_ASSERT_EQUAL_size_t(2, count);
+    TEST_ASSERT_EQUAL_STRING("gone", found[0].row.state);
+    TEST_ASSERT_EQUAL_STRING("a\nb", found[0].row.also);
+    TEST_ASSERT_TRUE(found[0].row.gone > 19.9 && isnan(found[1].row.size) && found[0].started != 0);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_detection(history, run, &detection, &any, &bench.error));
+    TEST_ASSERT_TRUE(any && detection.is_ready && detection.watched > 4.9);
+    tl_history_close(history);
+}
+
+static void test_changes_are_kept(void) {
+    tl_run_finding findings[2] = {
+        {1, "step", "correction", "motor.d", "Nm", 5.5, 0.5, 7, (double)NAN, -2, 0.1, -5, "a\nb", "plant", "open"},
+        {2, "freeze", "signal", "omega", "", 6, 1, 8, 9, (double)NAN, (double)NAN, (double)NAN, "", "", "gone"}};
+    tl_run_changes changes = made_changes(findings, 2);
+    tl_writer_bench_open(&bench);
+    TEST_ASSERT_FALSE(tl_recorder_writer_keep(bench.writer, &changes)); /* there is no run */
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    TEST_ASSERT_FALSE(tl_recorder_writer_keep(bench.writer, &changes));
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    expect_learned(2);
+    findings[0].state = "gone";
+    findings[0].gone = 20;
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT abs((julianday(onset_at) - julianday(started)) * 86400 - 5.5) < 0.002 AND"
+                                   " onset_s = 5.5 FROM findings JOIN runs USING (run) WHERE finding = 1"));
+    expect_in_history();
+}
+
+/* What was learnt is not returned if it is damaged, and is not stored if it is too large. */
+static void test_what_was_learnt_is_checked(void) {
+    static const unsigned char large[200000];
+    unsigned char *bytes = NULL;
+    size_t size = 0;
+    uint32_t last = 0;
+    tl_run_changes changes = made_changes(NULL, 0);
+    bench.record.max_bytes = 1000000;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    changes.learned = large;
+    changes.size = sizeof large;
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    expect_learned(0);
+    tl_sql_execute(bench.path, "UPDATE learned SET bytes = x'00'");
+    TEST_ASSERT_TRUE(tl_recorder_writer_read_learned(bench.writer, &bytes, &size, &last));
+    TEST_ASSERT_NULL(bytes);
+    tl_writer_bench_close_well(&bench);
+}
+
 /* ---- Invalid queues ---- */
 
 static void test_invalid_numbers(void) {
@@ -526,6 +710,11 @@ int main(void) {
     RUN_TEST(test_lost_entries_of_a_full_disk);
     RUN_TEST(test_entries_that_are_not_written_at_the_end);
     RUN_TEST(test_batches_end_between_ticks);
+    RUN_TEST(test_an_observer_and_a_full_disk);
+    RUN_TEST(test_an_observer_of_a_successor);
+    RUN_TEST(test_an_observer_of_a_damaged_queue);
+    RUN_TEST(test_changes_are_kept);
+    RUN_TEST(test_what_was_learnt_is_checked);
     RUN_TEST(test_invalid_numbers);
     RUN_TEST(test_a_damaged_queue);
     RUN_TEST(test_a_ring_that_is_skipped);
