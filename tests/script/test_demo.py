@@ -46,6 +46,8 @@ def test_the_other_solver_is_the_only_change():
     text = (CONFIG / "live.json").read_text(encoding="utf-8")
     expect(text.count('"algorithm": "secant"') == 1, "config/motor/live.json has another solver now; script/demo must know")
     expect(text.count('"priority": 50, "lock_memory": true') == 1, "config/motor/live.json has another realtime; script/demo must know")
+    text = (SOURCE / "config" / "vessels" / "live.json").read_text(encoding="utf-8")
+    expect(text.count('"twinlock": 1,') == 1 and '"realtime"' not in text, "config/vessels/live.json has a realtime now; script/demo must know")
 
 
 def test_usage():
