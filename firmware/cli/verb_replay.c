@@ -54,7 +54,7 @@ static void report_finding(void *context, int64_t tick, const tl_finding *findin
     tl_finding_write(finding, finding->found, 0, text);
     tl_finding_write_cause(finding, cause);
     tl_journal_event(&self->journal, tick, turn == TL_FINDING_FOUND ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding",
-                     "%s%s%s", text, cause[0] == '\0' ? "" : "; ", cause);
+                     "%s%s%s", text, cause[0] == '\0' ? "" : "; cause: ", cause);
 }
 
 /* Opens the recorder, the report and the watch that reports events to them. These events are not
@@ -150,7 +150,7 @@ static tl_status report_result(replayer *self, tl_status status, tl_error *error
     }
     if (self->report.page != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
-        tl_status kept = tl_replay_report_keep(&self->report, &self->summary, ended, &later);
+        tl_status kept = tl_replay_report_keep(&self->report, &self->summary, &self->changes.changes, ended, &later);
         status = first_of(status, kept, &later, error);
     }
     if (recorder != NULL) {

@@ -39,8 +39,8 @@ static void report_finding(void *context, int64_t tick, const tl_finding *findin
     bool is_new = turn == TL_FINDING_FOUND;
     tl_finding_write(finding, finding->found, self->started, sentence);
     tl_finding_write_cause(finding, cause);
-    (void)snprintf(text, sizeof text, "%.*s%s%.*s", TL_EVENT_TEXT / 2, sentence, cause[0] == '\0' ? "" : "; ",
-                   TL_EVENT_TEXT / 3, cause);
+    (void)snprintf(text, sizeof text, "%.*s%s%.*s", TL_EVENT_TEXT / 2, sentence,
+                   cause[0] == '\0' ? "" : "; cause: ", TL_EVENT_TEXT / 3, cause);
     tl_log(is_new ? TL_LOG_WARNING : TL_LOG_NOTICE, "finding: %s", text);
     tl_recorder_state_add_event(self->state, tick, is_new ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", text);
     self->is_due = true;

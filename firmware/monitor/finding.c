@@ -65,9 +65,8 @@ void tl_finding_write(const tl_finding *finding, double now, int64_t started, ch
 void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]) {
     text[0] = '\0';
     if (finding->cause == TL_FINDING_SENSOR) {
-        (void)snprintf(text, TL_FINDING_TEXT, "cause: sensor plant.%s, or an input that acts on it alone",
-                       finding->sensor);
+        (void)snprintf(text, TL_FINDING_TEXT, "sensor plant.%s, or an input that acts on it alone", finding->sensor);
     } else if (finding->cause == TL_FINDING_PLANT) {
-        (void)snprintf(text, TL_FINDING_TEXT, "cause: the plant, not one sensor");
+        (void)snprintf(text, TL_FINDING_TEXT, "the plant, not one sensor");
     }
 }

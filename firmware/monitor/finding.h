@@ -69,7 +69,7 @@ const char *tl_finding_state_name(const tl_finding *finding);
  * t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
 
-/* Writes the cause: "cause: sensor plant.level, or an input that acts on it alone"; empty if it is
+/* Writes the cause: "sensor plant.level, or an input that acts on it alone"; empty if it is
  * not known. */
 void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]);
 

@@ -9,6 +9,22 @@
 #include "firmware/monitor/change_storage.h"
 #include "firmware/monitor/lock_tally.h"
 
+/* A run that has learnt less than this part says nothing about changes. */
+static const double SHORT_RUN = 0.04;
+
+size_t tl_changes_count_open(const tl_run_changes *changes) {
+    size_t open = 0;
+    for (size_t i = 0; i < changes->count; i++) {
+        open += isnan(changes->finding[i].gone) ? 1 : 0;
+    }
+    return open;
+}
+
+bool tl_changes_are_known(const tl_run_changes *changes) {
+    const tl_run_detection *detection = &changes->detection;
+    return changes->count > 0 || detection->is_ready || detection->learnt >= SHORT_RUN * detection->needed;
+}
+
 static void add_instant(tl_json_writer *json, const char *key, double instant, int64_t started) {
     char text[TL_UTC_TEXT];
     int64_t at = isfinite(instant) ? tl_lock_utc(instant, started) : 0;
@@ -85,10 +101,16 @@ void tl_changes_write_verdict(const tl_run_detection *detection, size_t open, si
     tl_show_duration(detection->learnt, learnt, sizeof learnt);
     tl_show_duration(detection->needed, needed, sizeof needed);
     tl_show_duration(detection->watched, watched, sizeof watched);
-    if (open + gone > 0) {
-        (void)snprintf(text, TL_FINDING_TEXT, "%zu open, %zu gone", open, gone);
+    char also[40] = "";
+    if (gone > 0) {
+        (void)snprintf(also, sizeof also, ", %zu %s gone", gone, gone == 1 ? "is" : "are");
+    }
+    if (open > 0) {
+        (void)snprintf(text, TL_FINDING_TEXT, "%zu lasting change%s open%s", open, open == 1 ? " is" : "s are", also);
+    } else if (gone > 0) {
+        (void)snprintf(text, TL_FINDING_TEXT, "no lasting change is open%s", also);
     } else if (detection->is_ready) {
-        (void)snprintf(text, TL_FINDING_TEXT, "none found in %s, after %s of learning", watched, learnt);
+        (void)snprintf(text, TL_FINDING_TEXT, "no lasting change in %s, after %s of learning", watched, learnt);
     } else {
         (void)snprintf(text, TL_FINDING_TEXT, "learning: %s of %s; nothing can be said yet", learnt, needed);
     }

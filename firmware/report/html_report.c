@@ -7,6 +7,8 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/monitor/finding.h"
+#include "firmware/report/changes.h"
 #include "firmware/report/envelope.h"
 #include "firmware/report/html_resources.h"
 #include "master/base/text.h"
@@ -25,8 +27,19 @@ typedef struct tl_html_entry {
     char text[224];
 } tl_html_entry;
 
+typedef struct tl_html_finding {
+    bool is_open;
+    double time; /* of its onset, on the axis of the plots */
+    long long number;
+    char text[TL_FINDING_TEXT];
+    char cause[TL_FINDING_TEXT];
+} tl_html_finding;
+
 struct tl_html_report {
     tl_html_settings settings;
+    char verdict[TL_FINDING_TEXT]; /* "": unknown */
+    size_t finding_count;          /* including those no longer stored */
+    tl_html_finding findings[TL_FINDINGS];
     tl_envelope curves;
     uint64_t recorded;    /* steps */
     uint64_t event_count; /* all events, including those no longer stored */
@@ -617,6 +630,33 @@ static void put_thinning(const page_data *page) {
     }
 }
 
+/* ---- Changes --------------------------------------------------------------------------------- */
+
+static void put_finding(const tl_html_finding *finding, FILE *file) {
+    (void)fprintf(file, "<tr class=\"%s\" data-time=\"%.15g\"><td class=\"n\">%lld</td>",
+                  finding->is_open ? "open" : "gone", finding->time, finding->number);
+    put_within(file, "<td class=\"text\">", finding->text, "</td>");
+    put_within(file, "<td class=\"text\">", finding->cause, "</td></tr>\n");
+}
+
+static void put_changes(const page_data *page) {
+    const tl_html_report *report = page->report;
+    FILE *file = page->file;
+    size_t count = report->finding_count;
+    if (report->verdict[0] == '\0') {
+        return;
+    }
+    put_within(file, "<section id=\"changes\">\n<h2>Changes</h2>\n<p class=\"verdict\">", report->verdict, "</p>\n");
+    if (count > 0) {
+        begin_table(file, "", "<th class=\"n\">no.</th><th>change</th><th>cause</th>");
+        for (size_t i = count > TL_FINDINGS ? count - TL_FINDINGS : 0; i < count; i++) {
+            put_finding(&report->findings[i % TL_FINDINGS], file);
+        }
+        end_table(file);
+    }
+    (void)fputs("</section>\n", file);
+}
+
 /* ---- Events ---------------------------------------------------------------------------------- */
 
 /* Returns the position on the time axis of the plots: s, or ms since 1970 (UTC) in a live run; NaN
@@ -700,7 +740,7 @@ static const struct {
     {"script", &tl_html_script, NULL}, {"licence", &tl_html_licence, NULL},
     {"facts", NULL, put_facts},        {"figures", NULL, put_figures},
     {"events", NULL, put_events},      {"thinning", NULL, put_thinning},
-    {"data", NULL, put_data},
+    {"data", NULL, put_data},          {"changes", NULL, put_changes},
 };
 
 /* Replaces the placeholder `name` of `length` characters. An unknown one stays as it is, so that a
@@ -847,6 +887,18 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record) 
         const tl_history_adjustment adjustment = {record->step, i, record->u[i], record->nominal[i]};
         add_adjustment(report, &adjustment);
     }
+}
+
+void tl_html_report_set_verdict(tl_html_report *report, const tl_run_detection *detection, size_t open, size_t gone) {
+    tl_changes_write_verdict(detection, open, gone, report->verdict);
+}
+
+void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started) {
+    tl_html_finding *finding = &report->findings[report->finding_count++ % TL_FINDINGS];
+    tl_changes_write_finding(row, now, started, finding->text, finding->cause);
+    finding->number = row->number;
+    finding->is_open = isnan(row->gone);
+    finding->time = report->settings.live ? (double)started + row->onset * 1e3 : row->onset;
 }
 
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event) {

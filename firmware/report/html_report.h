@@ -13,6 +13,7 @@
 #include "firmware/base/text.h"
 #include "firmware/report/run_figures.h"
 #include "firmware/store/history.h"
+#include "firmware/store/run_types.h"
 #include "master/plan/plan.h"
 #include "master/twin/twin.h"
 
@@ -103,6 +104,12 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 /* Adds an event; events must be in order of time. Texts are copied and truncated to the size of an
  * entry. event->at is "" in a replay. */
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event);
+
+/* Add what has changed; the newest TL_FINDINGS findings are listed. `now`: s since t_start, for the
+ * form of the times. `started`: t_start, ms since 1970 UTC; 0: a replay. Without either the page has
+ * no section of changes. */
+void tl_html_report_set_verdict(tl_html_report *report, const tl_run_detection *detection, size_t open, size_t gone);
+void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started);
 
 /* Writes the page. Signals in `figures` must be in the order of the settings. `ended`: text of why
  * the run ended. The caller checks the stream for write errors. */

@@ -64,6 +64,9 @@ typedef struct tl_show_changes {
 } tl_show_changes;
 tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *changes, tl_error *error);
 
+/* Returns the time of the run's last commit, s since the instant from which the finding counts. */
+double tl_show_now(const tl_history_run *run, const tl_history_finding *finding);
+
 /* Returns the start of step `step` of a live run: ms since 1970, UTC. */
 int64_t tl_show_instant(const tl_history_run *run, int64_t step);
 

@@ -464,15 +464,12 @@ static tl_status print_events(show_page *page, tl_error *error) {
 /* ---- Changes --------------------------------------------------------------------------------- */
 
 static void print_finding(const show_page *page, const tl_history_finding *finding) {
-    const tl_history_run *run = page->request->run;
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    int64_t now = 0;
-    (void)tl_utc_parse(run->committed, &now);
-    tl_changes_write_finding(&finding->row, (double)(now - finding->started) / 1e3, finding->started, text, cause);
+    tl_changes_write_finding(&finding->row, tl_show_now(page->request->run, finding), finding->started, text, cause);
     (void)fprintf(page->file, "  %-4lld %s\n", (long long)finding->row.number, clean_line(page, text));
     if (cause[0] != '\0') {
-        (void)fprintf(page->file, "       %s\n", clean_line(page, cause));
+        (void)fprintf(page->file, "       cause: %s\n", clean_line(page, cause));
     }
 }
 

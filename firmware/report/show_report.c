@@ -87,6 +87,20 @@ static void fill_settings(recorded_run *run) {
 
 /* ---- The page -------------------------------------------------------------------------------- */
 
+static tl_status add_changes(const recorded_run *run, tl_error *error) {
+    tl_show_changes changes;
+    tl_status status = tl_show_read_changes(run->request, &changes, error);
+    if (status == TL_OK && (changes.is_watched || changes.count > 0)) {
+        tl_html_report_set_verdict(run->report, &changes.detection, changes.open, changes.count - changes.open);
+    }
+    for (size_t i = 0; status == TL_OK && i < changes.count; i++) {
+        const tl_history_finding *finding = &changes.finding[i];
+        tl_html_report_add_finding(run->report, &finding->row, tl_show_now(run->request->run, finding),
+                                   finding->started);
+    }
+    return status;
+}
+
 /* The file is created after all data was read, so that an interrupted `show` leaves no file. */
 static tl_status write_page(const recorded_run *run, const char *path, tl_error *error) {
     tl_new_file file;
@@ -122,6 +136,7 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
     if (status == TL_OK) {
         status = tl_history_events(history, request->run, request->from_at, -1, &visitor, error);
     }
+    status = status == TL_OK ? add_changes(run, error) : status;
     return status == TL_OK ? write_page(run, path, error) : status;
 }
 

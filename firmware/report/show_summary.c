@@ -269,3 +269,9 @@ tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *
     }
     return status;
 }
+
+double tl_show_now(const tl_history_run *run, const tl_history_finding *finding) {
+    int64_t now = 0;
+    (void)tl_utc_parse(run->committed, &now);
+    return (double)(now - finding->started) / 1e3;
+}

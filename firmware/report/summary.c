@@ -345,9 +345,6 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
 enum { NARROWEST = 12, WIDEST = 32 }; /* of its first column */
 enum { SHOWN = 10 };                  /* findings that are shown */
 
-/* A run that has learnt less than this part says nothing about changes. */
-static const double SHORT_RUN = 0.04;
-
 static void widen_column(printing *page, const char *name) {
     int length = (int)strlen(name);
     page->width = length > page->width && length <= WIDEST ? length : page->width;
@@ -596,25 +593,21 @@ static void print_late(const printing *page) {
     }
 }
 
-/* The verdict, and the newest findings. A short run says nothing about changes. */
+/* The verdict, and the newest findings. */
 static void print_changes(const printing *page, const tl_run_changes *changes) {
-    const tl_run_detection *detection = &changes->detection;
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    size_t open = 0;
-    for (size_t i = 0; i < changes->count; i++) {
-        open += isnan(changes->finding[i].gone) ? 1 : 0;
-    }
-    if (changes->count == 0 && !detection->is_ready && detection->learnt < SHORT_RUN * detection->needed) {
+    size_t open = tl_changes_count_open(changes);
+    if (!tl_changes_are_known(changes)) {
         return;
     }
-    tl_changes_write_verdict(detection, open, changes->count - open, text);
+    tl_changes_write_verdict(&changes->detection, open, changes->count - open, text);
     print_line(page, "changes", "%s", text);
     for (size_t i = changes->count > SHOWN ? changes->count - SHOWN : 0; i < changes->count; i++) {
         tl_changes_write_finding(&changes->finding[i], 0.0, 0, text, cause);
         print_line(page, "", "%s", text);
         if (cause[0] != '\0') {
-            print_line(page, "", "%s", cause);
+            print_line(page, "", "cause: %s", cause);
         }
     }
 }

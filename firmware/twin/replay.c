@@ -8,6 +8,7 @@
 #include "firmware/base/output.h"
 #include "firmware/config/config.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/report/changes.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* ---- replay report ---- */
@@ -49,9 +50,16 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
     return status;
 }
 
-tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
-                                tl_error *error) {
+tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const tl_run_changes *changes,
+                                const char *ended, tl_error *error) {
     tl_run_figures figures = summary->figures;
+    size_t open = tl_changes_count_open(changes);
+    if (tl_changes_are_known(changes)) {
+        tl_html_report_set_verdict(report->page, &changes->detection, open, changes->count - open);
+    }
+    for (size_t i = 0; i < changes->count; i++) {
+        tl_html_report_add_finding(report->page, &changes->finding[i], 0.0, 0);
+    }
     tl_run_figures_take_account(&figures, report->account);
     tl_html_report_write(report->page, &figures, ended, report->file.file);
     return tl_new_file_keep(&report->file, error);

@@ -49,8 +49,8 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
 
 /* Writes the page with the present account, and gives the file its final name. `ended`: why the run
  * ended, in words. */
-tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
-                                tl_error *error);
+tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const tl_run_changes *changes,
+                                const char *ended, tl_error *error);
 
 /* Closes the report. A file that was not kept is deleted. */
 void tl_replay_report_close(tl_replay_report *report);

@@ -104,7 +104,7 @@ def test_a_change_of_the_plant():
         began = time.time()
         expect_a_change(bench, began)
     page = run_well(["show", bench.database])
-    expect_line(page, "0 open|1 gone")
+    expect_line(page, "no lasting change is open|1 is gone")
     check_database(bench.database)
     expect_nothing_learned(bench)
 
@@ -144,7 +144,7 @@ def expect_nothing_learned(bench):
     found = shown(bench.database)
     expect(found["detection"]["state"] == "learning", found["detection"])
     expect([finding["state"] for finding in found["findings"]] == ["gone"], "the finding is lost")
-    expect_line(run_well(["show", bench.database]), "1 gone")
+    expect_line(run_well(["show", bench.database]), "1 is gone")
 
 
 if __name__ == "__main__":

@@ -156,6 +156,24 @@
         context.setLineDash([]);
     }
 
+    // A line where a change began, with its number.
+    function drawFindings(context, area, graph) {
+        for (const finding of findings) {
+            const x = Math.round(graph.toDomXCoord(finding.time));
+            if (x < area.x || x > area.x + area.w) {
+                continue;
+            }
+            context.strokeStyle = context.fillStyle = finding.open ? palette.error : palette.soft;
+            context.lineWidth = 2;
+            context.beginPath();
+            context.moveTo(x, area.y);
+            context.lineTo(x, area.y + area.h);
+            context.stroke();
+            context.font = "600 12px system-ui, sans-serif";
+            context.fillText(finding.number, x + 4, area.y + area.h - 5);
+        }
+    }
+
     function drawBehind(plot, context, area, graph) {
         if (plot.tolerance) {
             const top = graph.toDomYCoord(plot.tolerance);
@@ -165,6 +183,7 @@
         drawStretches(context, area, graph, gaps, palette.gap);
         drawStretches(context, area, graph, plot.bad, palette.bad);
         drawEvents(context, area, graph);
+        drawFindings(context, area, graph);
     }
 
     // ---- Legend ------------------------------------------------------------------------------------------------------
@@ -357,6 +376,18 @@
         return group;
     }
 
+    // A range without rare extremes, such as those of a start, if they would flatten the rest; null: all is shown.
+    function usualRange(values) {
+        const sorted = values.filter((one) => one !== null).sort((one, other) => one - other);
+        if (sorted.length < 50) {
+            return null;
+        }
+        const at = (share) => sorted[Math.round(share * (sorted.length - 1))];
+        const [low, high] = [at(0.02), at(0.98)];
+        const span = high - low;
+        return span > 0 && sorted.at(-1) - sorted[0] > 4 * span ? [low - span / 2, high + span / 2] : null;
+    }
+
     function constant(value, like) {
         return like.map(() => value);
     }
@@ -412,8 +443,9 @@
                 {name: "u applied", values: adjust.applied, colour: "simulated", stepped: true, unit, type},
             ],
         });
+        const usual = usualRange(adjust.correction);
         addPlot(group, {
-            unit, offset: 0, height: 170,
+            unit, offset: 0, height: 170, range: usual || [null, null], hint: usual ? "rare extremes lie outside" : "",
             series: [{name: "correction \u0394u = u \u2212 \u00fb", values: adjust.correction, colour: "difference", stepped: true, unit}],
         });
     }
@@ -495,6 +527,8 @@
 
     const events = Array.from(document.querySelectorAll("#events tr[data-time]"), (row) => (
         {time: Number(row.dataset.time), severity: row.className}));
+    const findings = Array.from(document.querySelectorAll("#changes tr[data-time]"), (row) => (
+        {time: Number(row.dataset.time), open: row.className === "open", number: row.cells[0].textContent}));
     if (data.steps === 0) {
         container.append(element("p", "note", "There are no steps."));
         return;
