@@ -144,6 +144,15 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
                       "they changed, events. Works during a run.",
                       "twinlock show tank.db --since 8h\n"
                       "twinlock show tank.db --report tank.html"},
+    [TL_VERB_FINDING] = {"finding", "DATABASE --acknowledge N [options]", "database", "acknowledge a finding",
+                         "Records that you have seen a finding, with your name and a note. `twinlock show` lists the "
+                         "findings. Works during a run.",
+                         "twinlock finding tank.db --acknowledge 3 --note \"filter is clogged, ordered\""},
+    [TL_VERB_LEARN] = {"learn", "DATABASE", "database", "learn again what is normal",
+                       "Removes what was learnt from a database, for example after a repair: the next run, or the "
+                       "present one, learns again what is normal. Open findings become normal. Samples and "
+                       "corrections stay.",
+                       "twinlock learn tank.db"},
     [TL_VERB_RELOAD] = {"reload", "CONFIG [options]", "configuration", "change the configuration of a running twin",
                         "Sends a changed configuration to the run of it that has --control. Tuning values change in "
                         "place. Other changes start a second twin beside the first, which takes over between two "
@@ -160,6 +169,7 @@ enum {
     RUN = 1 << TL_VERB_RUN,
     PLANT = 1 << TL_VERB_PLANT,
     SHOW = 1 << TL_VERB_SHOW,
+    FINDING = 1 << TL_VERB_FINDING,
     RELOAD = 1 << TL_VERB_RELOAD,
     EVERY = (1 << TL_VERB_COUNT) - 1
 };
@@ -187,6 +197,9 @@ static const tl_option OPTIONS[] = {
              "or in the last part of the run (90s, 15m, 8h, 2d)",
      .expected = "a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d"},
     {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events; default: the last ten"},
+    {FINDING, "acknowledge", "N", read_run, SETS(acknowledge), .help = "number of the finding",
+     .expected = "the number of a finding, for example 3"},
+    {FINDING, "note", "TEXT", tl_option_text, SETS(note), .help = "a remark"},
     {REPLAY, "db", "FILE", tl_option_text, SETS(database), .help = "record into a SQLite database, as `run` does"},
     {RUN, "db", "FILE", tl_option_text, SETS(database),
      .help = "record into this SQLite database; default: that of CONFIG"},

@@ -25,6 +25,8 @@ typedef enum tl_verb {
     TL_VERB_RUN,
     TL_VERB_PLANT,
     TL_VERB_SHOW,
+    TL_VERB_FINDING,
+    TL_VERB_LEARN,
     TL_VERB_RELOAD,
     TL_VERB_COUNT
 } tl_verb;
@@ -81,7 +83,9 @@ typedef struct tl_options {
     bool rollback;
     uint64_t version; /* --version; 0: the version before the active one */
     bool versions;
-    bool show; /* --state of reload */
+    bool show;            /* --state of reload */
+    uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
+    const char *note;
     const char *why;
     uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
     double shadow_s;    /* whole s; 0: not given, so 60 s */
@@ -107,6 +111,8 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
 /* The verbs. Each one runs with parsed and checked options and returns the exit code of the
  * process. */
 int tl_verb_check(const tl_options *options);
+int tl_verb_finding(const tl_options *options);
+int tl_verb_learn(const tl_options *options);
 int tl_verb_plant(const tl_options *options);
 int tl_verb_reload(const tl_options *options);
 int tl_verb_replay(const tl_options *options);

@@ -129,14 +129,33 @@ static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
         continue_with(self, bytes, size);
         free(bytes);
     }
+    self->is_due = true; /* the row may say that it was removed */
     tl_change_detector_number_from(self->detector, last);
     self->is_read = true;
+}
+
+/* A user has asked for it (finding_notes.h). */
+static void learn_again(tl_live_detection *self) {
+    static const char text[] = "what was learnt was removed: learning begins at zero";
+    tl_change_detector *other = tl_change_detector_create(self->config, &self->account, report_finding, self);
+    if (other == NULL) {
+        return;
+    }
+    tl_change_detector_begin(other, &self->account, self->started);
+    tl_change_detector_destroy(self->detector);
+    self->detector = other;
+    self->is_read = false; /* for the numbers of the next findings */
+    tl_log(TL_LOG_NOTICE, "finding: %s", text);
+    tl_recorder_state_add_event(self->state, self->tick, TL_EVENT_INFO, "finding", text);
 }
 
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end) {
     tl_time now = tl_clock_now(NULL);
     if (self->detector == NULL) {
         return;
+    }
+    if (self->is_read && tl_recorder_writer_is_removed(writer)) {
+        learn_again(self);
     }
     if (!self->is_read) {
         read_earlier(self, writer);

@@ -81,7 +81,6 @@ void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int
     add_causes(json, row->cause);
     tl_json_add_text(json, "state", row->state);
     tl_json_add_text(json, "text", text);
-    tl_json_close(json);
 }
 
 void tl_changes_add_detection(tl_json_writer *json, const tl_run_detection *detection) {
@@ -107,12 +106,14 @@ void tl_changes_write_verdict(const tl_run_detection *detection, size_t open, si
     }
     if (open > 0) {
         (void)snprintf(text, TL_FINDING_TEXT, "%zu lasting change%s open%s", open, open == 1 ? " is" : "s are", also);
+    } else if (!detection->is_ready && detection->needed > 0.0) {
+        (void)snprintf(text, TL_FINDING_TEXT, "learning: %s of %s; nothing can be said yet", learnt, needed);
+    } else if (!detection->is_ready) {
+        (void)snprintf(text, TL_FINDING_TEXT, "learning begins at zero; nothing can be said yet");
     } else if (gone > 0) {
         (void)snprintf(text, TL_FINDING_TEXT, "no lasting change is open%s", also);
-    } else if (detection->is_ready) {
-        (void)snprintf(text, TL_FINDING_TEXT, "no lasting change in %s, after %s of learning", watched, learnt);
     } else {
-        (void)snprintf(text, TL_FINDING_TEXT, "learning: %s of %s; nothing can be said yet", learnt, needed);
+        (void)snprintf(text, TL_FINDING_TEXT, "no lasting change in %s, after %s of learning", watched, learnt);
     }
 }
 

@@ -19,7 +19,7 @@ size_t tl_changes_count_open(const tl_run_changes *changes);
 /* Returns false for a short run, which says nothing about changes. */
 bool tl_changes_are_known(const tl_run_changes *changes);
 
-/* Adds an object to an array. `started`: t_start, ms since 1970 UTC; 0: a replay. Then the object
+/* Adds an object to an array, and leaves it open for more. `started`: t_start, ms since 1970 UTC; 0: a replay. Then the object
  * has no calendar times. */
 void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int64_t started);
 

@@ -169,7 +169,12 @@ static tl_status add_changes(tl_json_writer *json, const tl_show_request *reques
     }
     tl_json_open_array(json, "findings");
     for (size_t i = 0; i < changes.count; i++) {
-        tl_changes_add_finding(json, &changes.finding[i].row, changes.finding[i].started);
+        const tl_history_finding *finding = &changes.finding[i];
+        tl_changes_add_finding(json, &finding->row, finding->started);
+        tl_json_add_text(json, "acknowledged_at", finding->acknowledged_at);
+        tl_json_add_text(json, "acknowledged_by", finding->acknowledged_by);
+        tl_json_add_text(json, "note", finding->note);
+        tl_json_close(json);
     }
     tl_json_close(json);
     return TL_OK;

@@ -471,6 +471,15 @@ static void print_finding(const show_page *page, const tl_history_finding *findi
     if (cause[0] != '\0') {
         (void)fprintf(page->file, "       cause: %s\n", clean_line(page, cause));
     }
+    if (strcmp(finding->row.state, "normal") == 0) {
+        (void)fputs("       accepted: learnt as normal since then\n", page->file);
+    }
+    if (finding->acknowledged_at != NULL) {
+        (void)fprintf(page->file, "       acknowledged by %s, %s UTC%s%s\n",
+                      clean_line(page, finding->acknowledged_by != NULL ? finding->acknowledged_by : "?"),
+                      short_time(finding->acknowledged_at), finding->note != NULL ? ": " : "",
+                      clean_line(page, finding->note != NULL ? finding->note : ""));
+    }
 }
 
 /* The verdict in one sentence, then the findings, the newest last. */

@@ -292,6 +292,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
         tl_json_open_array(&json, "findings");
         for (size_t i = 0; i < changes->count; i++) {
             tl_changes_add_finding(&json, &changes->finding[i], 0);
+            tl_json_close(&json);
         }
         tl_json_close(&json);
     }

@@ -55,7 +55,10 @@
     "  percent,"                                                                                                       \
     "  also TEXT NOT NULL,"                                                                                            \
     "  cause TEXT NOT NULL,"                                                                                           \
-    "  state TEXT NOT NULL)"
+    "  state TEXT NOT NULL,"                                                                                           \
+    "  acknowledged_at TEXT,"                                                                                          \
+    "  acknowledged_by TEXT,"                                                                                          \
+    "  note TEXT)"
 
 static const char *const schema[] = {
     /* Codes and their names; the recorder writes the program's names when a run begins. */
@@ -571,7 +574,8 @@ static const struct {
     {"findings", NULL, FINDINGS_TABLE,
      "CREATE TEMP VIEW findings AS SELECT 1 AS finding, 0 AS run, '' AS kind, '' AS subject, '' AS variable,"
      " '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
-     " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state WHERE 0"},
+     " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state,"
+     " NULL AS acknowledged_at, NULL AS acknowledged_by, NULL AS note WHERE 0"},
 };
 
 enum { ADDED = sizeof added / sizeof added[0] };

@@ -104,7 +104,10 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
 typedef struct tl_history_finding {
     tl_run_finding row; /* numbers may be NaN, except onset and found */
     int64_t run;
-    int64_t started; /* ms since 1970 UTC, of a live run; 0: of a replay */
+    int64_t started;             /* ms since 1970 UTC, of a live run; 0: of a replay */
+    const char *acknowledged_at; /* UTC; NULL: not yet, and the next ones, too */
+    const char *acknowledged_by;
+    const char *note;
 } tl_history_finding;
 
 /* Most findings of a database; more are damage. */

@@ -69,6 +69,7 @@ typedef enum statement {
     READ_LEARNED,
     FINDING,
     LAST_FINDING,
+    IS_REMOVED,
     MOVE_EVENTS,
     MOVE_TUNINGS,
     MOVE_FINDINGS,
@@ -172,14 +173,23 @@ static const char *const sql_of[STATEMENTS] = {
         "INSERT OR REPLACE INTO adjustments (run, step, signal, applied, nominal) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     /* What was learnt in a replay never replaces anything. */
-    [LEARNED] = "INSERT OR REPLACE INTO learned (id, run, at, state, learnt_s, needed_s, watched_s, sha256, bytes)"
-                " SELECT 1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8 FROM runs"
-                " WHERE runs.run = ?1 AND (verb = 'run' OR NOT EXISTS (SELECT 1 FROM learned))",
+    [LEARNED] =
+        "INSERT OR REPLACE INTO learned (id, run, at, state, learnt_s, needed_s, watched_s, sha256, bytes)"
+        " SELECT 1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8 FROM runs"
+        " WHERE runs.run = ?1 AND (verb = 'run' OR NOT EXISTS (SELECT 1 FROM learned WHERE state <> 'removed'))",
     [READ_LEARNED] = "SELECT bytes, sha256 FROM learned",
-    [FINDING] = "INSERT OR REPLACE INTO findings (finding, run, kind, subject, variable, unit, onset_s, onset_spread_s,"
-                " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"
-                " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, " UTC_OF(
-                    "?7") ", " UTC_OF("?9") ", " UTC_OF("?10") " FROM runs WHERE run = ?1",
+    [FINDING] =
+        "INSERT INTO findings (finding, run, kind, subject, variable, unit, onset_s, onset_spread_s,"
+        " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"
+        " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, " UTC_OF("?7") ", " UTC_OF("?9") ", " UTC_OF(
+            "?10") " FROM runs WHERE run = ?1"
+                   " ON CONFLICT (finding) DO UPDATE SET run = excluded.run, kind = excluded.kind,"
+                   " subject = excluded.subject, variable = excluded.variable, unit = excluded.unit,"
+                   " onset_s = excluded.onset_s, onset_spread_s = excluded.onset_spread_s, found_s = excluded.found_s,"
+                   " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
+                   " percent = excluded.percent, also = excluded.also, cause = excluded.cause, state = excluded.state,"
+                   " onset_at = excluded.onset_at, found_at = excluded.found_at, gone_at = excluded.gone_at",
+    [IS_REMOVED] = "SELECT 1 FROM learned WHERE state = 'removed'",
     [LAST_FINDING] = "SELECT max(finding) FROM findings",
     [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
     [MOVE_TUNINGS] = MOVED_RUNS "UPDATE tunings SET " MOVED("at", "tunings.run") IS_MOVED,
@@ -970,6 +980,13 @@ int tl_recorder_database_learned(tl_recorder_database *database, unsigned char *
     }
     (void)sqlite3_reset(prepared);
     return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
+int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_removed) {
+    int64_t found = 0;
+    int code = query_number(database, IS_REMOVED, 0, 0, &found);
+    *is_removed = found != 0;
+    return code;
 }
 
 static void bind_totals(tl_recorder_database *database, statement which, const tl_recorder_totals *totals) {

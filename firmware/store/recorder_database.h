@@ -128,6 +128,9 @@ int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_ch
 int tl_recorder_database_learned(tl_recorder_database *database, unsigned char **bytes, size_t *size,
                                  uint32_t *last_finding);
 
+/* Finds out whether a user has removed what was learnt (finding_notes.h). */
+int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_removed);
+
 /* Commits the batch; a `reason` ends the run. On success all is on the disk; else the caller must
  * roll back. */
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);

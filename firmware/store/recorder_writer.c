@@ -980,6 +980,12 @@ bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char *
            tl_recorder_database_learned(writer->file.database, bytes, size, last_finding) == SQLITE_OK;
 }
 
+bool tl_recorder_writer_is_removed(tl_recorder_writer *writer) {
+    bool is_removed = false;
+    return writer->file.database != NULL &&
+           tl_recorder_database_is_removed(writer->file.database, &is_removed) == SQLITE_OK && is_removed;
+}
+
 /* ---- Opening and closing ---- */
 
 /* Begins the run that needs no START entry, in a file that is new to this writer. */

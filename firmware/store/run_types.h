@@ -101,7 +101,7 @@ typedef struct tl_run_finding {
     double percent;           /* NaN: unknown */
     const char *also;         /* further variables that have changed, one in a line */
     const char *cause;        /* "plant"; "plant.NAME": this sensor, or an input that acts on it alone; "": unknown */
-    const char *state;        /* "open", "gone" */
+    const char *state;        /* "open", "gone"; "normal": learnt since then */
 } tl_run_finding;
 
 /* State of the change detector (monitor/change_detector.h). */

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """What has changed since when: a replay of some days finds a broken actuator and a wrong sensor, and nothing in a healthy plant."""
-import csv
 import json
+import sqlite3
+from contextlib import closing
 
 import faults
-from twinlock_test import at_most, expect, expect_line, main, run_well, scratch
+from twinlock_test import at_most, expect, expect_line, main, run, run_well, scratch
 
 DAYS, SEED = 2.5, 2
 AT = (DAYS - 1.4) * faults.DAY
@@ -64,6 +65,47 @@ def test_sentences():
     expect(any("sensor plant.T1" in event["text"] for event in events), f"no cause: {events}")
     ticks = [event["tick"] for event in events]
     expect(ticks == sorted(ticks) and ticks[0] >= AT, f"events: {events}")
+
+
+def learned_states(database):
+    with closing(sqlite3.connect(database)) as opened:
+        return opened.execute("SELECT state FROM learned").fetchall()
+
+
+def test_findings_in_a_database():
+    """What a user does with findings; the page begins with them, and a second replay replaces nothing."""
+    folder = scratch()
+    bench = faults.Bench("tclab", folder, SEED, DAYS, "heater -20 %", AT)
+    database, page = folder / "run.db", folder / "page.html"
+    config = bench._write(faults.merge(bench.lock, {"duration_s": bench.length - 1}))
+    run_well(["replay", config, "--recording", bench.recording, "--db", database])
+    told = run_well(["show", database])
+    expect_line(told, "1 lasting change is open")
+    expect_line(told, "board.Q1|since t =")
+    run_well(["show", database, "--report", page])
+    html = page.read_text(encoding="utf-8")
+    changes = html[html.index('<section id="changes">'):html.index('<section id="figures">')]
+    expect("1 lasting change is open" in changes and "board.Q1: correction" in changes and 'class="open" data-time=' in changes, changes)
+
+    for arguments, code in ((["finding", database], 2), (["finding", database, "--acknowledge", "9"], 65), (["finding", page, "--acknowledge", "1"], 65),
+                            (["learn", folder / "none.db"], 65), (["learn"], 2)):
+        expect(run(arguments)[0] == code, f"{arguments}: not {code}")
+    with closing(sqlite3.connect(database)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        expect(run(["learn", database])[0] == 75, "locked, and yet it ended well")
+    run_well(["finding", database, "--acknowledge", "1", "--note", "fuse < 5 A"])
+    expect_line(run_well(["show", database]), "acknowledged by|fuse < 5 A")
+    found = json.loads(run_well(["show", database, "--json"]))["findings"][0]
+    expect(found["note"] == "fuse < 5 A" and found["acknowledged_by"] and found["state"] == "open", found)
+
+    short = bench._write(faults.merge(bench.lock, {"duration_s": 20000}))
+    run_well(["replay", short, "--recording", bench.recording, "--db", database])
+    expect(learned_states(database) == [("watching",)], "a short replay has replaced what was learnt")
+    expect(json.loads(run_well(["show", database, "--json"]))["findings"] == [], "findings of another replay")
+    run_well(["learn", database])
+    expect_line(run_well(["show", database, "--run", "1"]), "accepted|normal")
+    run_well(["replay", short, "--recording", bench.recording, "--db", database])
+    expect(learned_states(database) == [("learning",)], "after `learn` a replay stores what it has learnt")
 
 
 if __name__ == "__main__":

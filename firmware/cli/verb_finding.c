@@ -1,0 +1,33 @@
+/* twinlock finding, twinlock learn: what a user does with findings. */
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/cli/options.h"
+#include "firmware/retune/control_client.h"
+#include "firmware/store/finding_notes.h"
+
+static int end_with(tl_status status, const tl_error *error) {
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error->text);
+    }
+    return tl_exit_code(status);
+}
+
+int tl_verb_finding(const tl_options *options) {
+    tl_error error;
+    char who[TL_CONTROL_NAME];
+    if (options->acknowledge == 0) {
+        return end_with(tl_fail(&error, TL_BAD_USAGE, "finding: give the number of a finding with --acknowledge N"),
+                        &error);
+    }
+    tl_control_client_name(getuid(), who);
+    return end_with(
+        tl_finding_notes_acknowledge(options->subject, (int64_t)options->acknowledge, who, options->note, &error),
+        &error);
+}
+
+int tl_verb_learn(const tl_options *options) {
+    tl_error error;
+    return end_with(tl_finding_notes_forget(options->subject, &error), &error);
+}

@@ -1,0 +1,23 @@
+/* What a user does with findings: acknowledges one, or begins to learn again.
+ *
+ * Purpose: both change the database, also while a run writes it. The recorder keeps acknowledgements,
+ *          and notices that what was learnt is gone.
+ * Errors:  those of database.h; TL_BAD_DATA if there is no such finding; TL_TRY_AGAIN if another
+ *          program locks the database for 5 s.
+ * Thread:  any; one at a time for each database.
+ */
+#ifndef TL_FIRMWARE_STORE_FINDING_NOTES_H
+#define TL_FIRMWARE_STORE_FINDING_NOTES_H
+
+#include <stdint.h>
+
+#include "master/base/status.h"
+
+/* `who`: name of the user. `note`: a remark; NULL: none. */
+tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
+                                       tl_error *error);
+
+/* Removes what was learnt. Open findings become "normal", because the present state is learnt. */
+tl_status tl_finding_notes_forget(const char *path, tl_error *error);
+
+#endif
