@@ -2,10 +2,11 @@
  *
  * Purpose: passes what the recorder reads from the record queue to the change detector
  *          (change_detector.h), before it is written. Reports findings as events of the source
- *          "finding", and stores them and what was learnt: after each finding, every hour (more
- *          often if less than a day is learnt), and at the end. The next process and the next run continue.
- * Begin:   what was learnt before is read from the database as soon as that is possible. If it is of
- *          another configuration, learning begins at zero, with a notice.
+ *          "finding".
+ * Storing: findings, and what was learnt: after each finding, every hour (more often if less than a
+ *          day is to be learnt), and at the end. The next process and the next run continue.
+ * Begin:   what was learnt before is read from the database as soon as that is possible. If it is
+ *          of another configuration, learning begins at zero, with a notice.
  * Owner:   the caller frees it with tl_live_detection_close().
  * Thread:  the recorder's.
  */

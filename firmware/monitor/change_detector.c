@@ -667,7 +667,7 @@ static void move_times(tl_change_detector *detector, double seconds) {
     }
 }
 
-/* What a replay has found has no calendar time, so it cannot go on. */
+/* What a replay has found has no calendar time, so it cannot continue. */
 static void drop_findings(tl_change_detector *detector) {
     detector->state.count = 0;
     detector->state.frozen = 0;

@@ -61,10 +61,10 @@ void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sa
  * ignored. */
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record);
 
-/* Call it when a run begins, before its first sample: interrupts all series, and leaves out the start
- * of the run, unless it continues the one before (same t_start). What was learnt and the findings
- * remain; their times are moved. `account`: of this run. `started`: its t_start, ms since 1970 UTC.
- */
+/* Call it when a run begins, before its first sample: interrupts all series, and leaves out the
+ * start of the run, unless it continues the one before (same t_start). What was learnt and the
+ * findings remain; their times are moved. `account`: of this run. `started`: its t_start, ms since
+ * 1970 UTC. */
 void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started);
 
 /* The next finding has a number above `last`. */

@@ -123,8 +123,8 @@ void tl_change_series_interrupt(tl_change_series *series);
 double tl_change_series_distance(const tl_change_series *series, double first, double last);
 
 /* Restores what a series has learnt, from TL_SERIES_STORED bytes of it. The series was started with
- * the same block length. Then call tl_change_series_interrupt(). Returns false, and changes nothing,
- * if the bytes cannot be of such a series. */
+ * the same block length. Then call tl_change_series_interrupt(). Returns false, and changes
+ * nothing, if the bytes cannot be of such a series. */
 bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes);
 
 /* Moves all indices, because they count from another instant now. */

@@ -19,15 +19,15 @@ size_t tl_changes_count_open(const tl_run_changes *changes);
 /* Returns false for a short run, which says nothing about changes. */
 bool tl_changes_are_known(const tl_run_changes *changes);
 
-/* Adds an object to an array, and leaves it open for more. `started`: t_start, ms since 1970 UTC; 0: a replay. Then the object
- * has no calendar times. */
+/* Adds an object to an array, and leaves it open for more. `started`: t_start, ms since 1970 UTC;
+ * 0: a replay. Then the object has no calendar times. */
 void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int64_t started);
 
 /* Adds the state of the detector as an object. */
 void tl_changes_add_detection(tl_json_writer *json, const tl_run_detection *detection);
 
-/* Writes the verdict, for example "2 lasting changes are open, 1 is gone", "no lasting change in 3 d,
- * after 1 d of learning" or "learning: 3 h of 1 d; nothing can be said yet". */
+/* Writes the verdict, for example "2 lasting changes are open, 1 is gone", "no lasting change in 3
+ * d, after 1 d of learning" or "learning: 3 h of 1 d; nothing can be said yet". */
 void tl_changes_write_verdict(const tl_run_detection *detection, size_t open, size_t gone, char text[TL_FINDING_TEXT]);
 
 /* Writes the sentence of a finding, and its cause ("": unknown). `now`: s since t_start. */

@@ -1,6 +1,6 @@
-/* Page of `show`, for the person who maintains the plant. It begins with what has changed, and lists
- * the runs. For the selected run it then shows what was recorded, how well the twin followed, the corrections and their
- * changes, and the events. */
+/* Page of `show`, for the person who maintains the plant. It begins with what has changed, and
+ * lists the runs. For the selected run it then shows what was recorded, how well the twin followed,
+ * the corrections and their changes, and the events. */
 #include <math.h>
 #include <stdarg.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* What a user does with findings: acknowledges one, or begins to learn again.
  *
- * Purpose: both change the database, also while a run writes it. The recorder keeps acknowledgements,
- *          and notices that what was learnt is gone.
+ * Purpose: both change the database, also while a run writes it. The recorder keeps what a user has
+ *          written, and notices that what was learnt is gone.
  * Errors:  those of database.h; TL_BAD_DATA if there is no such finding; TL_TRY_AGAIN if another
  *          program locks the database for 5 s.
  * Thread:  any; one at a time for each database.

@@ -94,8 +94,8 @@ void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone);
  */
 void tl_recorder_state_publish(tl_recorder_writer_state *state);
 
-/* Stores an event of the recorder's process until a file can be written. There is room for 8 events;
- * then a new event overwrites the newest one. `tick` −1: none. */
+/* Stores an event of the recorder's process until a file can be written. There is room for 8
+ * events; then a new event overwrites the newest one. `tick` −1: none. */
 void tl_recorder_state_add_event(tl_recorder_writer_state *state, int64_t tick, tl_severity severity,
                                  const char *source, const char *text);
 
