@@ -24,12 +24,12 @@ typedef struct tl_live_detection tl_live_detection;
 tl_live_detection *tl_live_detection_create(const tl_config *config, tl_recorder_writer_state *state);
 
 /* An observer of the writer; `context` is the detection. */
-void tl_live_detection_observe(tl_live_detection *detection, const tl_recorder_entry *entry);
+void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry *entry);
 
 /* Reads what was learnt before, and stores what is due. `at_end`: stores everything. */
-void tl_live_detection_store(tl_live_detection *detection, tl_recorder_writer *writer, bool at_end);
+void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end);
 
 /* NULL is allowed. */
-void tl_live_detection_close(tl_live_detection *detection);
+void tl_live_detection_close(tl_live_detection *self);
 
 #endif

@@ -274,6 +274,16 @@ static void add_ages(tl_json_writer *json, const tl_ages *ages) {
     tl_json_close(json);
 }
 
+static void add_changes(tl_json_writer *json, const tl_run_changes *changes) {
+    tl_changes_add_detection(json, &changes->detection);
+    tl_json_open_array(json, "findings");
+    for (size_t i = 0; i < changes->count; i++) {
+        tl_changes_add_finding(json, &changes->finding[i], 0);
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+}
+
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 const tl_run_changes *changes, FILE *file, tl_error *error) {
     printing page;
@@ -288,13 +298,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
         tl_json_close(&json);
     }
     if (changes != NULL) {
-        tl_changes_add_detection(&json, &changes->detection);
-        tl_json_open_array(&json, "findings");
-        for (size_t i = 0; i < changes->count; i++) {
-            tl_changes_add_finding(&json, &changes->finding[i], 0);
-            tl_json_close(&json);
-        }
-        tl_json_close(&json);
+        add_changes(&json, changes);
     }
     add_executions(&json, account);
     add_verified(&json, account);

@@ -321,7 +321,7 @@ static void test_a_restart(void) {
     TEST_ASSERT_DOUBLE_WITHIN(0.1, -2.0, get().finding->size);
     run(DAY / 4, 0.0, 0.0, 0.0);
     TEST_ASSERT_TRUE(get().finding->is_gone);
-    TEST_ASSERT_DOUBLE_WITHIN(60.0, DAY / 2, get().finding->gone);
+    TEST_ASSERT_DOUBLE_WITHIN(60.0, 0.5 * DAY, get().finding->gone);
     TEST_ASSERT_TRUE(restart(first + 1000 * (later + DAY)));
     tl_change_detector_number_from(detector, 7);
     run(DAY / 4, 0.0, 0.0, 1.0);
