@@ -28,6 +28,7 @@ struct tl_live_detection {
     bool is_stray;   /* the newest sample was of another run */
     bool is_read;    /* what was learnt before was read, or there is nothing */
     bool is_due;     /* a finding has changed */
+    bool is_new;     /* what was learnt before is of another configuration */
 };
 
 /* Findings are warnings; what follows needs no attention. */
@@ -116,6 +117,7 @@ static void continue_with(tl_live_detection *self, const unsigned char *bytes, s
     tl_log(TL_LOG_NOTICE, "finding: %s", text);
     tl_recorder_state_add_event(self->state, -1, TL_EVENT_INFO, "finding", text);
     tl_change_detector_destroy(earlier);
+    self->is_new = true;
 }
 
 static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
@@ -164,8 +166,9 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
         !tl_change_storage_fill(&self->storage, self->config, self->detector)) {
         return;
     }
+    self->storage.changes.is_new = self->is_new;
     if (tl_recorder_writer_keep(writer, &self->storage.changes)) {
-        self->is_due = false;
+        self->is_due = self->is_new = false;
         self->stored = now;
     }
 }

@@ -68,6 +68,7 @@ typedef enum statement {
     LEARNED,
     READ_LEARNED,
     FINDING,
+    OPEN_FINDINGS,
     LAST_FINDING,
     IS_REMOVED,
     MOVE_EVENTS,
@@ -189,6 +190,7 @@ static const char *const sql_of[STATEMENTS] = {
                    " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
                    " percent = excluded.percent, also = excluded.also, cause = excluded.cause, state = excluded.state,"
                    " onset_at = excluded.onset_at, found_at = excluded.found_at, gone_at = excluded.gone_at",
+    [OPEN_FINDINGS] = "UPDATE findings SET state = 'normal' WHERE state = 'open'",
     [IS_REMOVED] = "SELECT 1 FROM learned WHERE state = 'removed'",
     [LAST_FINDING] = "SELECT max(finding) FROM findings",
     [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
@@ -933,7 +935,7 @@ int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_ch
     sqlite3_stmt *prepared = database->statements[LEARNED];
     char digest[TL_SHA256_TEXT];
     char now[TL_UTC_TEXT];
-    int code = SQLITE_OK;
+    int code = changes->is_new ? run_statement(database->statements[OPEN_FINDINGS]) : SQLITE_OK;
     for (size_t i = 0; i < changes->count && code == SQLITE_OK; i++) {
         code = write_finding(database, &changes->finding[i]);
     }

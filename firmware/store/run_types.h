@@ -114,6 +114,7 @@ typedef struct tl_run_detection {
 /* Both, and what the next process needs to continue. */
 typedef struct tl_run_changes {
     tl_run_detection detection;
+    bool is_new; /* learning began at zero: findings that are still open become "normal" */
     const tl_run_finding *finding;
     size_t count;
     const unsigned char *learned;

@@ -474,6 +474,16 @@ static void test_changes_are_kept(void) {
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT abs((julianday(onset_at) - julianday(started)) * 86400 - 5.5) < 0.002 AND"
                                    " onset_s = 5.5 FROM findings JOIN runs USING (run) WHERE finding = 1"));
     expect_in_history();
+    findings[0].state = "open";
+    tl_writer_bench_open(&bench);
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    changes = made_changes(&findings[1], 1);
+    changes.is_new = true;
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    TEST_ASSERT_FALSE(tl_recorder_writer_is_removed(bench.writer));
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_STRING("normal gone", tl_sql_text(bench.path, "SELECT group_concat(state, ' ') FROM"
+                                                                    " (SELECT state FROM findings ORDER BY finding)"));
 }
 
 /* What was learnt is not returned if it is damaged, and is not stored if it is too large. */
