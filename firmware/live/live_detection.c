@@ -173,6 +173,17 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
     }
 }
 
+uint32_t tl_live_detection_count_open(const tl_live_detection *self) {
+    uint32_t open = 0;
+    if (self->detector != NULL) {
+        const tl_changes changes = tl_change_detector_get(self->detector);
+        for (size_t i = 0; i < changes.count; i++) {
+            open += changes.finding[i].is_gone ? 0 : 1;
+        }
+    }
+    return open;
+}
+
 void tl_live_detection_close(tl_live_detection *self) {
     if (self != NULL) {
         tl_change_storage_release(&self->storage);

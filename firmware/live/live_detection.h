@@ -29,6 +29,9 @@ void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry 
 /* Reads what was learnt before, and stores what is due. `at_end`: stores everything. */
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end);
 
+/* Returns how many findings are open. */
+uint32_t tl_live_detection_count_open(const tl_live_detection *self);
+
 /* NULL is allowed. */
 void tl_live_detection_close(tl_live_detection *self);
 

@@ -277,7 +277,9 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
         .lock = status->lock,
         .lock_before = status->lock_before,
     };
-    tl_status_line_write(self->config, status, line);
+    const tl_live_recorder_status *recorder = self->recorder;
+    uint32_t open = recorder != NULL ? __atomic_load_n(&recorder->open_findings, __ATOMIC_RELAXED) : 0;
+    tl_status_line_write(self->config, status, open, line);
     tl_heartbeats_set_status(&self->live_status->beats, line);
     publish_status(self, &published, status->match);
 }

@@ -690,12 +690,16 @@ static void add_state(char line[TL_STATUS_LINE], const tl_config *config, const 
     }
 }
 
-void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, uint32_t open_findings,
+                          char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
     line[0] = '\0';
     add_part(line, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
     add_state(line, config, &status->lock);
+    if (open_findings != 0) {
+        add_part(line, "  %" PRIu32 " %s", open_findings, open_findings == 1 ? "change" : "changes");
+    }
     if (status->skipped != 0) {
         add_part(line, "  %llu ticks missed", (unsigned long long)status->skipped);
     }

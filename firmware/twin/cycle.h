@@ -132,8 +132,9 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
 enum { TL_STATUS_LINE = 78 }; /* bytes with the NUL: a line of a terminal, with room for "^C" */
 
 /* Writes the state of the twin in one line, for a terminal and the service manager. A part that
- * does not fit is left out. Main thread only. */
-void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]);
+ * does not fit is left out. `open_findings`: of the change detector. Main thread only. */
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, uint32_t open_findings,
+                          char line[TL_STATUS_LINE]);
 
 /* ---- Safe hold: records the plant without a twin: after a restart loop, or while the saved states
  * of the FMUs are tested. No FMU runs. Log and status line report the reason and the next retry.

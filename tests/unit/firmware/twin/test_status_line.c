@@ -9,9 +9,11 @@ static tl_plan_adjust adjust[2];
 static tl_plan_match match[2];
 static tl_config config;
 static tl_cycle_status status;
+static uint32_t open_findings;
 static char line[TL_STATUS_LINE];
 
 void setUp(void) {
+    open_findings = 0;
     config =
         (tl_config){.step = TL_SECOND / 100, .adjust_count = 1, .match_count = 1, .adjust = adjust, .match = match};
     adjust[0].variable = "motor.d";
@@ -26,7 +28,7 @@ void setUp(void) {
 void tearDown(void) {}
 
 static void expect_words(const char *words) {
-    tl_status_line_write(&config, &status, line);
+    tl_status_line_write(&config, &status, open_findings, line);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(line, words), line);
     TEST_ASSERT_LESS_THAN_size_t(80, strlen(line));
 }
@@ -36,6 +38,13 @@ static void test_what_it_says(void) {
     expect_words("    1.00 s  locked  \316\224motor.d +0.5  motor.omega 2 (plant 2.5)  0.01 ms");
     status.skipped = 3;
     expect_words("    1.00 s  locked  3 ticks missed  \316\224motor.d +0.5  motor.omega 2 (plant 2.5)");
+}
+
+static void test_open_findings(void) {
+    open_findings = 1;
+    expect_words("  locked  1 change  3 ticks missed");
+    open_findings = 12;
+    expect_words("  locked  12 changes  ");
 }
 
 static void test_that_u_rests(void) {
@@ -80,6 +89,7 @@ static void test_names_that_are_longer_than_a_line(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_it_says);
+    RUN_TEST(test_open_findings);
     RUN_TEST(test_that_u_rests);
     RUN_TEST(test_a_standing_correction);
     RUN_TEST(test_a_measurement_that_is_not_good);
