@@ -15,9 +15,10 @@
 
 /* ---- the data of a page ---- */
 
-/* Channels of the envelope. They are followed by y, ŷ and Δy of each match, then u, û and Δu of
- * each adjusted variable. */
+/* Channels of the envelope. They are followed by y, ŷ, Δy and the released y of each match, then u,
+ * û and Δu of each adjusted variable. */
 enum { TL_HTML_EXECUTIONS, TL_HTML_EVALUATIONS, TL_HTML_USED, TL_HTML_STEP_CHANNELS };
+enum { MATCH_CHANNELS = 4, ADJUST_CHANNELS = 3 };
 
 typedef struct tl_html_entry {
     int64_t tick;
@@ -37,6 +38,7 @@ typedef struct tl_html_finding {
 
 struct tl_html_report {
     tl_html_settings settings;
+    bool has_released;             /* y of a released twin is known in a step */
     char verdict[TL_FINDING_TEXT]; /* "": unknown */
     size_t finding_count;          /* including those no longer stored */
     tl_html_finding findings[TL_FINDINGS];
@@ -54,13 +56,13 @@ typedef struct page_data {
     FILE *file;
 } page_data;
 
-/* Returns the first of the three channels of a match. */
+/* Returns the first of the channels of a match. */
 static size_t match_channel(size_t match) {
-    return TL_HTML_STEP_CHANNELS + 3 * match;
+    return TL_HTML_STEP_CHANNELS + MATCH_CHANNELS * match;
 }
 
 static size_t adjust_channel(const tl_html_report *report, size_t adjust) {
-    return match_channel(report->settings.match_count + adjust);
+    return match_channel(report->settings.match_count) + ADJUST_CHANNELS * adjust;
 }
 
 /* ---- html text ---- */
@@ -216,6 +218,10 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     tl_html_put_number(file, settings->tolerance[match]);
     put_channels(report, keys, channel, file);
     (void)fputs(",\n", file);
+    if (report->has_released) {
+        put_channel(report, "released", channel + 3, file);
+        (void)fputs(",\n", file);
+    }
     put_bad(report, channel, file);
     (void)fputc('}', file);
 }
@@ -787,7 +793,8 @@ double tl_html_tolerance(const tl_plan_match *match, bool synchronise) {
 }
 
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error) {
-    size_t channels = TL_HTML_STEP_CHANNELS + 3 * (settings->match_count + settings->adjust_count);
+    size_t channels =
+        TL_HTML_STEP_CHANNELS + MATCH_CHANNELS * settings->match_count + ADJUST_CHANNELS * settings->adjust_count;
     size_t buckets = MOST_BUCKETS;
     while (buckets > LEAST_BUCKETS && buckets * channels > POINTS) {
         buckets /= 2;
@@ -833,6 +840,8 @@ static void add_output(void *context, const tl_history_output *output) {
     tl_envelope_put(&report->curves, channel, position, output->y);
     tl_envelope_put(&report->curves, channel + 1, position, good ? output->measured : (double)NAN);
     tl_envelope_put(&report->curves, channel + 2, position, good ? output->y - output->measured : (double)NAN);
+    tl_envelope_put(&report->curves, channel + 3, position, output->released);
+    report->has_released = report->has_released || isfinite(output->released);
     if (!good) {
         unsigned quality = is_known ? (unsigned)output->quality : (unsigned)TL_NOT_A_NUMBER;
         tl_envelope_mark(&report->curves, channel, position, (uint8_t)(1U << quality));
@@ -879,8 +888,12 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record) 
     };
     add_step(report, &step);
     for (size_t i = 0; i < report->settings.match_count; i++) {
-        const tl_history_output output = {record->step, i, record->y[i], record->measured[i],
-                                          .quality = record->measured_quality[i]};
+        const tl_history_output output = {record->step,
+                                          i,
+                                          record->y[i],
+                                          record->measured[i],
+                                          .quality = record->measured_quality[i],
+                                          .released = record->release_age != 0 ? record->released[i] : (double)NAN};
         add_output(report, &output);
     }
     for (size_t i = 0; i < report->settings.adjust_count; i++) {

@@ -412,6 +412,9 @@
         const seen = match.bad.reduce((all, [, , mask]) => all | mask, 0);
         const stepped = match.type !== "Real";
         const {unit, type} = match;
+        const released = (match.released || []).some((one) => one !== null)
+            ? [{name: "y without corrections (released twin)", values: match.released, colour: "nominal", width: 1.2, dash: [6, 3],
+                stepped, unit, type}] : [];
         addPlot(group, {
             unit, bad, offset: 1, height: 240, boolean: type === "Boolean",
             hint: seen ? "hatched: \u0177 is not good (" + namesOf(seen) + ") and not used" : "",
@@ -419,6 +422,7 @@
                 {name: "\u0177 measured, " + match.to, values: match.measured, colour: "measured", width: 3.2, stepped, unit,
                     type},
                 {name: "y simulated", values: match.simulated, colour: "simulated", width: 1.3, stepped, unit, type},
+                ...released,
             ],
         });
         const series = [{name: "error \u0394y = y \u2212 \u0177", values: match.error, colour: "difference", stepped, unit}];

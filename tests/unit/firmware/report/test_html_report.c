@@ -111,6 +111,37 @@ static void test_all_placeholders_are_filled(void) {
     TEST_ASSERT_EQUAL_STRING("</html>\n", page + size - 8);
 }
 
+static void test_a_released_twin(void) {
+    create();
+    tl_record record = {.step = 0, .released = {1.25}, .release_age = 300};
+    tl_html_report_add_record(report, &record);
+    add(1, 2.0, TL_GOOD);
+    write_page();
+    expect_once("\"released\":[1.25,null]");
+}
+
+/* The verdict, and each finding with the time of its onset for the plots. */
+static void test_changes(void) {
+    const tl_run_detection detection = {.is_ready = true, .learnt = 60, .needed = 60, .watched = 600};
+    tl_run_finding finding = {3,           "step", "correction", "motor.<d>", "N.m", 12.5, 0.5,   14,
+                              (double)NAN, -2,     0.1,          -5,          "",    "",   "open"};
+    create();
+    write_page();
+    TEST_ASSERT_EQUAL_size_t(0, count("id=\"changes\""));
+    free(page);
+    tl_html_report_set_verdict(report, &detection, 1, 1);
+    tl_html_report_add_finding(report, &finding, 0.0, 0);
+    finding.number = 4;
+    finding.gone = 70;
+    finding.cause = "plant";
+    tl_html_report_add_finding(report, &finding, 0.0, 0);
+    write_page();
+    expect_once("id=\"changes\"");
+    expect_once("<tr class=\"open\" data-time=\"12.5\"><td class=\"n\">3</td><td class=\"text\">motor.&lt;d&gt;: ");
+    expect_once("<tr class=\"gone\" data-time=\"12.5\"><td class=\"n\">4</td>");
+    expect_once("plant, not one sensor");
+}
+
 static void test_the_curves(void) {
     tolerance[0] = 0.25;
     create();
@@ -122,6 +153,7 @@ static void test_the_curves(void) {
     expect_once("\"tolerance\":0.25");
     expect_once("\"simulated\":[1,2,3]");
     expect_once("\"measured\":[1.5,null,3.5]");
+    TEST_ASSERT_EQUAL_size_t(0, count("\"released\":"));
     expect_once("\"error\":[-0.5,null,-0.5]");
     expect_once("\"bad\":[[1,1,2]]");
     expect_once("\"applied\":[0.142857143,0.285714286,0.428571429]");
@@ -260,6 +292,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_all_placeholders_are_filled);
     RUN_TEST(test_the_curves);
+    RUN_TEST(test_a_released_twin);
+    RUN_TEST(test_changes);
     RUN_TEST(test_a_compared_output_has_no_tolerance);
     RUN_TEST(test_a_clock);
     RUN_TEST(test_a_late_step);
