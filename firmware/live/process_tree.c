@@ -22,9 +22,12 @@
 #include "firmware/live/twin_slots.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/role.h"
+#include "firmware/report/show.h"
 #include "firmware/report/summary.h"
 #include "firmware/retune/control.h"
+#include "firmware/store/history.h"
 #include "firmware/store/record_queue.h"
+#include "firmware/store/recorder_state.h"
 #include "firmware/twin/twin_process.h"
 
 /* ---- data: used by the supervisor's thread, except in put_event() ---- */
@@ -538,6 +541,33 @@ static tl_status require_lock(const tl_process_tree *self, const tl_summary *sum
                            : tl_fail(error, TL_NOT_LOCKED, "not in lock: the run ended without a twin");
 }
 
+/* Prints the summary with what the recorder has found. Without a readable database there is none. */
+static tl_status print_with_changes(const tl_process_tree *self, const tl_summary *summary, const tl_account *account,
+                                    tl_error *error) {
+    const tl_recorder_mark *mark = is_recorded(self) ? tl_recorder_state_mark(&recorder_status(self)->state) : NULL;
+    tl_show_request request = {.path = mark != NULL ? mark->path : ""};
+    tl_run_finding rows[TL_SHOW_FINDINGS];
+    tl_run_changes changes = {.finding = rows};
+    tl_show_changes all = {.finding = NULL};
+    tl_error ignored;
+    tl_status found =
+        mark != NULL && mark->run != 0 ? tl_history_open(mark->path, &request.history, &ignored) : TL_BAD_DATA;
+    found = found == TL_OK ? tl_history_find(request.history, mark->run, &request.run, &ignored) : found;
+    found = found == TL_OK ? tl_show_read_changes(&request, &all, &ignored) : found;
+    if (found == TL_OK) {
+        tl_show_changes_of_run(&all, request.run->run, rows, &changes);
+    }
+    const tl_run_changes *known = found == TL_OK && all.is_watched ? &changes : NULL;
+    tl_status status = TL_OK;
+    if (self->settings->json) {
+        status = tl_summary_print_json(summary, &self->config, account, known, self->output, error);
+    } else {
+        tl_summary_print_table(summary, &self->config, account, known, self->settings->verbose, self->output);
+    }
+    tl_history_close(request.history);
+    return status;
+}
+
 /* Prints the summary that the twin has left, and checks the lock. `code`: exit code so far. */
 static tl_status print_summary(tl_process_tree *self, int code, tl_error *error) {
     tl_live_end *end = &live_slot(self)->live_status->end;
@@ -554,11 +584,7 @@ static tl_status print_summary(tl_process_tree *self, int code, tl_error *error)
     if (!tl_run_end_is_sound(&summary, &account, &self->config)) {
         return tl_fail(error, TL_FMU_FAILED, "no valid run summary: the FMU process corrupted it");
     }
-    if (self->settings->json) {
-        status = tl_summary_print_json(&summary, &self->config, &account, NULL, self->output, error);
-    } else {
-        tl_summary_print_table(&summary, &self->config, &account, NULL, self->settings->verbose, self->output);
-    }
+    status = print_with_changes(self, &summary, &account, error);
     return status == TL_OK ? require_lock(self, &summary, error) : status;
 }
 

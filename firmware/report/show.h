@@ -64,6 +64,11 @@ typedef struct tl_show_changes {
 } tl_show_changes;
 tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *changes, tl_error *error);
 
+/* Fills `changes` with the findings that this run has written last. Texts belong to the history. */
+enum { TL_SHOW_FINDINGS = 64 };
+void tl_show_changes_of_run(const tl_show_changes *all, int64_t run, tl_run_finding rows[TL_SHOW_FINDINGS],
+                            tl_run_changes *changes);
+
 /* Returns the time of the run's last commit, s since the instant from which the finding counts. */
 double tl_show_now(const tl_history_run *run, const tl_history_finding *finding);
 

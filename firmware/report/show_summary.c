@@ -275,3 +275,14 @@ double tl_show_now(const tl_history_run *run, const tl_history_finding *finding)
     (void)tl_utc_parse(run->committed, &now);
     return (double)(now - finding->started) / 1e3;
 }
+
+void tl_show_changes_of_run(const tl_show_changes *all, int64_t run, tl_run_finding rows[TL_SHOW_FINDINGS],
+                            tl_run_changes *changes) {
+    *changes = (tl_run_changes){.detection = all->detection, .finding = rows};
+    for (size_t i = 0; i < all->count && changes->count < TL_SHOW_FINDINGS; i++) {
+        if (all->finding[i].run == run) {
+            changes->started = all->finding[i].started;
+            rows[changes->count++] = all->finding[i].row;
+        }
+    }
+}

@@ -278,7 +278,7 @@ static void add_changes(tl_json_writer *json, const tl_run_changes *changes) {
     tl_changes_add_detection(json, &changes->detection);
     tl_json_open_array(json, "findings");
     for (size_t i = 0; i < changes->count; i++) {
-        tl_changes_add_finding(json, &changes->finding[i], 0);
+        tl_changes_add_finding(json, &changes->finding[i], changes->started);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -609,7 +609,8 @@ static void print_changes(const printing *page, const tl_run_changes *changes) {
     tl_changes_write_verdict(&changes->detection, open, changes->count - open, text);
     print_line(page, "changes", "%s", text);
     for (size_t i = changes->count > SHOWN ? changes->count - SHOWN : 0; i < changes->count; i++) {
-        tl_changes_write_finding(&changes->finding[i], 0.0, 0, text, cause);
+        const tl_run_finding *finding = &changes->finding[i];
+        tl_changes_write_finding(finding, finding->found, changes->started, text, cause);
         print_line(page, "", "%s", text);
         if (cause[0] != '\0') {
             print_line(page, "", "cause: %s", cause);

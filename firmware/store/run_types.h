@@ -115,6 +115,7 @@ typedef struct tl_run_detection {
 typedef struct tl_run_changes {
     tl_run_detection detection;
     bool is_new; /* learning began at zero: findings that are still open become "normal" */
+    int64_t started; /* t_start, ms since 1970 UTC; 0: a replay */
     const tl_run_finding *finding;
     size_t count;
     const unsigned char *learned;

@@ -108,14 +108,16 @@ def test_a_change_of_the_plant():
 
 
 def expect_a_change(bench, began):
-    with Program("run", bench.twin(), "--json") as live:
+    with Program("run", bench.twin(), "--json", "--status") as live:
         live.wait_for("lock|locked")
         time.sleep(LEFT_OUT + 3)
         os.kill(member(live, "recorder"), signal.SIGKILL)  # the next one continues
         expect(bench.states() == [], "found in a healthy plant")
         expect_found(bench, live, began + BREAKS)
+        live.wait_for("locked|1 change")
         time.sleep(5)
-        _, log = end_well(live, signal.SIGTERM)
+        told, log = end_well(live, signal.SIGTERM)
+        expect([finding["state"] for finding in told["findings"]] == ["open"], f"the summary has: {told['findings']}")
         expect_no_line(log, "learning begins at zero")
     found = shown(bench.database)
     expect(found["detection"]["state"] == "watching", found["detection"])
