@@ -541,7 +541,7 @@ static tl_status require_lock(const tl_process_tree *self, const tl_summary *sum
                            : tl_fail(error, TL_NOT_LOCKED, "not in lock: the run ended without a twin");
 }
 
-/* Prints the summary with what the recorder has found. Without a readable database there is none. */
+/* Prints the summary, with what the recorder has found if its database can be read. */
 static tl_status print_with_changes(const tl_process_tree *self, const tl_summary *summary, const tl_account *account,
                                     tl_error *error) {
     const tl_recorder_mark *mark = is_recorded(self) ? tl_recorder_state_mark(&recorder_status(self)->state) : NULL;
