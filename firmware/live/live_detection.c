@@ -28,7 +28,8 @@ struct tl_live_detection {
     bool is_stray;   /* the newest sample was of another run */
     bool is_read;    /* what was learnt before was read, or there is nothing */
     bool is_due;     /* a finding has changed */
-    bool is_new;     /* what was learnt before is of another configuration */
+    bool is_new;     /* learning has begun at zero */
+    bool is_removed; /* a user has removed it, and no row was stored since then */
 };
 
 /* Findings are warnings; what follows needs no attention. */
@@ -36,12 +37,11 @@ static void report_finding(void *context, int64_t tick, const tl_finding *findin
     tl_live_detection *self = context;
     char sentence[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    char text[TL_EVENT_TEXT];
+    char text[2 * TL_FINDING_TEXT + 16];
     bool is_new = turn == TL_FINDING_FOUND;
     tl_finding_write(finding, finding->found, self->started, sentence);
     tl_finding_write_cause(finding, cause);
-    (void)snprintf(text, sizeof text, "%.*s%s%.*s", TL_EVENT_TEXT / 2, sentence,
-                   cause[0] == '\0' ? "" : "; cause: ", TL_EVENT_TEXT / 3, cause);
+    (void)snprintf(text, sizeof text, "%s%s%s", sentence, cause[0] == '\0' ? "" : "; cause: ", cause);
     tl_log(is_new ? TL_LOG_WARNING : TL_LOG_NOTICE, "finding: %s", text);
     tl_recorder_state_add_event(self->state, tick, is_new ? TL_EVENT_WARNING : TL_EVENT_INFO, "finding", text);
     self->is_due = true;
@@ -129,9 +129,10 @@ static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
     }
     if (bytes != NULL) {
         continue_with(self, bytes, size);
-        free(bytes);
     }
-    self->is_due = true; /* the row may say that it was removed */
+    self->is_new = self->is_new || bytes == NULL; /* what was learnt may have been too large, or damaged */
+    self->is_due = true;                          /* the row may say that it was removed */
+    free(bytes);
     tl_change_detector_number_from(self->detector, last);
     self->is_read = true;
 }
@@ -147,6 +148,7 @@ static void learn_again(tl_live_detection *self) {
     tl_change_detector_destroy(self->detector);
     self->detector = other;
     self->is_read = false; /* for the numbers of the next findings */
+    self->is_removed = true;
     tl_log(TL_LOG_NOTICE, "finding: %s", text);
     tl_recorder_state_add_event(self->state, self->tick, TL_EVENT_INFO, "finding", text);
 }
@@ -156,7 +158,7 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
     if (self->detector == NULL) {
         return;
     }
-    if (self->is_read && tl_recorder_writer_is_removed(writer)) {
+    if (self->is_read && !self->is_removed && tl_recorder_writer_is_removed(writer)) {
         learn_again(self);
     }
     if (!self->is_read) {
@@ -168,7 +170,7 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
     }
     self->storage.changes.is_new = self->is_new;
     if (tl_recorder_writer_keep(writer, &self->storage.changes)) {
-        self->is_due = self->is_new = false;
+        self->is_due = self->is_new = self->is_removed = false;
         self->stored = now;
     }
 }

@@ -190,7 +190,7 @@ static const char *const sql_of[STATEMENTS] = {
                    " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
                    " percent = excluded.percent, also = excluded.also, cause = excluded.cause, state = excluded.state,"
                    " onset_at = excluded.onset_at, found_at = excluded.found_at, gone_at = excluded.gone_at",
-    [OPEN_FINDINGS] = "UPDATE findings SET state = 'normal' WHERE state = 'open'",
+    [OPEN_FINDINGS] = "UPDATE findings SET state = 'normal' WHERE state = 'open' AND onset_at IS NOT NULL",
     [IS_REMOVED] = "SELECT 1 FROM learned WHERE state = 'removed'",
     [LAST_FINDING] = "SELECT max(finding) FROM findings",
     [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
@@ -939,17 +939,17 @@ int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_ch
     for (size_t i = 0; i < changes->count && code == SQLITE_OK; i++) {
         code = write_finding(database, &changes->finding[i]);
     }
-    bool is_large = changes->size > (size_t)database->log_limit;
-    if (code != SQLITE_OK || is_large) {
+    if (code != SQLITE_OK) {
         return code;
     }
-    tl_sha256(changes->learned, changes->size, digest);
+    size_t size = changes->size <= (size_t)database->log_limit ? changes->size : 0;
+    tl_sha256(changes->learned, size, digest);
     tl_recorder_database_now(database, now);
     bind_row(database, LEARNED,
              (cell[]){cell_text(now), cell_text(detection->is_ready ? "watching" : "learning"),
                       cell_number(detection->learnt), cell_number(detection->needed), cell_number(detection->watched),
                       cell_text(digest), no_cell});
-    (void)sqlite3_bind_blob64(prepared, 8, changes->learned, changes->size, SQLITE_STATIC);
+    (void)sqlite3_bind_blob64(prepared, 8, changes->learned, size, SQLITE_STATIC);
     code = run_statement(prepared);
     (void)sqlite3_clear_bindings(prepared);
     return code;

@@ -119,8 +119,8 @@ int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick
                                     size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
 
-/* Writes the findings, and what was learnt. The latter is left out if it is too large for the
- * file's bound. */
+/* Writes the findings, the state of learning, and what was learnt. The latter is left out if it is
+ * too large for the file's bound. */
 int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_changes *changes);
 
 /* Reads what was learnt, and the largest number of a finding; outside of a batch. *bytes: malloc();

@@ -104,8 +104,7 @@ bool tl_recorder_writer_keep(tl_recorder_writer *writer, const tl_run_changes *c
 bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char **bytes, size_t *size,
                                      uint32_t *last_finding);
 
-/* Returns true if a user has removed what was learnt (finding_notes.h), until it is stored again.
- * */
+/* Returns true if a user has removed what was learnt (finding_notes.h), until a row is stored. */
 bool tl_recorder_writer_is_removed(tl_recorder_writer *writer);
 
 /* Returns since when this queue is unreadable (CLOCK_MONOTONIC); 0: it is readable. The writer

@@ -114,7 +114,7 @@ typedef struct tl_run_detection {
 /* Both, and what the next process needs to continue. */
 typedef struct tl_run_changes {
     tl_run_detection detection;
-    bool is_new;     /* learning began at zero: findings that are still open become "normal" */
+    bool is_new;     /* learning began at zero: open findings of live runs become "normal" */
     int64_t started; /* t_start, ms since 1970 UTC; 0: a replay */
     const tl_run_finding *finding;
     size_t count;

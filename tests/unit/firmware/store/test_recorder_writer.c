@@ -11,6 +11,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/store/finding_notes.h"
 #include "firmware/store/history.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/store/recorder.h"
@@ -499,11 +500,18 @@ static void test_what_was_learnt_is_checked(void) {
     tl_writer_bench_put(&bench, 0, 10);
     write_now();
     TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
+    expect_learned(0);
+    tl_sql_execute(bench.path, "UPDATE learned SET bytes = x'00'");
+    TEST_ASSERT_TRUE(tl_recorder_writer_read_learned(bench.writer, &bytes, &size, &last));
+    TEST_ASSERT_NULL(bytes);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_finding_notes_forget(bench.path, &bench.error), bench.error.text);
+    TEST_ASSERT_TRUE(tl_recorder_writer_is_removed(bench.writer));
     changes.learned = large;
     changes.size = sizeof large;
     TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
-    expect_learned(0);
-    tl_sql_execute(bench.path, "UPDATE learned SET bytes = x'00'");
+    TEST_ASSERT_FALSE(tl_recorder_writer_is_removed(bench.writer));
+    TEST_ASSERT_EQUAL_STRING("watching 0",
+                             tl_sql_text(bench.path, "SELECT state || ' ' || length(bytes) FROM learned"));
     TEST_ASSERT_TRUE(tl_recorder_writer_read_learned(bench.writer, &bytes, &size, &last));
     TEST_ASSERT_NULL(bytes);
     tl_writer_bench_close_well(&bench);
