@@ -14,6 +14,7 @@
 #include "firmware/config/config.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
+#include "firmware/store/recorder_database.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_process.h"
 #include "master/twin/twin_timing.h"
@@ -517,6 +518,15 @@ static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
     print_block("second twin", blocks->shadow, "in `run`, at most, while `reload` tests a second twin", output);
 }
 
+static void print_record(const tl_config *config, FILE *output) {
+    char span[32];
+    if (config->record_file != NULL) {
+        tl_show_duration(tl_recorder_settings_span(config), span, sizeof span);
+        (void)fprintf(output, "  record       %.6g MB hold about %s; then the oldest data are removed\n",
+                      (double)config->record_max_bytes / 1e6, span);
+    }
+}
+
 static void print_released(const tl_config *config, tl_twin_facts facts, FILE *output) {
     if (facts.released_state == TL_RELEASED_ON) {
         (void)fprintf(output,
@@ -562,6 +572,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     print_replays(assembly, prognosis, output);
     if (config->source_count != 0) {
         print_blocks(blocks, output);
+        print_record(&assembly->config, output);
     }
     (void)fprintf(output, "  measured by %zu free steps with the plant's initial values, without a search\n",
                   prognosis->steps);

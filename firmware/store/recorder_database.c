@@ -411,6 +411,18 @@ static int64_t log_limit(int64_t max_bytes) {
     return max_bytes == 0 || part > MOST_LOG ? MOST_LOG : part < LEAST_LOG ? LEAST_LOG : part;
 }
 
+/* Bytes of rows, measured in recorded databases. */
+double tl_recorder_settings_span(const tl_config *config) {
+    static const double per_signal = 31.0;
+    static const double per_step = 53.0;
+    static const double per_match = 56.0;
+    static const double per_adjust = 33.0;
+    double tick = per_step + per_signal * (double)config->signal_count + per_match * (double)config->match_count +
+                  per_adjust * (double)config->adjust_count;
+    double most = (double)(config->record_max_bytes - 4 * log_limit(config->record_max_bytes));
+    return fmax(most, 0.0) / tick * tl_seconds(config->step);
+}
+
 static int count_frames(void *context, sqlite3 *connection, const char *name, int frames) {
     (void)connection;
     (void)name;

@@ -53,6 +53,9 @@ typedef struct tl_recorder_names {
  * signals. The settings are valid as long as `config` and `names`. */
 void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings);
 
+/* Returns for how long a file of the configured size holds all samples and steps, s. About 10 %. */
+double tl_recorder_settings_span(const tl_config *config);
+
 typedef struct tl_recorder_database tl_recorder_database;
 
 /* Counts of a run, as in its row. */

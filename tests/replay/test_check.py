@@ -5,7 +5,7 @@ import os
 import re
 
 from twinlock_test import (BUILD, EMULATED, PLAIN_LIVE, PLAIN_LOCK, SANITIZER, SOURCE, at_least, at_most, edited_config, expect, expect_line, expect_no_line, main,
-                           replay_json, run, run_well, scratch)
+                           replay_json, run, run_well, scratch, within)
 
 WIDTH = 80
 CONFIGURATIONS = ("motor/lock.json", "motor/free.json", "motor/live.json", "emps/lock.json", "emps/ahead.json")
@@ -127,6 +127,20 @@ def test_memory_of_a_live_twin():
     at_least(max(without_resume.values()), 2600, "KiB of the record queue without resume")
     free = sizes(run_well(["check", SOURCE / "config" / "motor" / "free.json"]))
     expect(len(free) == 1 and max(free.values()) < 260, f"{free}")
+
+
+def test_how_long_the_database_holds():
+    """The size of a recording of 7 minutes differs from what `check` expects by 10 % at most."""
+    folder = scratch()
+    live = SOURCE / "config" / "vessels" / "live.json"
+    run_well(["plant", SOURCE / "config" / "vessels" / "plant.json", "--record", folder / "normal.csv"])
+    run_well(["replay", live, "--recording", folder / "normal.csv", "--db", folder / "run.db"])
+    told = run_well(["check", edited_config(live, {"record": {"max_mb": 100}})])
+    line = next(line for line in told.splitlines() if line.startswith("  record  "))
+    found = re.search(r"100 MB hold about (\d+) min (\d+) s", line)
+    expect(found, line)
+    expected = (100e6 - 4 * 4 * 2**20) / (folder / "run.db").stat().st_size * 418.7
+    within(60 * int(found[1]) + int(found[2]), expected, 0.1, "s that 100 MB hold")
 
 
 def test_the_plant_is_not_asked():
