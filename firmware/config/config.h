@@ -93,6 +93,14 @@ typedef struct tl_config_signal {
     size_t shows;                   /* which has this index */
 } tl_config_signal;
 
+enum { TL_CONFIG_WORDS = 48 }; /* bytes with the NUL */
+
+/* The user's words for an adjusted variable or a matched signal, in findings. */
+typedef struct tl_config_words {
+    const char *name; /* "component.variable" or "plant.signal" */
+    const char *words;
+} tl_config_words;
+
 /* `emulate`: values that `twinlock plant` serves when it simulates the true plant with FMUs. */
 typedef struct tl_config_emulated {
     const char *where;
@@ -201,6 +209,8 @@ typedef struct tl_config {
     double false_alarms_per_year; /* of findings (change_detector.h) */
     tl_time detect_learn;         /* ns; until changes are reported */
     tl_time detect_cycle;         /* longest recurring cycle of the plant, ns; 0: not known */
+    tl_config_words *says;
+    size_t says_count;
 
     int realtime_priority; /* SCHED_FIFO priority; 0: ordinary scheduling */
     bool realtime_lock_memory;

@@ -18,6 +18,9 @@ static const tl_config_map COLUMNS = {.need = TL_CONFIG_REQUIRED,
                                       .most = TL_MAX_SIGNALS,
                                       .example = "{\"omega\": {\"from\": \"motor.omega\"}}"};
 
+static const tl_config_map WORDS = {.most = TL_MAX_SIGNALS + TL_MAX_ADJUST,
+                                    .example = "{\"tank.pump\": \"feed pump\", \"plant.level\": \"level of tank 1\"}"};
+
 void tl_config_read_recording(tl_config_object *root, tl_config *config) {
     tl_config_object object;
     config->recording_time_column = "time";
@@ -46,11 +49,45 @@ void tl_config_read_record(tl_config_object *root, tl_config *config) {
     tl_config_done(&object);
 }
 
+static bool is_watched(const tl_config *config, const char *name) {
+    bool is = false;
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        is = is || strcmp(config->adjust[i].variable, name) == 0;
+    }
+    for (size_t i = 0; i < config->signal_count; i++) {
+        is = is || (strncmp(name, "plant.", strlen("plant.")) == 0 &&
+                    strcmp(config->signals[i].plan.name, name + strlen("plant.")) == 0);
+    }
+    return is;
+}
+
+/* A wrong name is reported only if it does not follow from another problem. */
+typedef struct words_context {
+    const tl_config *config;
+    bool is_sound;
+} words_context;
+
+static void read_words(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const words_context *self = context;
+    tl_config_words *says = &self->config->says[index];
+    const char *words = cJSON_IsString(item) ? item->valuestring : "";
+    says->name = item->string;
+    says->words = words;
+    if (self->is_sound && !is_watched(self->config, item->string)) {
+        tl_config_wrong(map, item->string, "a name that is neither adjusted nor a signal",
+                        "an adjusted variable, or \"plant.\" and the name of a signal", "\"plant.level\"");
+    }
+    if (words[0] == '\0' || strlen(words) >= TL_CONFIG_WORDS || !tl_text_is_plain(words)) {
+        tl_config_wrong(map, item->string, NULL, "a text of 1 to 47 bytes", "\"feed pump\"");
+    }
+}
+
 void tl_config_read_detect(tl_config_object *root, tl_config *config) {
     static const tl_config_number learn = {.minimum = 60, .maximum = TL_CONFIG_LONGEST_S, .example = "86400"};
     static const tl_config_number promise = {.minimum = 1e-3, .maximum = 1e6, .example = "1"};
     static const tl_config_number cycle = {.minimum = 0, .maximum = TL_CONFIG_LONGEST_S, .example = "600"};
     tl_config_object object;
+    tl_config_object map;
     double learn_s = 86400;
     double cycle_s = 0;
     config->false_alarms_per_year = 1;
@@ -58,6 +95,9 @@ void tl_config_read_detect(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_number(&object, "false_alarms_per_year", &promise, &config->false_alarms_per_year);
     (void)tl_config_get_number(&object, "learn_s", &learn, &learn_s);
     (void)tl_config_get_number(&object, "cycle_s", &cycle, &cycle_s);
+    config->says = tl_config_take_entries(&object, "says", &WORDS, sizeof *config->says, &map, &config->says_count);
+    words_context context = {.config = config, .is_sound = root->reader->report->count == 0};
+    tl_config_each(&map, read_words, &context);
     config->detect_learn = tl_config_duration(learn_s);
     config->detect_cycle = cycle_s > 0.0 ? tl_config_duration(cycle_s) : 0;
     tl_config_done(&object);

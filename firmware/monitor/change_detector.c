@@ -198,6 +198,20 @@ static void copy_name(const tl_change_detector *detector, const quantity *one, c
     (void)snprintf(name, TL_FINDING_NAME, "%.*s", length < TL_FINDING_NAME ? length : TL_FINDING_NAME - 1, from);
 }
 
+/* The user's words, for a variable or for "plant." and the name of a signal. */
+static void copy_words(const tl_change_detector *detector, tl_finding *finding) {
+    bool is_variable = finding->subject == TL_FINDING_CORRECTION;
+    finding->says[0] = '\0';
+    for (size_t i = 0; i < detector->config->says_count; i++) {
+        const tl_config_words *says = &detector->config->says[i];
+        const char *name = is_variable ? says->name : says->name + strlen("plant.");
+        bool is_of_plant = strncmp(says->name, "plant.", strlen("plant.")) == 0;
+        if (is_of_plant != is_variable && strcmp(name, finding->variable) == 0) {
+            (void)snprintf(finding->says, sizeof finding->says, "%s", says->words);
+        }
+    }
+}
+
 static void name_finding(const tl_change_detector *detector, const quantity *one, tl_finding *finding) {
     const char *unit =
         one->is_output ? detector->account.match[one->index].unit : detector->account.adjust[one->index].unit;
@@ -206,6 +220,7 @@ static void name_finding(const tl_change_detector *detector, const quantity *one
     copy_name(detector, one, finding->variable);
     (void)snprintf(finding->unit, sizeof finding->unit, "%.*s", TL_FINDING_UNIT - 1,
                    strcmp(unit, "1") == 0 ? "" : unit);
+    copy_words(detector, finding);
 }
 
 static void set_size(const tl_change_series *series, tl_finding *finding) {
@@ -495,6 +510,7 @@ static void take_frozen(tl_change_detector *detector, size_t signal, int64_t tic
     finding->percent = (double)NAN;
     (void)snprintf(finding->variable, sizeof finding->variable, "%.*s", TL_FINDING_NAME - 1,
                    detector->config->signals[signal].plan.name);
+    copy_words(detector, finding);
     report(detector, finding, TL_FINDING_FOUND);
 }
 
@@ -615,8 +631,8 @@ static bool is_sound(const tl_change_detector *detector, const detector_state *s
                 (unsigned)finding->cause <= TL_FINDING_PLANT && finding->index < limits[finding->subject] &&
                 is_flag(&finding->is_gone) && is_flag(&finding->is_decided) && is_flag(&by->is_settled) &&
                 isfinite(finding->onset) && isfinite(finding->found) && isfinite(finding->gone) &&
-                ends(finding->variable, sizeof finding->variable) && ends(finding->unit, sizeof finding->unit) &&
-                ends(finding->sensor, sizeof finding->sensor) &&
+                ends(finding->variable, sizeof finding->variable) && ends(finding->says, sizeof finding->says) &&
+                ends(finding->unit, sizeof finding->unit) && ends(finding->sensor, sizeof finding->sensor) &&
                 (by->quantity == SIZE_MAX || (by->quantity < detector->quantities && by->bank < BANKS));
     }
     return right;

@@ -47,6 +47,7 @@ static tl_run_finding row_of(tl_change_storage *storage, const tl_config *config
         .kind = tl_finding_kind_name(finding->kind),
         .subject = tl_finding_subject_name(finding->subject),
         .variable = finding->variable,
+        .says = finding->says,
         .unit = finding->unit,
         .onset = finding->onset,
         .onset_spread = finding->onset_spread,
@@ -123,5 +124,6 @@ bool tl_change_storage_read(const tl_run_finding *row, tl_finding *finding) {
     }
     return read_cause(row->cause, finding) && isfinite(row->onset) && isfinite(row->found) &&
            copy_text(row->variable, finding->variable, sizeof finding->variable) &&
+           copy_text(row->says, finding->says, sizeof finding->says) &&
            copy_text(row->unit, finding->unit, sizeof finding->unit);
 }

@@ -58,8 +58,9 @@ void tl_finding_write(const tl_finding *finding, double now, int64_t started, ch
     if (finding->is_gone) {
         tl_lock_instant_write(finding->gone, now, started, false, gone);
     }
-    (void)snprintf(text, TL_FINDING_TEXT, "%s %s %s \302\261 %.2g s%s%s", size, finding->is_gone ? "from" : "since",
-                   since, finding->onset_spread, finding->is_gone ? " to " : "", gone);
+    (void)snprintf(text, TL_FINDING_TEXT, "%s%s%s %s %s \302\261 %.2g s%s%s", finding->says,
+                   finding->says[0] == '\0' ? "" : ": ", size, finding->is_gone ? "from" : "since", since,
+                   finding->onset_spread, finding->is_gone ? " to " : "", gone);
 }
 
 void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]) {

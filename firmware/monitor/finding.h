@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/config/config.h"
 #include "firmware/store/run_types.h"
 
 enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 352, TL_FINDINGS = 64 };
@@ -41,6 +42,7 @@ typedef struct tl_finding {
     tl_finding_subject subject;
     uint32_t index;                 /* of the adjusted variable, match or signal */
     char variable[TL_FINDING_NAME]; /* OUTPUT and SIGNAL: of the plant, without "plant." */
+    char says[TL_CONFIG_WORDS];     /* the user's words for the variable; "": none */
     char unit[TL_FINDING_UNIT];     /* "": none */
     bool is_gone;                   /* the learnt state has returned */
     double onset, onset_spread;     /* when it began, and half the width of its range */
@@ -65,8 +67,8 @@ const char *tl_finding_kind_name(tl_finding_kind kind);
 const char *tl_finding_subject_name(tl_finding_subject subject);
 const char *tl_finding_state_name(const tl_finding *finding);
 
-/* Writes one sentence without a full stop: "pump.flow: correction +0.012 m3/s (+5 %) since
- * t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
+/* Writes one sentence without a full stop: "feed pump: pump.flow: correction +0.012 m3/s (+5 %)
+ * since t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
 
 /* Writes the cause: "sensor plant.level, or an input that acts on it alone"; empty if it is

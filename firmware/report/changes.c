@@ -63,6 +63,7 @@ void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int
     tl_json_add_number(json, "finding", (double)row->number);
     tl_json_add_text(json, "kind", row->kind);
     tl_json_add_text(json, "variable", row->variable);
+    tl_json_add_text(json, "says", row->says[0] != '\0' ? row->says : NULL);
     tl_json_add_text(json, "subject", row->subject);
     tl_json_add_number(json, "onset", row->onset);
     tl_json_add_number(json, "onset_spread_s", row->onset_spread);

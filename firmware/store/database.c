@@ -42,6 +42,7 @@
     "  kind TEXT NOT NULL,"                                                                                            \
     "  subject TEXT NOT NULL,"                                                                                         \
     "  variable TEXT NOT NULL,"                                                                                        \
+    "  says TEXT NOT NULL,"                                                                                            \
     "  unit TEXT NOT NULL,"                                                                                            \
     "  onset_s,"                                                                                                       \
     "  onset_spread_s,"                                                                                                \
@@ -573,7 +574,7 @@ static const struct {
      " 0 AS watched_s, '' AS sha256, NULL AS bytes WHERE 0"},
     {"findings", NULL, FINDINGS_TABLE,
      "CREATE TEMP VIEW findings AS SELECT 1 AS finding, 0 AS run, '' AS kind, '' AS subject, '' AS variable,"
-     " '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
+     " '' AS says, '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
      " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state,"
      " NULL AS acknowledged_at, NULL AS acknowledged_by, NULL AS note WHERE 0"},
 };

@@ -483,6 +483,7 @@ static void read_finding(tl_history *history, const tl_history_run *run, table_r
     finding->row.kind = take_text(history, row, NAME_MOST);
     finding->row.subject = take_text(history, row, NAME_MOST);
     finding->row.variable = take_text(history, row, NAME_MOST);
+    finding->row.says = take_text(history, row, NAME_MOST);
     finding->row.unit = take_text(history, row, NAME_MOST);
     finding->row.onset = take_number(row);
     finding->row.onset_spread = take_number(row);
@@ -507,7 +508,7 @@ static void read_finding(tl_history *history, const tl_history_run *run, table_r
 tl_status tl_history_findings(tl_history *history, const tl_history_run *run, const tl_history_finding **findings,
                               size_t *count, tl_error *error) {
     static const row_list list = {
-        "SELECT finding, run, kind, subject, variable, unit, onset_s, onset_spread_s, found_s, gone_s, size, size_spread,"
+        "SELECT finding, run, kind, subject, variable, says, unit, onset_s, onset_spread_s, found_s, gone_s, size, size_spread,"
         " percent, also, cause, state, onset_at, acknowledged_at, acknowledged_by, note FROM findings WHERE run = ?1 OR (onset_at IS NOT NULL AND"
         " (SELECT verb FROM runs WHERE run = ?1) <> 'replay') ORDER BY finding",
         "findings", TL_HISTORY_FINDINGS, sizeof(tl_history_finding), read_finding};

@@ -180,12 +180,12 @@ static const char *const sql_of[STATEMENTS] = {
         " WHERE runs.run = ?1 AND (verb = 'run' OR NOT EXISTS (SELECT 1 FROM learned WHERE state <> 'removed'))",
     [READ_LEARNED] = "SELECT bytes, sha256 FROM learned",
     [FINDING] =
-        "INSERT INTO findings (finding, run, kind, subject, variable, unit, onset_s, onset_spread_s,"
+        "INSERT INTO findings (finding, run, kind, subject, variable, says, unit, onset_s, onset_spread_s,"
         " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"
-        " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, " UTC_OF("?7") ", " UTC_OF("?9") ", " UTC_OF(
-            "?10") " FROM runs WHERE run = ?1"
+        " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, " UTC_OF("?8") ", " UTC_OF("?10") ", " UTC_OF(
+            "?11") " FROM runs WHERE run = ?1"
                    " ON CONFLICT (finding) DO UPDATE SET run = excluded.run, kind = excluded.kind,"
-                   " subject = excluded.subject, variable = excluded.variable, unit = excluded.unit,"
+                   " subject = excluded.subject, variable = excluded.variable, says = excluded.says, unit = excluded.unit,"
                    " onset_s = excluded.onset_s, onset_spread_s = excluded.onset_spread_s, found_s = excluded.found_s,"
                    " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
                    " percent = excluded.percent, also = excluded.also, cause = excluded.cause, state = excluded.state,"
@@ -935,11 +935,11 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
 static int write_finding(tl_recorder_database *database, const tl_run_finding *finding) {
     return write_row(database, FINDING,
                      (cell[]){cell_whole(finding->number), cell_text(finding->kind), cell_text(finding->subject),
-                              cell_text(finding->variable), cell_text(finding->unit), cell_number(finding->onset),
-                              cell_number(finding->onset_spread), cell_number(finding->found),
-                              cell_number(finding->gone), cell_number(finding->size), cell_number(finding->size_spread),
-                              cell_number(finding->percent), cell_text(finding->also), cell_text(finding->cause),
-                              cell_text(finding->state)});
+                              cell_text(finding->variable), cell_text(finding->says), cell_text(finding->unit),
+                              cell_number(finding->onset), cell_number(finding->onset_spread),
+                              cell_number(finding->found), cell_number(finding->gone), cell_number(finding->size),
+                              cell_number(finding->size_spread), cell_number(finding->percent),
+                              cell_text(finding->also), cell_text(finding->cause), cell_text(finding->state)});
 }
 
 int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_changes *changes) {

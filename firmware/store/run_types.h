@@ -94,6 +94,7 @@ typedef struct tl_run_finding {
     const char *kind;     /* "step", "drift", "freeze" */
     const char *subject;  /* "correction", "output", "signal" */
     const char *variable; /* of an output or a signal: of the plant, without "plant." */
+    const char *says;     /* the user's words for the variable; "": none */
     const char *unit;     /* "": none */
     double onset, onset_spread;
     double found, gone;       /* gone NaN: not yet */

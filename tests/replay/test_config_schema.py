@@ -247,6 +247,15 @@ def delays_hold(document):
            -longest <= shift <= longest - wait
 
 
+def is_approved_in_bounds(adjust):
+    approved = adjust.get("nominal", 0) + adjust.get("approved", 0)
+    return not {"nominal", "approved"} <= adjust.keys() or adjust.get("min", float("-inf")) <= approved <= adjust.get("max", float("inf"))
+
+
+def is_watched(document, name):
+    return name in document.get("synchronise", {}).get("adjust", {}) or (name.startswith("plant.") and name[6:] in document["plant"])
+
+
 def beyond_schema(document):
     """True if a configuration that fits the schema also follows the other rules."""
     nanoseconds = decimal.Decimal(repr(document["step_s"])) * 10**9
@@ -265,7 +274,9 @@ def beyond_schema(document):
             and all(is_short_enough(document, match) for match in synchronise.get("match", {}).values())
             and delays_hold(document)
             and (solvers[0] is None or solvers[0] != solvers[1])
-            and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted))
+            and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted)
+            and all(is_approved_in_bounds(one) for one in adjusted)
+            and all(is_watched(document, name) for name in document.get("detect", {}).get("says", {})))
 
 
 # ---- the two verdicts ----

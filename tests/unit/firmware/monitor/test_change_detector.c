@@ -257,6 +257,18 @@ static void test_what_is_not_known_is_left_out(void) {
     TEST_ASSERT_EQUAL_size_t(0, get().count);
 }
 
+static void test_the_words_of_the_user(void) {
+    static tl_config_words says[] = {{"plant.flow", "flow meter"}, {"tank.valve", "valve"}};
+    char text[TL_FINDING_TEXT];
+    config.says = says;
+    config.says_count = 2;
+    learn();
+    run(DAY / 8, 0.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_STRING("flow meter", get().finding->says);
+    tl_finding_write(get().finding, 0.0, 0, text);
+    TL_EXPECT_PARTS("flow meter: plant.flow: |since", text);
+}
+
 static void test_a_frozen_signal(void) {
     tl_sample sample = {.tick = 0};
     for (; sample.tick < 100; sample.tick++) {
@@ -427,6 +439,7 @@ int main(void) {
     RUN_TEST(test_two_changes_are_two_findings);
     RUN_TEST(test_a_reset_is_left_out);
     RUN_TEST(test_what_is_not_known_is_left_out);
+    RUN_TEST(test_the_words_of_the_user);
     RUN_TEST(test_a_frozen_signal);
     RUN_TEST(test_many_findings);
     RUN_TEST(test_a_restart);

@@ -123,8 +123,8 @@ static void test_a_released_twin(void) {
 /* The verdict, and each finding with the time of its onset for the plots. */
 static void test_changes(void) {
     const tl_run_detection detection = {.is_ready = true, .learnt = 60, .needed = 60, .watched = 600};
-    tl_run_finding finding = {3,           "step", "correction", "motor.<d>", "N.m", 12.5, 0.5,   14,
-                              (double)NAN, -2,     0.1,          -5,          "",    "",   "open"};
+    tl_run_finding finding = {3,  "step",      "correction", "motor.<d>", "", "N.m", 12.5, 0.5,
+                              14, (double)NAN, -2,           0.1,         -5, "",    "",   "open"};
     create();
     write_page();
     TEST_ASSERT_EQUAL_size_t(0, count("id=\"changes\""));

@@ -446,6 +446,7 @@ static void expect_in_history(void) {
     TEST_ASSERT_EQUAL_size_t(2, count);
     TEST_ASSERT_EQUAL_STRING("gone", found[0].row.state);
     TEST_ASSERT_EQUAL_STRING("a\nb", found[0].row.also);
+    TEST_ASSERT_EQUAL_STRING("drive", found[0].row.says);
     TEST_ASSERT_TRUE(found[0].row.gone > 19.9 && isnan(found[1].row.size) && found[0].started != 0);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_detection(history, run, &detection, &any, &bench.error));
     TEST_ASSERT_TRUE(any && detection.is_ready && detection.watched > 4.9);
@@ -454,8 +455,9 @@ static void expect_in_history(void) {
 
 static void test_changes_are_kept(void) {
     tl_run_finding findings[2] = {
-        {1, "step", "correction", "motor.d", "Nm", 5.5, 0.5, 7, (double)NAN, -2, 0.1, -5, "a\nb", "plant", "open"},
-        {2, "freeze", "signal", "omega", "", 6, 1, 8, 9, (double)NAN, (double)NAN, (double)NAN, "", "", "gone"}};
+        {1, "step", "correction", "motor.d", "drive", "Nm", 5.5, 0.5, 7, (double)NAN, -2, 0.1, -5, "a\nb", "plant",
+         "open"},
+        {2, "freeze", "signal", "omega", "", "", 6, 1, 8, 9, (double)NAN, (double)NAN, (double)NAN, "", "", "gone"}};
     tl_run_changes changes = made_changes(findings, 2);
     tl_writer_bench_open(&bench);
     TEST_ASSERT_FALSE(tl_recorder_writer_keep(bench.writer, &changes)); /* there is no run */
