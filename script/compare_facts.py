@@ -36,13 +36,15 @@ NAMES = {"y": "simulated", "y_hat": "measured", "u": "applied", "u_hat": "nomina
          "delta": "difference", "error": "difference", "correction": "difference"}
 NAME = re.compile(rf"(?<![^\W_])({'|'.join(sorted(NAMES, key=len, reverse=True))})(?![^\W_])")
 
-# Values of the page of `check` that differ in each call: measured times, and the growth of the heap.
+# Values of the page of `check` that differ in each call: measured times, and what depends on them, such as the fastest method of
+# rollback; the growth of the heap.
 CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
     (re.compile(r"\S+ \u00b5s (to save, step and restore; by its own state) \S+ \u00b5s"), r"* \1 *"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
     (re.compile(r'(?m)^faster\n(?:  .* would take .*\n)+'), ""),
     (re.compile(r'"auto" keeps \w+'), '"auto" keeps *'),
+    (re.compile(r"tested at the start by \d+ executions"), "tested at the start by * executions"),
     (re.compile(r"(?:tested|looked at) \d+ times?, \S+ \u2026 \S+ s from the start"), "tested * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
     (re.compile(r"(?m)^(  states +).*"), r"\1*"),

@@ -13,7 +13,7 @@
 #include "firmware/config/config.h"
 #include "firmware/store/run_types.h"
 
-enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 352, TL_FINDINGS = 64 };
+enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 416, TL_FINDINGS = 64 };
 
 typedef enum tl_finding_kind {
     TL_FINDING_STEP,  /* a lasting change of the mean */
