@@ -90,7 +90,7 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
         status = tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", config->name);
     }
     if (status == TL_OK && replay->recorder != NULL) {
-        tl_change_detector_number_from(replay->detector, tl_recorder_last_finding(replay->recorder));
+        tl_change_detector_number_from(replay->detector, tl_recorder_last_finding(replay->recorder), true);
     }
     replay->watch = &self->watch;
     return status;

@@ -47,6 +47,11 @@ static void report_finding(void *context, int64_t tick, const tl_finding *findin
     self->is_due = true;
 }
 
+static void report_notice(tl_live_detection *self, const char *text) {
+    tl_log(TL_LOG_NOTICE, "finding: %s", text);
+    tl_recorder_state_add_event(self->state, -1, TL_EVENT_INFO, "finding", text);
+}
+
 tl_live_detection *tl_live_detection_create(const tl_config *config, tl_recorder_writer_state *state) {
     tl_live_detection *self = calloc(1, sizeof *self);
     if (self != NULL) {
@@ -101,23 +106,22 @@ void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry 
     }
 }
 
-/* Continues with what was learnt before. The present run is at its beginning. */
-static void continue_with(tl_live_detection *self, const unsigned char *bytes, size_t size) {
+/* Continues with what was learnt before; what was learnt since this process began is dropped.
+ * Returns false if the bytes are of another configuration. */
+static bool continue_with(tl_live_detection *self, const unsigned char *bytes, size_t size) {
     tl_change_detector *earlier = tl_change_detector_create(self->config, &self->account, report_finding, self);
     if (earlier == NULL) {
-        return;
+        return false;
     }
     if (tl_change_detector_load(earlier, bytes, size)) {
         tl_change_detector_begin(earlier, &self->account, self->started);
         tl_change_detector_destroy(self->detector);
         self->detector = earlier;
-        return;
+        return true;
     }
-    static const char text[] = "the variables, the step or the cycle have changed: learning begins at zero";
-    tl_log(TL_LOG_NOTICE, "finding: %s", text);
-    tl_recorder_state_add_event(self->state, -1, TL_EVENT_INFO, "finding", text);
+    report_notice(self, "the variables, the step or the cycle have changed: learning begins at zero");
     tl_change_detector_destroy(earlier);
-    self->is_new = true;
+    return false;
 }
 
 static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
@@ -127,19 +131,19 @@ static void read_earlier(tl_live_detection *self, tl_recorder_writer *writer) {
     if (!tl_recorder_writer_read_learned(writer, &bytes, &size, &last)) {
         return;
     }
-    if (bytes != NULL) {
-        continue_with(self, bytes, size);
+    if (bytes == NULL && size != 0) {
+        report_notice(self, "what was learnt is damaged in the database: learning begins at zero");
     }
-    self->is_new = self->is_new || bytes == NULL; /* what was learnt may have been too large, or damaged */
-    self->is_due = true;                          /* the row may say that it was removed */
+    bool continues = bytes != NULL && continue_with(self, bytes, size);
+    self->is_new = self->is_new || !continues;
+    self->is_due = true; /* the row may say that it was removed */
     free(bytes);
-    tl_change_detector_number_from(self->detector, last);
+    tl_change_detector_number_from(self->detector, last, !continues);
     self->is_read = true;
 }
 
 /* A user has asked for it (finding_notes.h). */
 static void learn_again(tl_live_detection *self) {
-    static const char text[] = "what was learnt was removed: learning begins at zero";
     tl_change_detector *other = tl_change_detector_create(self->config, &self->account, report_finding, self);
     if (other == NULL) {
         return;
@@ -149,13 +153,12 @@ static void learn_again(tl_live_detection *self) {
     self->detector = other;
     self->is_read = false; /* for the numbers of the next findings */
     self->is_removed = true;
-    tl_log(TL_LOG_NOTICE, "finding: %s", text);
-    tl_recorder_state_add_event(self->state, self->tick, TL_EVENT_INFO, "finding", text);
+    report_notice(self, "what was learnt was removed: learning begins at zero");
 }
 
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end) {
     tl_time now = tl_clock_now(NULL);
-    if (self->detector == NULL) {
+    if (self->detector == NULL || !self->is_watched) { /* a run in safe hold has no findings */
         return;
     }
     if (self->is_read && !self->is_removed && tl_recorder_writer_is_removed(writer)) {

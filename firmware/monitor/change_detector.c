@@ -14,6 +14,7 @@ enum {
     START_RELEASES = 10, /* left out after a start, but at most this part of the learning time: */
     PARTS_OF_LEARNING = 10,
     RELEASE = 150, /* steps, if there are no released twins */
+    GAP = 10,      /* steps that may be missing */
     BANKS = 4,
     CYCLE = BANKS - 1,
     FORMAT = 1 /* of the stored bytes */
@@ -39,10 +40,14 @@ static const double OTHER = 4.0;
 /* An output is off if its mean error since the onset exceeds this many deviations of a block. */
 static const double OFF = 3.0;
 
-/* If there is no tolerance. */
+/* If there is no tolerance; and a limit, because the process of the FMUs may tell any step. */
 static const double LEAST = 1e-9;
+static const double MOST = 1e9;
 
 static const double YEAR = 365.25 * 86400.0; /* s */
+
+/* Larger numbers of steps are no data of ours. */
+static const int64_t MOST_STEP = INT64_MAX / 4;
 
 /* Longest time between two runs, s; keeps all sums of times within range. */
 static const double LONGEST = 1e10;
@@ -146,7 +151,7 @@ tl_change_detector *tl_change_detector_create(const tl_config *config, const tl_
         one->index = (uint32_t)(one->is_output ? i - config->adjust_count : i);
         double least = one->is_output ? LEAST_OUTPUT * config->match[one->index].tolerance
                                       : LEAST_CORRECTION * step_of(account, one->index);
-        least = fmax(least, LEAST);
+        least = fmin(fmax(least, LEAST), MOST);
         init_quantity(config, one, least, rate);
     }
     return detector;
@@ -167,14 +172,22 @@ static tl_finding *finding_of(tl_change_detector *detector, uint32_t number) {
     return NULL;
 }
 
-/* A new finding at the end of the list. The oldest one is dropped if the list is full. */
+/* Drops the oldest finding that is gone, else the oldest one. */
+static void drop_finding(detector_state *state) {
+    size_t at = 0;
+    while (at < state->count && !state->finding[at].is_gone) {
+        at++;
+    }
+    at = at == state->count ? 0 : at;
+    state->count--;
+    memmove(state->finding + at, state->finding + at + 1, (state->count - at) * sizeof *state->finding);
+    memmove(state->tracked + at, state->tracked + at + 1, (state->count - at) * sizeof *state->tracked);
+}
+
+/* A new finding at the end of the list. */
 static tl_finding *add_finding(tl_change_detector *detector) {
     if (detector->state.count == TL_FINDINGS) {
-        memmove(detector->state.finding, detector->state.finding + 1,
-                (TL_FINDINGS - 1) * sizeof *detector->state.finding);
-        memmove(detector->state.tracked, detector->state.tracked + 1,
-                (TL_FINDINGS - 1) * sizeof *detector->state.tracked);
-        detector->state.count--;
+        drop_finding(&detector->state);
     }
     tl_finding *finding = &detector->state.finding[detector->state.count];
     *finding = (tl_finding){.number = ++detector->state.numbers};
@@ -468,12 +481,16 @@ static double value_of(const tl_change_detector *detector, const quantity *one, 
     return is_good ? record->measured[i] - record->released[i] : (double)NAN;
 }
 
-static void interrupt_series(tl_change_detector *detector) {
+static void interrupt_all(tl_change_detector *detector) {
     for (size_t i = 0; i < detector->quantities; i++) {
         for (size_t bank = 0; bank < BANKS; bank++) {
             tl_change_series_interrupt(&detector->quantity[i].series[bank]);
         }
     }
+}
+
+static void interrupt_series(tl_change_detector *detector) {
+    interrupt_all(detector);
     detector->state.left_out = steps_of_start(detector->config);
 }
 
@@ -483,6 +500,9 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {
         interrupt_series(detector);
+    }
+    if (detector->state.last >= 0 && record->step - detector->state.last > GAP) {
+        interrupt_all(detector);
     }
     detector->tick = tick;
     detector->state.last = record->step;
@@ -623,7 +643,10 @@ static bool is_sound(const tl_change_detector *detector, const detector_state *s
         [TL_FINDING_SIGNAL] = detector->config->signal_count,
     };
     bool right = state->count <= TL_FINDINGS && is_flag(&state->is_ready) && isfinite(state->ready_at) &&
-                 state->left_out <= steps_of_start(detector->config);
+                 state->left_out <= steps_of_start(detector->config) && state->last >= -1 && state->last < MOST_STEP;
+    for (size_t i = 0; right && i < detector->config->signal_count; i++) {
+        right = state->moved[i] > -MOST_STEP && state->moved[i] < MOST_STEP;
+    }
     for (size_t i = 0; right && i < state->count; i++) {
         const tl_finding *finding = &state->finding[i];
         const tracked *by = &state->tracked[i];
@@ -657,6 +680,13 @@ bool tl_change_detector_load(tl_change_detector *detector, const unsigned char *
         for (size_t bank = 0; bank < BANKS; bank++) {
             right = tl_change_series_load(&one->series[bank], bytes) && right;
             bytes += TL_SERIES_STORED;
+        }
+    }
+    detector->state.is_ready = false; /* `learn_s` may be another one */
+    for (size_t i = 0; i < detector->quantities; i++) {
+        for (size_t bank = 0; bank < BANKS; bank++) {
+            detector->state.is_ready =
+                detector->state.is_ready || tl_change_series_is_ready(&detector->quantity[i].series[bank]);
         }
     }
     return right;
@@ -696,7 +726,7 @@ void tl_change_detector_begin(tl_change_detector *detector, const tl_account *ac
     bool is_of_replay = detector->state.started == 0;
     int64_t left_out = detector->state.left_out;
     double later = is_of_replay ? seconds_of(detector, (double)detector->state.last)
-                                : (double)(started - detector->state.started) / 1e3;
+                                : ((double)started - (double)detector->state.started) / 1e3;
     if (is_of_replay) {
         drop_findings(detector);
     }
@@ -711,7 +741,13 @@ void tl_change_detector_begin(tl_change_detector *detector, const tl_account *ac
     detector->state.left_out = continues ? left_out : detector->state.left_out;
 }
 
-void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last) {
-    uint32_t *numbers = &detector->state.numbers;
-    *numbers = *numbers > last ? *numbers : last;
+void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last, bool is_new) {
+    detector_state *state = &detector->state;
+    for (size_t i = 0; is_new && i < state->count; i++) {
+        state->finding[i].number += last;
+    }
+    for (size_t i = 0; is_new && i < detector->quantities; i++) {
+        detector->quantity[i].finding += detector->quantity[i].finding != 0 ? last : 0;
+    }
+    state->numbers = is_new ? state->numbers + last : state->numbers > last ? state->numbers : last;
 }

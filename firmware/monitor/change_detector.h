@@ -18,7 +18,9 @@
  *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
  *           plant. None, or only one output in all: not known.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
- * Stored:   about 40 kB for each quantity, so that a restarted process continues.
+ * Stored:   about 30 kB for each quantity, so that a restarted process continues. A block length of
+ *           which fewer than 32 blocks were learnt starts again.
+ * Learning: each block length needs 256 blocks at least, so that of the cycle reports later.
  * Memory:   malloc() at the creation, about 130 kB for each quantity.
  * Thread:   one at a time.
  */
@@ -67,8 +69,9 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
  * 1970 UTC. */
 void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started);
 
-/* The next finding has a number above `last`. */
-void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last);
+/* The next finding has a number above `last`. `is_new`: so have those so far, because none of them
+ * is stored. */
+void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last, bool is_new);
 
 /* Return what was learnt and the findings as bytes, and their number, at most a few MB. */
 size_t tl_change_detector_size(const tl_change_detector *detector);

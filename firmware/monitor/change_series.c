@@ -37,6 +37,9 @@ static const double ABOUT_ZERO = 0.01;
 /* Larger values count as not known: their squares could overflow. */
 static const double UNKNOWN = 1e100;
 
+/* Smaller widths of stored histograms are no data of ours: a part of them would be 0. */
+static const double LEAST_WIDTH = 1e-200;
+
 /* Keeps the model stable if it is fitted to few blocks. */
 static const double LARGEST_REFLECTION = 0.98;
 
@@ -630,7 +633,7 @@ static bool is_histogram(const tl_series_histogram *histogram) {
     for (size_t i = 0; i < TL_SERIES_BINS; i++) {
         total += histogram->count[i] <= histogram->total ? histogram->count[i] : UINT64_MAX / TL_SERIES_BINS;
     }
-    return total == histogram->total && fabs(histogram->least) < UNKNOWN && histogram->width > 0.0 &&
+    return total == histogram->total && fabs(histogram->least) < UNKNOWN && histogram->width > LEAST_WIDTH &&
            histogram->width < UNKNOWN;
 }
 
@@ -646,7 +649,7 @@ static bool are_finite(const double *values, size_t count) {
 static bool is_fit(const tl_series_fit *fit) {
     const double numbers[] = {fit->median, fit->scale, fit->deviation, fit->sum};
     return are_finite(numbers, sizeof numbers / sizeof numbers[0]) && are_finite(fit->model, TL_SERIES_ORDER) &&
-           are_finite(fit->products, TL_SERIES_ORDER + 1) && fit->scale > 0.0 && fit->deviation > 0.0 &&
+           are_finite(fit->products, TL_SERIES_ORDER + 1) && fit->scale > LEAST_WIDTH && fit->deviation > LEAST_WIDTH &&
            is_histogram(&fit->levels) && is_histogram(&fit->innovations);
 }
 
@@ -689,6 +692,9 @@ bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes)
     }
     stored.refines = 0;
     memcpy(series, &stored, TL_SERIES_STORED);
+    if (series->threshold > 0.0) { /* the rate may be another one */
+        set_threshold(series);
+    }
     return true;
 }
 

@@ -10,8 +10,9 @@
  *            the sums of the test are computed from all of them again.
  * Test:      each innovation, in deviations, is clipped at ±5. Two cumulative sums follow, one for
  *            each direction, with an allowance of 0.5. A sum above the threshold is a change.
- * Threshold: the larger of two values. First, 1.5 times the largest sum while learning. Second, the
- *            sum that is exceeded `rate` times in a block, by an exponential tail of the peaks.
+ * Threshold: the larger of two values, at least 10. First, 1.5 times the largest sum while
+ *            learning. Second, the sum that is exceeded `rate` times in a block, by an exponential
+ *            tail of the peaks.
  * Onset:     the split of the newest block means into two means with the least squared error.
  * After:     the change is estimated for twice as long as the detection took: as a constant, and as
  *            a part of a reference (û of a correction, ŷ of an output). The one with the smaller

@@ -12,10 +12,14 @@
 /* A run that has learnt less than this part says nothing about changes. */
 static const double SHORT_RUN = 0.04;
 
+bool tl_changes_is_open(const tl_run_finding *row) {
+    return strcmp(row->state, "open") == 0;
+}
+
 size_t tl_changes_count_open(const tl_run_changes *changes) {
     size_t open = 0;
     for (size_t i = 0; i < changes->count; i++) {
-        open += isnan(changes->finding[i].gone) ? 1 : 0;
+        open += tl_changes_is_open(&changes->finding[i]) ? 1 : 0;
     }
     return open;
 }

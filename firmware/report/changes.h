@@ -13,7 +13,10 @@
 #include "firmware/monitor/finding.h"
 #include "firmware/store/run_types.h"
 
-/* Returns how many findings are not gone. */
+/* A finding may also be gone, or accepted as normal. */
+bool tl_changes_is_open(const tl_run_finding *row);
+
+/* Returns how many findings are open. */
 size_t tl_changes_count_open(const tl_run_changes *changes);
 
 /* Returns false for a short run, which says nothing about changes. */

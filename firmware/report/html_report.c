@@ -910,7 +910,7 @@ void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *ro
     tl_html_finding *finding = &report->findings[report->finding_count++ % TL_FINDINGS];
     tl_changes_write_finding(row, now, started, finding->text, finding->cause);
     finding->number = row->number;
-    finding->is_open = isnan(row->gone);
+    finding->is_open = tl_changes_is_open(row);
     finding->time = report->settings.live ? (double)started + row->onset * 1e3 : row->onset;
 }
 

@@ -58,7 +58,7 @@ bool tl_show_is_live(const tl_history_run *run);
 /* Reads the findings that concern the run, and the state of the change detector. */
 typedef struct tl_show_changes {
     const tl_history_finding *finding; /* belong to the history */
-    size_t count, open;
+    size_t count, open, gone;
     bool is_watched; /* `detection` is known */
     tl_run_detection detection;
 } tl_show_changes;

@@ -491,7 +491,7 @@ static tl_status print_findings(const show_page *page, tl_error *error) {
         return status;
     }
     print_heading(page, "Changes");
-    tl_changes_write_verdict(&changes.detection, changes.open, changes.count - changes.open, text);
+    tl_changes_write_verdict(&changes.detection, changes.open, changes.gone, text);
     (void)fprintf(page->file, "  %s\n", text);
     size_t first = changes.count > FINDINGS_SHOWN ? changes.count - FINDINGS_SHOWN : 0;
     if (first > 0) {

@@ -91,7 +91,7 @@ static tl_status add_changes(const recorded_run *run, tl_error *error) {
     tl_show_changes changes;
     tl_status status = tl_show_read_changes(run->request, &changes, error);
     if (status == TL_OK && (changes.is_watched || changes.count > 0)) {
-        tl_html_report_set_verdict(run->report, &changes.detection, changes.open, changes.count - changes.open);
+        tl_html_report_set_verdict(run->report, &changes.detection, changes.open, changes.gone);
     }
     for (size_t i = 0; status == TL_OK && i < changes.count; i++) {
         const tl_history_finding *finding = &changes.finding[i];

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "firmware/monitor/lock_tally.h"
+#include "firmware/report/changes.h"
 #include "firmware/report/show.h"
 #include "firmware/store/history.h"
 
@@ -265,7 +266,9 @@ tl_status tl_show_read_changes(const tl_show_request *request, tl_show_changes *
         status = tl_history_detection(request->history, request->run, &changes->detection, &changes->is_watched, error);
     }
     for (size_t i = 0; status == TL_OK && i < changes->count; i++) {
-        changes->open += strcmp(changes->finding[i].row.state, "open") == 0 ? 1 : 0;
+        const tl_run_finding *row = &changes->finding[i].row;
+        changes->open += tl_changes_is_open(row) ? 1 : 0;
+        changes->gone += strcmp(row->state, "gone") == 0 ? 1 : 0;
     }
     return status;
 }

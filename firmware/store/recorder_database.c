@@ -932,6 +932,13 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
 
 /* ---- Changes ---- */
 
+int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_removed) {
+    int64_t found = 0;
+    int code = query_number(database, IS_REMOVED, 0, 0, &found);
+    *is_removed = found != 0;
+    return code;
+}
+
 static int write_finding(tl_recorder_database *database, const tl_run_finding *finding) {
     return write_row(database, FINDING,
                      (cell[]){cell_whole(finding->number), cell_text(finding->kind), cell_text(finding->subject),
@@ -947,7 +954,12 @@ int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_ch
     sqlite3_stmt *prepared = database->statements[LEARNED];
     char digest[TL_SHA256_TEXT];
     char now[TL_UTC_TEXT];
-    int code = changes->is_new ? run_statement(database->statements[OPEN_FINDINGS]) : SQLITE_OK;
+    bool is_removed = false;
+    int code = tl_recorder_database_is_removed(database, &is_removed);
+    if (code != SQLITE_OK || (is_removed && !changes->is_new && strcmp(database->settings->verb, "run") == 0)) {
+        return code; /* the caller does not know it yet */
+    }
+    code = changes->is_new ? run_statement(database->statements[OPEN_FINDINGS]) : SQLITE_OK;
     for (size_t i = 0; i < changes->count && code == SQLITE_OK; i++) {
         code = write_finding(database, &changes->finding[i]);
     }
@@ -989,18 +1001,10 @@ int tl_recorder_database_learned(tl_recorder_database *database, unsigned char *
         if (*bytes == NULL || strcmp(digest, expected) != 0) {
             free(*bytes);
             *bytes = NULL;
-            *size = 0;
         }
     }
     (void)sqlite3_reset(prepared);
     return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
-}
-
-int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_removed) {
-    int64_t found = 0;
-    int code = query_number(database, IS_REMOVED, 0, 0, &found);
-    *is_removed = found != 0;
-    return code;
 }
 
 static void bind_totals(tl_recorder_database *database, statement which, const tl_recorder_totals *totals) {

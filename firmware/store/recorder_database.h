@@ -127,7 +127,7 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
 int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_changes *changes);
 
 /* Reads what was learnt, and the largest number of a finding; outside of a batch. *bytes: malloc();
- * NULL: there is nothing, or it is damaged. */
+ * NULL: there is nothing, or, if *size is not 0, it is damaged. */
 int tl_recorder_database_learned(tl_recorder_database *database, unsigned char **bytes, size_t *size,
                                  uint32_t *last_finding);
 

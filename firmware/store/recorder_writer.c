@@ -71,7 +71,7 @@ struct tl_recorder_writer {
     /* of the observer: */
     tl_record_queue_reader observer; /* of the ring; it reads ahead of the writer */
     uint64_t observed;               /* end of what was observed */
-    uint64_t observed_end;           /* end of a run with a handover: what follows is observed when that is written */
+    uint64_t observed_end;           /* end of a run that hands over; the rest waits until it is written */
     bool is_observing;               /* the observer knows the run */
 };
 

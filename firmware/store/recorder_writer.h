@@ -99,8 +99,8 @@ bool tl_recorder_writer_has_drained(tl_recorder_writer *writer);
  * possible now. */
 bool tl_recorder_writer_keep(tl_recorder_writer *writer, const tl_run_changes *changes);
 
-/* Reads what was learnt by earlier runs (malloc(), or NULL), and the largest number of a finding.
- * Returns false if that is not possible now. */
+/* Reads what was learnt by earlier runs (malloc(), or NULL; damaged if *size is not 0 then), and
+ * the largest number of a finding. Returns false if that is not possible now. */
 bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char **bytes, size_t *size,
                                      uint32_t *last_finding);
 

@@ -288,6 +288,44 @@ static void test_a_frozen_signal(void) {
     TEST_ASSERT_TRUE(told[1].is_gone);
 }
 
+/* Findings that are not stored yet get numbers behind those that are. */
+static void test_numbers(void) {
+    learn();
+    run(DAY / 8, 0.0, 0.0, 1.0);
+    tl_change_detector_number_from(detector, 7, true);
+    TEST_ASSERT_EQUAL_UINT32(8, get().finding->number);
+    run(DAY / 8, -2.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    TEST_ASSERT_EQUAL_UINT32(9, get().finding[1].number);
+    run(DAY / 4, -2.0, 0.0, 0.0);
+    TEST_ASSERT_TRUE(get().finding[0].is_gone);
+    TEST_ASSERT_FALSE(get().finding[1].is_gone);
+}
+
+/* An open finding is not dropped for a new one while another one is gone. */
+static void test_an_open_finding_stays(void) {
+    learn();
+    run(DAY / 8, 0.0, 0.0, 1.0);
+    tl_sample sample = {.tick = 0};
+    for (; sample.tick < 2 * (TL_FINDINGS + 6); sample.tick++) {
+        sample.quality[0] = sample.tick % 2 == 0 ? TL_FROZEN : TL_GOOD;
+        sample.values[0] = (double)(sample.tick % 2);
+        tl_change_detector_sample(detector, &sample);
+    }
+    TEST_ASSERT_EQUAL_STRING("flow", get().finding[0].variable);
+    TEST_ASSERT_FALSE(get().finding[0].is_gone);
+}
+
+/* Steps that are missing interrupt the sums, and nothing is found. */
+static void test_a_gap(void) {
+    learn();
+    record.step += 5000;
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(0, get().count);
+    run(DAY / 8, -2.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+}
+
 /* The oldest findings are dropped, and the numbers go on. */
 static void test_many_findings(void) {
     tl_sample sample = {.tick = 0};
@@ -335,7 +373,7 @@ static void test_a_restart(void) {
     TEST_ASSERT_TRUE(get().finding->is_gone);
     TEST_ASSERT_DOUBLE_WITHIN(60.0, 0.5 * DAY, get().finding->gone);
     TEST_ASSERT_TRUE(restart(first + 1000 * (later + DAY)));
-    tl_change_detector_number_from(detector, 7);
+    tl_change_detector_number_from(detector, 7, false);
     run(DAY / 4, 0.0, 0.0, 1.0);
     TEST_ASSERT_EQUAL_size_t(2, get().count);
     TEST_ASSERT_EQUAL_UINT32(8, get().finding[1].number);
@@ -441,6 +479,9 @@ int main(void) {
     RUN_TEST(test_what_is_not_known_is_left_out);
     RUN_TEST(test_the_words_of_the_user);
     RUN_TEST(test_a_frozen_signal);
+    RUN_TEST(test_numbers);
+    RUN_TEST(test_an_open_finding_stays);
+    RUN_TEST(test_a_gap);
     RUN_TEST(test_many_findings);
     RUN_TEST(test_a_restart);
     RUN_TEST(test_a_restart_within_a_change);

@@ -134,6 +134,7 @@ static void test_changes(void) {
     finding.number = 4;
     finding.gone = 70;
     finding.cause = "plant";
+    finding.state = "gone";
     tl_html_report_add_finding(report, &finding, 0.0, 0);
     write_page();
     expect_once("id=\"changes\"");

@@ -508,6 +508,9 @@ static void test_what_was_learnt_is_checked(void) {
     TEST_ASSERT_NULL(bytes);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_finding_notes_forget(bench.path, &bench.error), bench.error.text);
     TEST_ASSERT_TRUE(tl_recorder_writer_is_removed(bench.writer));
+    TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes)); /* by a writer that does not know it yet */
+    TEST_ASSERT_TRUE(tl_recorder_writer_is_removed(bench.writer));
+    changes.is_new = true;
     changes.learned = large;
     changes.size = sizeof large;
     TEST_ASSERT_TRUE(tl_recorder_writer_keep(bench.writer, &changes));
