@@ -139,11 +139,12 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
                        "Modbus RTU and GPIO lines cannot be played.",
                        "twinlock plant tank.json\n"
                        "twinlock plant tank.json --record monday.csv"},
-    [TL_VERB_SHOW] = {"show", "DATABASE [options]", "database", "show what was corrected, when and why",
-                      "Shows a recorded run: how long the twin was in lock, its errors, the corrections and when "
-                      "they changed, events. Works during a run.",
-                      "twinlock show tank.db --since 8h\n"
-                      "twinlock show tank.db --report tank.html"},
+    [TL_VERB_SHOW] =
+        {"show", "DATABASE [options]", "database", "show what was corrected, when and why",
+         "Shows what has changed, and a recorded run: how long the twin was in lock, its errors, the corrections and when "
+         "they changed, events. Works during a run.",
+         "twinlock show tank.db --since 8h\n"
+         "twinlock show tank.db --report tank.html"},
     [TL_VERB_FINDING] = {"finding", "DATABASE --acknowledge N [options]", "database", "acknowledge a finding",
                          "Records that you have seen a finding, with your name and a note. `twinlock show` lists the "
                          "findings. Works during a run.",

@@ -66,6 +66,7 @@ struct tl_recorder_writer {
     tl_recorder_entry entry; /* too large for a small stack */
     bool is_over;            /* the next entry belongs to another batch */
     bool ends;               /* the run ends with this batch */
+    bool is_behind_end;      /* the batch stores changes of a run that has ended, and keeps its last instant */
     bool is_stray;           /* the newest sample was of a run whose beginning was not read */
     bool is_last;            /* the producer of samples has ended */
     /* of the observer: */
@@ -303,7 +304,9 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
  * happened. */
 static int commit_batch(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
-    tl_recorder_database_now(writer->file.database, next->totals.committed);
+    if (!writer->is_behind_end) {
+        tl_recorder_database_now(writer->file.database, next->totals.committed);
+    }
     (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(&writer->file));
     next->identity = tl_database_identify(&writer->file.file);
     tl_recorder_state_try(writer->state, next);
@@ -964,9 +967,11 @@ bool tl_recorder_writer_keep(tl_recorder_writer *writer, const tl_run_changes *c
         return false;
     }
     begin_batch(writer);
+    writer->is_behind_end = writer->next.has_ended;
     int code = begin_transaction(writer, changes->size + changes->count * (size_t)EVENT_BYTES);
     code = code == SQLITE_OK ? tl_recorder_database_changes(writer->file.database, changes) : code;
     code = end_batch(writer, code);
+    writer->is_behind_end = false;
     if (code != SQLITE_OK) {
         (void)tl_recorder_file_repair(&writer->file, code);
     }
