@@ -147,10 +147,10 @@ def absolute(path):
 
 
 @functools.cache
-def box_recording():
-    """A recording of the emulated plant of config/motor/box.json."""
-    path = scratch() / "box.csv"
-    done = subprocess.run([host_program(), "plant", SOURCE / "config" / "motor" / "box_plant.json", "--record", path],
+def made_recording(plant):
+    """A recording of an emulated plant of config/."""
+    path = scratch() / "made.csv"
+    done = subprocess.run([host_program(), "plant", SOURCE / "config" / plant, "--record", path],
                           capture_output=True, text=True, check=False,
                           env={**environment(scratch()), "TWINLOCK_FMU_PATH": str(HOST / "fmus")})
     expect(done.returncode == 0, done.stderr)
@@ -187,7 +187,9 @@ def recording_of(path):
     """Options with a made recording, if that of the configuration is not part of the project."""
     if path.parent.name == "emps":
         return "--recording", emps_recording()
-    return ("--recording", box_recording()) if path.name == "box.json" else ()
+    plants = {"motor/box.json": "motor/box_plant.json", "vessels/live.json": "vessels/plant.json"}
+    plant = plants.get(f"{path.parent.name}/{path.name}")
+    return ("--recording", made_recording(plant)) if plant else ()
 
 
 def test_configurations():
