@@ -1,11 +1,15 @@
 /* twinlock finding, twinlock learn: what a user does with findings. */
+#include <string.h>
 #include <unistd.h>
 
+#include "firmware/base/json.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/cli/options.h"
 #include "firmware/retune/control_client.h"
 #include "firmware/store/finding_notes.h"
+
+enum { LONGEST_NOTE = 1000 }; /* bytes; the history refuses texts above 4096 */
 
 static int end_with(tl_status status, const tl_error *error) {
     if (status != TL_OK) {
@@ -19,6 +23,12 @@ int tl_verb_finding(const tl_options *options) {
     char who[TL_CONTROL_NAME];
     if (options->acknowledge == 0) {
         return end_with(tl_fail(&error, TL_BAD_USAGE, "finding: give the number of a finding with --acknowledge N"),
+                        &error);
+    }
+    if (options->note != NULL && (strlen(options->note) > LONGEST_NOTE || !tl_text_is_plain(options->note))) {
+        return end_with(tl_fail(&error, TL_BAD_USAGE,
+                                "finding: --note has more than %d bytes, a control character, or is not UTF-8",
+                                LONGEST_NOTE),
                         &error);
     }
     tl_control_client_name(getuid(), who);

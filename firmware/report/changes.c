@@ -16,12 +16,12 @@ bool tl_changes_is_open(const tl_run_finding *row) {
     return strcmp(row->state, "open") == 0;
 }
 
-size_t tl_changes_count_open(const tl_run_changes *changes) {
-    size_t open = 0;
+size_t tl_changes_count(const tl_run_changes *changes, const char *state) {
+    size_t count = 0;
     for (size_t i = 0; i < changes->count; i++) {
-        open += tl_changes_is_open(&changes->finding[i]) ? 1 : 0;
+        count += strcmp(changes->finding[i].state, state) == 0 ? 1 : 0;
     }
-    return open;
+    return count;
 }
 
 bool tl_changes_are_known(const tl_run_changes *changes) {

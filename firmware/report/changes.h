@@ -16,8 +16,8 @@
 /* A finding may also be gone, or accepted as normal. */
 bool tl_changes_is_open(const tl_run_finding *row);
 
-/* Returns how many findings are open. */
-size_t tl_changes_count_open(const tl_run_changes *changes);
+/* Returns how many findings are in a state, for example "open". */
+size_t tl_changes_count(const tl_run_changes *changes, const char *state);
 
 /* Returns false for a short run, which says nothing about changes. */
 bool tl_changes_are_known(const tl_run_changes *changes);

@@ -602,11 +602,11 @@ static void print_late(const printing *page) {
 static void print_changes(const printing *page, const tl_run_changes *changes) {
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    size_t open = tl_changes_count_open(changes);
     if (!tl_changes_are_known(changes)) {
         return;
     }
-    tl_changes_write_verdict(&changes->detection, open, changes->count - open, text);
+    tl_changes_write_verdict(&changes->detection, tl_changes_count(changes, "open"), tl_changes_count(changes, "gone"),
+                             text);
     print_line(page, "changes", "%s", text);
     for (size_t i = changes->count > SHOWN ? changes->count - SHOWN : 0; i < changes->count; i++) {
         const tl_run_finding *finding = &changes->finding[i];

@@ -53,9 +53,9 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const tl_run_changes *changes,
                                 const char *ended, tl_error *error) {
     tl_run_figures figures = summary->figures;
-    size_t open = tl_changes_count_open(changes);
     if (tl_changes_are_known(changes)) {
-        tl_html_report_set_verdict(report->page, &changes->detection, open, changes->count - open);
+        tl_html_report_set_verdict(report->page, &changes->detection, tl_changes_count(changes, "open"),
+                                   tl_changes_count(changes, "gone"));
     }
     for (size_t i = 0; i < changes->count; i++) {
         tl_html_report_add_finding(report->page, &changes->finding[i], 0.0, 0);

@@ -88,7 +88,9 @@ def test_findings_in_a_database():
     expect("1 lasting change is open" in changes and "board.Q1: correction" in changes and 'class="open" data-time=' in changes, changes)
 
     for arguments, code in ((["finding", database], 2), (["finding", database, "--acknowledge", "9"], 65), (["finding", page, "--acknowledge", "1"], 65),
-                            (["learn", folder / "none.db"], 65), (["learn"], 2)):
+                            (["learn", folder / "none.db"], 65), (["learn"], 2),
+                            (["finding", database, "--acknowledge", "1", "--note", "x" * 1001], 2),
+                            (["finding", database, "--acknowledge", "1", "--note", "\udcff"], 2)):
         expect(run(arguments)[0] == code, f"{arguments}: not {code}")
     with closing(sqlite3.connect(database)) as other:
         other.execute("BEGIN IMMEDIATE")
