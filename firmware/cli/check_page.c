@@ -519,11 +519,18 @@ static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
 }
 
 static void print_record(const tl_config *config, FILE *output) {
-    char span[32];
+    char ticks[32];
+    char minutes[32];
+    char hours[32];
     if (config->record_file != NULL) {
-        tl_show_duration(tl_recorder_settings_span(config), span, sizeof span);
-        (void)fprintf(output, "  record       %.6g MB hold about %s; then the oldest data are removed\n",
-                      (double)config->record_max_bytes / 1e6, span);
+        const tl_recorder_span span = tl_recorder_settings_span(config);
+        tl_show_duration(span.ticks_s, ticks, sizeof ticks);
+        tl_show_duration(span.minutes_s, minutes, sizeof minutes);
+        tl_show_duration(span.hours_s, hours, sizeof hours);
+        (void)fprintf(output,
+                      "  record       %.6g MB hold about %s of all steps,\n"
+                      "               %s of their minutes, and %s of their hours\n",
+                      (double)config->record_max_bytes / 1e6, ticks, minutes, hours);
     }
 }
 

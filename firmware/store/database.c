@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
+#include "firmware/store/periods.h"
 
 /* ---- Schema: one statement for each table, index and view. config/SPEC.md, "Database", defines
  * their meaning; keep both consistent.
@@ -60,6 +61,22 @@
     "  acknowledged_at TEXT,"                                                                                          \
     "  acknowledged_by TEXT,"                                                                                          \
     "  note TEXT)"
+
+/* clang-format off: it cannot break literals around a macro */
+/* Instant of a run, `seconds` since t_start: UTC, and seconds since 1970. Only a live run has one. */
+#define INSTANT_OF(seconds)                                                                                            \
+    "  CASE r.verb WHEN 'replay' THEN NULL ELSE"                                                                       \
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', " seconds ")) END AS at,"                    \
+    "  CASE r.verb WHEN 'replay' THEN NULL ELSE"                                                                       \
+    "    round((julianday(r.started) - 2440587.5) * 86400 + " seconds ", 3) END AS epoch,"
+
+#define PERIODS_VIEW(name, length_s)                                                                                                \
+    "CREATE VIEW " name " AS SELECT p.run, p.period * " length_s " AS time_s," INSTANT_OF(                                          \
+        "p.period * " length_s) "  p.kind, coalesce(n.name, o.name) AS name, p.count, p.mean, p.least, p.largest, p.spread, n.unit" \
+                                "  FROM periods p JOIN runs r USING (run)"                                                          \
+                                "  LEFT JOIN signals n ON n.run = p.run AND n.kind = p.kind AND n.signal = p.signal"                \
+                                "  LEFT JOIN outcomes o ON p.kind = 'outcome' AND o.code = p.signal"                                \
+                                "  WHERE p.length_s = " length_s
 
 static const char *const schema[] = {
     /* Codes and their names; the recorder writes the program's names when a run begins. */
@@ -206,6 +223,10 @@ static const char *const schema[] = {
 
     LEARNED_TABLE,
     FINDINGS_TABLE,
+    TL_PERIODS_TABLE,
+
+    PERIODS_VIEW("v_minutes", "60"),
+    PERIODS_VIEW("v_hours", "3600"),
 
     "CREATE VIEW v_runs AS SELECT run, verb, name, started,"
     "  coalesce(ended, 'running') AS ended, ended_reason,"
@@ -213,43 +234,34 @@ static const char *const schema[] = {
     "  version, substr(configuration, 1, 12) AS configuration FROM runs",
 
     /* UTC of the instant t_ns of a run; only a live run has one. */
-    "CREATE VIEW v_samples AS SELECT s.run, s.tick, s.tick * r.step_ns / 1e9 AS time_s,"
-    "  CASE r.verb WHEN 'run' THEN"
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.tick * r.step_ns / 1e9)) END AS at,"
-    "  n.name, s.value, n.unit, coalesce(q.name, s.quality) AS quality,"
-    "  s.tick * r.step_ns / 1e9 - s.stamp_ns / 1e9 AS age_s"
-    "  FROM samples s JOIN runs r USING (run)"
-    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
-    "  LEFT JOIN qualities q ON q.code = s.quality",
+    "CREATE VIEW v_samples AS SELECT s.run, s.tick, s.tick * r.step_ns / 1e9 AS time_s," INSTANT_OF(
+        "s.tick * r.step_ns / 1e9") "  n.name, s.value, n.unit, coalesce(q.name, s.quality) AS quality,"
+                                    "  s.tick * r.step_ns / 1e9 - s.stamp_ns / 1e9 AS age_s"
+                                    "  FROM samples s JOIN runs r USING (run)"
+                                    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
+                                    "  LEFT JOIN qualities q ON q.code = s.quality",
 
     /* Names of set bits; NULL if no bit is set. */
-    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"
-    "  CASE r.verb WHEN 'run' THEN"
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"
-    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"
-    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"
-    "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"
-    "  (SELECT group_concat(n.name, ', ') FROM signals n"
-    "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"
-    "  FROM steps s JOIN runs r USING (run)"
-    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop",
+    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s," INSTANT_OF(
+        "s.t_ns / 1e9") "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"
+                        "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"
+                        "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"
+                        "  (SELECT group_concat(n.name, ', ') FROM signals n"
+                        "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"
+                        "  FROM steps s JOIN runs r USING (run)"
+                        "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop",
 
-    "CREATE VIEW v_outputs AS SELECT s.run, s.step, (s.step + 1) * r.step_ns / 1e9 AS time_s,"
-    "  CASE r.verb WHEN 'run' THEN"
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', (s.step + 1) * r.step_ns / 1e9))"
-    "  END AS at,"
-    "  n.name, s.simulated, n.compared_with, s.measured, s.error, s.released, n.unit,"
-    "  coalesce(q.name, s.quality) AS quality"
-    "  FROM outputs s JOIN runs r USING (run)"
-    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'match' AND n.signal = s.signal"
-    "  LEFT JOIN qualities q ON q.code = s.quality",
+    "CREATE VIEW v_outputs AS SELECT s.run, s.step, (s.step + 1) * r.step_ns / 1e9 AS time_s," INSTANT_OF(
+        "(s.step + 1) * r.step_ns / 1e9") "  n.name, s.simulated, n.compared_with, s.measured, s.error, s.released, n.unit,"
+                                          "  coalesce(q.name, s.quality) AS quality"
+                                          "  FROM outputs s JOIN runs r USING (run)"
+                                          "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'match' AND n.signal = s.signal"
+                                          "  LEFT JOIN qualities q ON q.code = s.quality",
 
-    "CREATE VIEW v_corrections AS SELECT s.run, s.step, s.step * r.step_ns / 1e9 AS time_s,"
-    "  CASE r.verb WHEN 'run' THEN"
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.step * r.step_ns / 1e9)) END AS at,"
-    "  n.name, s.applied, s.nominal, s.correction, n.unit"
-    "  FROM adjustments s JOIN runs r USING (run)"
-    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'adjust' AND n.signal = s.signal",
+    "CREATE VIEW v_corrections AS SELECT s.run, s.step, s.step * r.step_ns / 1e9 AS time_s," INSTANT_OF(
+        "s.step * r.step_ns / 1e9") "  n.name, s.applied, s.nominal, s.correction, n.unit"
+                                    "  FROM adjustments s JOIN runs r USING (run)"
+                                    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'adjust' AND n.signal = s.signal",
 
     "CREATE VIEW v_events AS SELECT e.run, e.at, e.tick, coalesce(v.name, e.severity) AS severity, e.source, e.text"
     "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
@@ -263,6 +275,7 @@ static const char *const schema[] = {
     "  substr(t.configuration, 1, 12) AS configuration, t.who, t.origin, t.why"
     "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick",
 };
+/* clang-format on */
 
 /* ---- Database fault ---- */
 
@@ -494,7 +507,8 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
         "  ('signals', 'run, kind, signal'), ('samples', 'run, tick, signal'), ('steps', 'run, step'),"
         "  ('outputs', 'run, step, signal'), ('adjustments', 'run, step, signal'), ('components', 'run, component'),"
         "  ('beginnings', 'run'), ('checkpoints', 'run, tick'), ('tunings', 'run, tick'), ('events', 'event'),"
-        "  ('severities', 'code'), ('learned', 'id'), ('findings', 'finding'))"
+        "  ('severities', 'code'), ('learned', 'id'), ('findings', 'finding'),"
+        "  ('periods', 'length_s, run, period, kind, signal'))"
         " SELECT 'it has the ' || iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60) ||"
         "  '\", which twinlock never creates' FROM sqlite_schema WHERE type = 'trigger' OR"
         "  (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)"
@@ -577,6 +591,9 @@ static const struct {
      " '' AS says, '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
      " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state,"
      " NULL AS acknowledged_at, NULL AS acknowledged_by, NULL AS note WHERE 0"},
+    {"periods", NULL, TL_PERIODS_TABLE,
+     "CREATE TEMP VIEW periods AS SELECT 60 AS length_s, 0 AS run, 0 AS period, '' AS kind, 0 AS signal, 0 AS count,"
+     " 0 AS mean, 0 AS least, 0 AS largest, 0 AS spread WHERE 0"},
 };
 
 enum { ADDED = sizeof added / sizeof added[0] };

@@ -14,6 +14,7 @@
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/store/database.h"
+#include "firmware/store/periods.h"
 #include "master/base/text.h"
 
 #ifndef TL_VERSION
@@ -79,6 +80,7 @@ typedef enum statement {
     TOTALS,
     END,
     /* a new run */
+    KILLED_RUN,
     END_KILLED,
     OUTCOME_NAME,
     STOP_NAME,
@@ -94,6 +96,8 @@ typedef enum statement {
     PAGE_COUNT,
     FREE_COUNT,
     OLDEST_RUN,
+    OLDEST_IS_USED,
+    OLDEST_WITH_TICKS,
     FIRST_TICK,
     LAST_SAMPLE,
     TICKS_AT_ONCE,
@@ -106,9 +110,8 @@ typedef enum statement {
     OLD_OWN_CHECKPOINTS,
     OLD_TUNINGS,
     REMOVED_BEFORE,
-    /* for a run without ticks: removes at most ?2 events; when none remain, everything else of the
-     * run */
     OLD_EVENTS,
+    /* removal of a run without ticks, periods and events */
     ALL_SIGNALS,
     ALL_COMPONENTS,
     ALL_CHECKPOINTS,
@@ -116,10 +119,9 @@ typedef enum statement {
     ALL_BEGINNINGS,
     ALL_OF_RUN,
     UNUSED_CONFIGURATIONS,
+    OLD_TEXTS,
     STATEMENTS
 } statement;
-
-#define WITHOUT_EVENTS " WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)"
 
 /* Runs of this boot, and the present one, with the seconds that their instants are to be moved: ?2
  * is UTC − CLOCK_MONOTONIC in ms, ?3 what was added to it, in s, and ?4 the boot ID. */
@@ -205,6 +207,7 @@ static const char *const sql_of[STATEMENTS] = {
                " committed = ?6 WHERE run = ?1",
     [END] = "UPDATE runs SET ended = committed, ended_reason = ?2 WHERE run = ?1",
 
+    [KILLED_RUN] = "SELECT max(run) FROM runs WHERE ended IS NULL",
     [END_KILLED] = "UPDATE runs SET ended = coalesce(committed, started), ended_reason = 'not ended cleanly'"
                    " WHERE ended IS NULL",
     [OUTCOME_NAME] = "INSERT OR REPLACE INTO outcomes VALUES (?2, ?3)",
@@ -225,13 +228,19 @@ static const char *const sql_of[STATEMENTS] = {
     [PAGE_COUNT] = "PRAGMA page_count",
     [FREE_COUNT] = "PRAGMA freelist_count",
     [OLDEST_RUN] = "SELECT run FROM runs WHERE run <> ?1 ORDER BY run LIMIT 1",
+    [OLDEST_IS_USED] = "SELECT EXISTS (SELECT 1 FROM samples WHERE run = ?1)"
+                       " OR EXISTS (SELECT 1 FROM steps WHERE run = ?1) OR EXISTS (SELECT 1 FROM events WHERE run = ?1)"
+                       " OR EXISTS (SELECT 1 FROM periods WHERE run = ?1 AND length_s = 60)"
+                       " OR EXISTS (SELECT 1 FROM periods WHERE run = ?1 AND length_s = 3600)",
+    [OLDEST_WITH_TICKS] = "SELECT min(run) FROM (SELECT * FROM (SELECT run FROM samples ORDER BY run LIMIT 1)"
+                          " UNION ALL SELECT * FROM (SELECT run FROM steps ORDER BY run LIMIT 1))",
     [FIRST_TICK] =
         "SELECT min(tick) FROM (SELECT * FROM (SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1)"
         " UNION ALL SELECT * FROM (SELECT step FROM steps WHERE run = ?1 ORDER BY step LIMIT 1))",
     [LAST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1",
     /* Number of ticks with about 4096 rows: a tick has a row per signal and one of its own. */
     [TICKS_AT_ONCE] = "SELECT 4096 / (count(*) + 1) + 1 FROM signals WHERE run = ?1",
-    [COUNT_EVENTS] = "SELECT count(*) FROM events WHERE run = ?1",
+    [COUNT_EVENTS] = "SELECT (SELECT max(event) FROM events) - (SELECT min(event) FROM events) + 1",
     [OLD_SAMPLES] = "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
     [OLD_OUTPUTS] = "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
     [OLD_ADJUSTMENTS] = "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",
@@ -241,16 +250,19 @@ static const char *const sql_of[STATEMENTS] = {
     [OLD_TUNINGS] = "DELETE FROM tunings WHERE run = ?1 AND tick <"
                     " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)",
     [REMOVED_BEFORE] = "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
-    [OLD_EVENTS] =
-        "DELETE FROM events WHERE event IN (SELECT event FROM events WHERE run = ?1 ORDER BY event LIMIT ?2)",
-    [ALL_SIGNALS] = "DELETE FROM signals" WITHOUT_EVENTS,
-    [ALL_COMPONENTS] = "DELETE FROM components" WITHOUT_EVENTS,
-    [ALL_CHECKPOINTS] = "DELETE FROM checkpoints" WITHOUT_EVENTS,
-    [ALL_TUNINGS] = "DELETE FROM tunings" WITHOUT_EVENTS,
-    [ALL_BEGINNINGS] = "DELETE FROM beginnings" WITHOUT_EVENTS,
-    [ALL_OF_RUN] = "DELETE FROM runs" WITHOUT_EVENTS,
+    [OLD_EVENTS] = "DELETE FROM events WHERE event < ?2 + (SELECT min(event) FROM events)",
+    [ALL_SIGNALS] = "DELETE FROM signals WHERE run = ?1",
+    [ALL_COMPONENTS] = "DELETE FROM components WHERE run = ?1",
+    [ALL_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1",
+    [ALL_TUNINGS] = "DELETE FROM tunings WHERE run = ?1",
+    [ALL_BEGINNINGS] = "DELETE FROM beginnings WHERE run = ?1",
+    [ALL_OF_RUN] = "DELETE FROM runs WHERE run = ?1",
     [UNUSED_CONFIGURATIONS] = "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)"
                               " AND hash NOT IN (SELECT configuration FROM tunings)",
+    /* Of configurations of runs before ?1 only. */
+    [OLD_TEXTS] = "UPDATE configurations SET text = '' WHERE text <> ''"
+                  " AND hash NOT IN (SELECT configuration FROM runs WHERE run >= ?1)"
+                  " AND hash NOT IN (SELECT configuration FROM tunings WHERE run >= ?1)",
 };
 
 struct tl_recorder_database {
@@ -262,6 +274,8 @@ struct tl_recorder_database {
     int64_t utc;     /* UTC − CLOCK_MONOTONIC, ms, of all instants in this file; INT64_MIN: not known yet */
     int64_t moved;   /* ms, by the last batch */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    tl_periods *periods;
+    int64_t newest_step, newest_sample; /* of the run, since this recorder writes it; -1: none */
     /* retention: */
     int64_t page_size;
     int64_t log_limit;      /* bytes of the log above which it is written back */
@@ -386,10 +400,10 @@ static int query_number(tl_recorder_database *database, statement which, int64_t
  * front of each table, and removing them frees whole pages for the next batch.
  * The file shrinks (incremental vacuum) only if it exceeds the bound, for example after the bound
  * was lowered.
- * Order of removal: the oldest runs, each from its oldest tick on, in small transactions, so that
- * the writer keeps up; then the oldest ticks of the present run. The row, configuration and signals
- * of the present run remain. Its events remain too, unless they alone exceed the bound; then all
- * except the newest NEWEST_EVENTS are removed.
+ * Order of removal: minutes, hours and events above their shares; then the oldest ticks of all
+ * runs, in small transactions, so that the writer keeps up. A run without ticks, periods and events
+ * is removed. Of the present run the row, configuration, signals and last tick remain. If only
+ * events are left, all except the newest NEWEST_EVENTS are removed.
  * The file may use the bound less four times the log's limit: for the log, a batch in it, one
  * retention step in it, and a reserve.
  */
@@ -403,6 +417,7 @@ enum {
     ROWS_AT_ONCE = 4096,  /* removed in one transaction */
     STEPS_PER_BATCH = 16, /* such transactions between two batches; they remove more than a batch adds */
     PAGES_AT_ONCE = 256,  /* released in one transaction */
+    EVENTS_SHARE = 2048,  /* one event for so many bytes of the bound: a sixteenth of the file */
     OVERHEAD_PAGES = 24   /* that a batch may add beside its rows */
 };
 
@@ -412,15 +427,22 @@ static int64_t log_limit(int64_t max_bytes) {
 }
 
 /* Bytes of rows, measured in recorded databases. */
-double tl_recorder_settings_span(const tl_config *config) {
+tl_recorder_span tl_recorder_settings_span(const tl_config *config) {
     static const double per_signal = 31.0;
     static const double per_step = 53.0;
     static const double per_match = 56.0;
     static const double per_adjust = 33.0;
     double tick = per_step + per_signal * (double)config->signal_count + per_match * (double)config->match_count +
                   per_adjust * (double)config->adjust_count;
-    double most = (double)(config->record_max_bytes - 4 * log_limit(config->record_max_bytes));
-    return fmax(most, 0.0) / tick * tl_seconds(config->step);
+    const int64_t max_bytes = config->record_max_bytes;
+    const int64_t series = (int64_t)(config->signal_count + config->match_count + config->adjust_count);
+    const double room = (double)tl_periods_room(max_bytes, series);
+    double most = (double)(max_bytes - 4 * log_limit(max_bytes)) - (double)(2 * max_bytes / TL_PERIODS_SHARE);
+    return (tl_recorder_span){
+        .ticks_s = fmax(most, 0.0) / tick * tl_seconds(config->step),
+        .minutes_s = room * TL_MINUTE,
+        .hours_s = room * TL_HOUR,
+    };
 }
 
 static int count_frames(void *context, sqlite3 *connection, const char *name, int frames) {
@@ -448,52 +470,72 @@ static int change_all(tl_recorder_database *database, statement first, statement
     return code;
 }
 
-static int remove_of_old_run(tl_recorder_database *database, int64_t run) {
-    int64_t first = 0;
-    int64_t until = 0;
-    int code = find_oldest(database, run, &first, &until);
-    if (code != SQLITE_OK) {
-        return code;
-    }
-    return first == INT64_MAX ? change_all(database, OLD_EVENTS, UNUSED_CONFIGURATIONS, run, (int64_t)ROWS_AT_ONCE)
-                              : change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until);
+/* Number of series of a run, for the size of its periods. */
+static int64_t count_series(const tl_recorder_database *database) {
+    const tl_recorder_settings *settings = database->settings;
+    return (int64_t)(settings->plant_count + settings->match_count + settings->adjust_count);
 }
 
-static int remove_of_this_run(tl_recorder_database *database, bool *removed) {
+/* Removes the oldest run if nothing of it is left. */
+static int remove_oldest_run(tl_recorder_database *database, bool *removed) {
+    int64_t run = 0;
+    int64_t is_used = 1;
+    int code = query_number(database, OLDEST_RUN, database->run, 0, &run);
+    code = code == SQLITE_OK && run != 0 ? query_number(database, OLDEST_IS_USED, run, 1, &is_used) : code;
+    *removed = code == SQLITE_OK && is_used == 0;
+    return *removed ? change_all(database, ALL_SIGNALS, UNUSED_CONFIGURATIONS, run, 0) : code;
+}
+
+/* Removes events above `most`. */
+static int remove_events(tl_recorder_database *database, int64_t most, bool *removed) {
+    int64_t events = 0;
+    int code = query_number(database, COUNT_EVENTS, 0, 0, &events);
+    const int64_t surplus = events - most;
+    *removed = code == SQLITE_OK && surplus > 0;
+    return *removed ? execute_change(database, OLD_EVENTS, 0, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE) : code;
+}
+
+/* Removes the oldest ticks of all runs. The configuration of a run without ticks is of no use. */
+static int remove_ticks(tl_recorder_database *database, bool *removed) {
+    int64_t run = 0;
     int64_t first = 0;
     int64_t until = 0;
-    int64_t last = 0;
-    int64_t events = 0;
-    int64_t run = database->run;
-    int code = find_oldest(database, run, &first, &until);
-    code = code != SQLITE_OK ? code : query_number(database, LAST_SAMPLE, run, -1, &last);
-    if (code == SQLITE_OK && first != INT64_MAX && first < last) {
-        return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until < last ? until : last);
+    int64_t last = INT64_MAX;
+    int code = query_number(database, OLDEST_WITH_TICKS, 0, 0, &run);
+    code = code == SQLITE_OK && run != 0 ? find_oldest(database, run, &first, &until) : code;
+    if (code == SQLITE_OK && run != 0 && run == database->run) {
+        code = query_number(database, LAST_SAMPLE, run, -1, &last);
     }
-    code = code != SQLITE_OK ? code : query_number(database, COUNT_EVENTS, run, 0, &events);
-    if (code != SQLITE_OK || events <= NEWEST_EVENTS) {
-        *removed = false;
-        return code;
+    *removed = code == SQLITE_OK && run != 0 && first < last;
+    if (*removed) {
+        code = change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until < last ? until : last);
+        code = code == SQLITE_OK ? find_oldest(database, run, &first, &until) : code;
     }
-    int64_t surplus = events - NEWEST_EVENTS;
-    return execute_change(database, OLD_EVENTS, run, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE);
+    const bool is_last = *removed && code == SQLITE_OK && first == INT64_MAX;
+    return is_last ? execute_change(database, OLD_TEXTS, run + 1, 0) : code;
 }
 
 /* Removes a little in one transaction. *removed is false if nothing remains that may be removed. */
 static int remove_some(tl_recorder_database *database, bool *removed) {
-    int64_t run = 0;
-    *removed = true;
+    const int64_t share = database->settings->max_bytes / EVENTS_SHARE;
     int code = run_statement(database->statements[BEGIN]);
+    *removed = false;
     if (code != SQLITE_OK) {
         return code;
     }
-    code = query_number(database, OLDEST_RUN, database->run, 0, &run);
-    if (code == SQLITE_OK && run != 0) {
-        code = remove_of_old_run(database, run);
-    } else if (code == SQLITE_OK && database->run != 0) {
-        code = remove_of_this_run(database, removed);
-    } else {
-        *removed = false;
+    code = remove_oldest_run(database, removed);
+    if (code == SQLITE_OK && !*removed) {
+        code = tl_periods_remove(database->periods, database->settings->max_bytes, count_series(database), ROWS_AT_ONCE,
+                                 removed);
+    }
+    if (code == SQLITE_OK && !*removed) {
+        code = remove_events(database, share > NEWEST_EVENTS ? share : NEWEST_EVENTS, removed);
+    }
+    if (code == SQLITE_OK && !*removed) {
+        code = remove_ticks(database, removed);
+    }
+    if (code == SQLITE_OK && !*removed) {
+        code = remove_events(database, NEWEST_EVENTS, removed);
     }
     if (code == SQLITE_OK) {
         code = run_statement(database->statements[COMMIT]);
@@ -769,7 +811,10 @@ static int write_signals(tl_recorder_database *database, const tl_record_queue_s
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
-    int code = tl_recorder_database_end_killed(database);
+    int64_t killed = 0;
+    int code = query_number(database, KILLED_RUN, 0, 0, &killed);
+    code = code == SQLITE_OK && killed != 0 ? tl_periods_end(database->periods, killed) : code;
+    code = code == SQLITE_OK ? tl_recorder_database_end_killed(database) : code;
     code = code == SQLITE_OK ? write_names(database) : code;
     code = code == SQLITE_OK ? write_run(database, start, timed) : code;
     code = code == SQLITE_OK ? write_beginning(database, start, timed) : code;
@@ -788,6 +833,8 @@ size_t tl_recorder_database_batch(const tl_recorder_database *database) {
 }
 
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes) {
+    database->newest_step = run == database->run ? database->newest_step : -1;
+    database->newest_sample = run == database->run ? database->newest_sample : -1;
     database->run = run;
     database->has_ledger = false;
     int code = make_room(database, bytes);
@@ -909,11 +956,13 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
         return SQLITE_OK;
     }
     if (entry->kind == TL_ENTRY_SAMPLE) {
+        database->newest_sample = tick;
         return write_sample(database, &entry->sample);
     }
     if (entry->kind == TL_ENTRY_TUNING) {
         return tl_recorder_database_tuning(database, &entry->tuning, impossible);
     }
+    database->newest_step = tick;
     /* The counts of the last step are written at the commit. */
     database->has_ledger = true;
     memcpy(database->ledger, entry->ledger, database->settings->component_count * sizeof *entry->ledger);
@@ -1021,6 +1070,16 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
     return code;
 }
 
+/* A step is written after its sample, so all ticks before the newest step are complete. In safe
+ * hold there are only samples. */
+static int summarise(tl_recorder_database *database, bool ends) {
+    const int64_t newest = database->newest_step < 0 && strcmp(database->settings->verb, "hold") == 0
+                               ? database->newest_sample
+                               : database->newest_step;
+    int code = newest < 0 ? SQLITE_OK : tl_periods_until(database->periods, database->run, newest);
+    return code == SQLITE_OK && ends ? tl_periods_end(database->periods, database->run) : code;
+}
+
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason) {
     int code = SQLITE_OK;
     for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
@@ -1034,6 +1093,7 @@ int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorde
         bind_totals(database, TOTALS, totals);
         code = run_statement(database->statements[TOTALS]);
     }
+    code = code == SQLITE_OK ? summarise(database, reason != NULL) : code;
     if (code == SQLITE_OK && reason != NULL) {
         code = write_row(database, END, (cell[]){cell_text(reason)});
     }
@@ -1044,6 +1104,7 @@ void tl_recorder_database_rollback(tl_recorder_database *database) {
     if (sqlite3_get_autocommit(database->connection) == 0) {
         (void)run_statement(database->statements[ROLLBACK]);
         database->utc = INT64_MIN; /* what was moved is not moved any more */
+        tl_periods_forget(database->periods);
     }
 }
 
@@ -1067,6 +1128,7 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
     opened->connection = connection;
     opened->settings = settings;
     opened->utc = INT64_MIN;
+    opened->newest_step = opened->newest_sample = -1;
     opened->log_limit = log_limit(settings->max_bytes);
     (void)sqlite3_wal_hook(connection, count_frames, opened);
     (void)snprintf(sql, sizeof sql, "PRAGMA journal_size_limit = %lld", (long long)(2 * opened->log_limit));
@@ -1074,6 +1136,7 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
     for (int i = 0; i < STATEMENTS && code == SQLITE_OK; i++) {
         code = sqlite3_prepare_v3(connection, sql_of[i], -1, SQLITE_PREPARE_PERSISTENT, &opened->statements[i], NULL);
     }
+    code = code == SQLITE_OK ? tl_periods_open(connection, &opened->periods) : code;
     return code == SQLITE_OK ? query_number(opened, PAGE_SIZE, 0, 4096, &opened->page_size) : code;
 }
 
@@ -1082,6 +1145,7 @@ void tl_recorder_database_close(tl_recorder_database *database) {
         for (int i = 0; i < STATEMENTS; i++) {
             (void)sqlite3_finalize(database->statements[i]);
         }
+        tl_periods_close(database->periods);
         free(database);
     }
 }

@@ -53,8 +53,12 @@ typedef struct tl_recorder_names {
  * signals. The settings are valid as long as `config` and `names`. */
 void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings);
 
-/* Returns for how long a file of the configured size holds all samples and steps, s. About 10 %. */
-double tl_recorder_settings_span(const tl_config *config);
+/* For how long a file of the configured size holds all samples and steps, its minutes, and its
+ * hours. About 10 %. */
+typedef struct tl_recorder_span {
+    double ticks_s, minutes_s, hours_s;
+} tl_recorder_span;
+tl_recorder_span tl_recorder_settings_span(const tl_config *config);
 
 typedef struct tl_recorder_database tl_recorder_database;
 

@@ -115,16 +115,29 @@ static void test_several_runs(void) {
     }
     TEST_ASSERT_LESS_OR_EQUAL_INT64(2 * MIB, most);
     TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
-    TEST_ASSERT_EQUAL_INT64(RUNS, tl_sql_integer(bench.path, "SELECT max(run) FROM runs"));
-    TEST_ASSERT_LESS_THAN_INT64(4, tl_sql_integer(bench.path, "SELECT count(*) FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(bench.path, "SELECT count(*) FROM runs"),
-                            tl_sql_integer(bench.path, "SELECT count(*) FROM configurations"));
-    /* no rows of removed runs */
-    static const char *const tables[] = {"signals", "samples", "steps", "outputs", "adjustments", "events"};
+    /* Minutes and hours of all runs remain, and the texts of configurations that have ticks. */
+    TEST_ASSERT_EQUAL_INT64(RUNS, tl_sql_integer(bench.path, "SELECT count(DISTINCT run) FROM v_hours"));
+    TEST_ASSERT_EQUAL_INT64(RUNS * TICKS, tl_sql_integer(bench.path, "SELECT sum(samples_written) FROM runs"));
+    int64_t recorded = tl_sql_integer(bench.path, "SELECT count(DISTINCT run) FROM samples");
+    TEST_ASSERT_LESS_THAN_INT64(4, recorded);
+    TEST_ASSERT_EQUAL_INT64(recorded,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM configurations WHERE text <> ''"));
+}
+
+/* A run of which nothing remains is removed. Here the periods are removed by hand. */
+static void test_an_empty_run(void) {
+    const tl_recorder_settings settings = bounded(1000000);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 1000);
+    close_recorder();
+    tl_sql_execute(bench.path, "DELETE FROM periods; DELETE FROM events");
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 10000);
+    close_recorder();
+    static const char *const tables[] = {"runs", "signals", "components", "beginnings", "tunings", "samples", "steps"};
     for (size_t i = 0; i < sizeof tables / sizeof tables[0]; i++) {
         char sql[128];
-        (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM %s WHERE run NOT IN (SELECT r.run FROM runs r)",
-                       tables[i]);
+        (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM %s WHERE run = 1", tables[i]);
         TEST_ASSERT_EQUAL_INT64_MESSAGE(0, tl_sql_integer(bench.path, sql), tables[i]);
     }
 }
@@ -160,7 +173,7 @@ static void test_a_lowered_bound(void) {
     tl_made_put(bench.recorder, 0, 20000);
     close_recorder();
     TEST_ASSERT_LESS_OR_EQUAL_INT64(2 * MIB, size_on_disk());
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT run) FROM samples"));
     TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
 }
 
@@ -229,6 +242,7 @@ int main(void) {
     RUN_TEST(test_within_one_run);
     RUN_TEST(test_the_smallest_bound);
     RUN_TEST(test_several_runs);
+    RUN_TEST(test_an_empty_run);
     RUN_TEST(test_a_partly_removed_run);
     RUN_TEST(test_a_lowered_bound);
     RUN_TEST(test_events_alone);

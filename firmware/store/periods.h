@@ -1,0 +1,65 @@
+/* Summaries of the minutes and hours of recorded runs.
+ *
+ * Purpose: rows of ticks and steps fill a file within hours or days. The recorder removes the
+ *          oldest ones, and these summaries remain, so that a file of bounded size spans years.
+ * Minutes: made from the rows of a minute as soon as it is complete. Minute k of a run covers the
+ *          seconds 60 k to 60 (k + 1) since t_start. Hours are made from minutes.
+ * Series:  good values of each plant signal, y − ŷ of each match with a good ŷ, Δu of each adjusted
+ *          variable, and how many steps had each outcome.
+ * Shares:  if the file is full, the oldest minutes above an eighth of its bound are removed, and
+ *          the oldest hours above another eighth.
+ * Again:   a period that is summarised twice has the result of the second time.
+ * Errors:  functions return SQLite's result code.
+ * Thread:  the recorder's.
+ */
+#ifndef TL_FIRMWARE_STORE_PERIODS_H
+#define TL_FIRMWARE_STORE_PERIODS_H
+
+#include <sqlite3.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Creates the table; see docs/reference/database.md. */
+#define TL_PERIODS_TABLE                                                                                               \
+    "CREATE TABLE periods ("                                                                                           \
+    "  length_s INTEGER NOT NULL,"                                                                                     \
+    "  run INTEGER NOT NULL,"                                                                                          \
+    "  period INTEGER NOT NULL,"                                                                                       \
+    "  kind TEXT NOT NULL,"                                                                                            \
+    "  signal INTEGER NOT NULL,"                                                                                       \
+    "  count INTEGER NOT NULL,"                                                                                        \
+    "  mean,"                                                                                                          \
+    "  least,"                                                                                                         \
+    "  largest,"                                                                                                       \
+    "  spread,"                                                                                                        \
+    "  PRIMARY KEY (length_s, run, period, kind, signal)) WITHOUT ROWID"
+
+enum { TL_MINUTE = 60, TL_HOUR = 3600 }; /* s, of length_s */
+enum { TL_PERIODS_SHARE = 8 };           /* minutes may fill this part of the file, and hours, too */
+
+/* Returns how many minutes, or hours, with `series` series their share of a file holds; at least 1. */
+int64_t tl_periods_room(int64_t max_bytes, int64_t series);
+
+typedef struct tl_periods tl_periods;
+
+/* Prepares the statements. Close `periods` also after a failure. */
+int tl_periods_open(sqlite3 *connection, tl_periods **periods);
+
+/* NULL is allowed. */
+void tl_periods_close(tl_periods *periods);
+
+/* Summarises the minutes of the run that end at or before this tick, and the hours that are
+ * complete. Call it within a transaction; the rows of all earlier ticks are written. */
+int tl_periods_until(tl_periods *periods, int64_t run, int64_t tick);
+
+/* Summarises the rest of a run that has ended; within a transaction. */
+int tl_periods_end(tl_periods *periods, int64_t run);
+
+/* Call it after a transaction was rolled back. */
+void tl_periods_forget(tl_periods *periods);
+
+/* Removes at most `rows` rows or so above the shares; within a transaction. *removed: there were
+ * any. */
+int tl_periods_remove(tl_periods *periods, int64_t max_bytes, int64_t series, int64_t rows, bool *removed);
+
+#endif
