@@ -23,7 +23,8 @@ enum { LEAST_MEBIBYTES = 64, MOST_MEBIBYTES = 1 << 20 };
 /* Names of the tables of `show --csv`, by tl_show_csv_table. */
 static const char *const TABLES[] = {
     [TL_SHOW_OUTPUTS] = "outputs", [TL_SHOW_ADJUSTMENTS] = "adjustments", [TL_SHOW_STEPS] = "steps",
-    [TL_SHOW_SAMPLES] = "samples", [TL_SHOW_EVENTS] = "events",
+    [TL_SHOW_SAMPLES] = "samples", [TL_SHOW_EVENTS] = "events",           [TL_SHOW_MINUTES] = "minutes",
+    [TL_SHOW_HOURS] = "hours",
 };
 
 /* Returns false if the text is not a number, or out of the range of a double. */
@@ -195,7 +196,8 @@ static const tl_option OPTIONS[] = {
      .expected = "the number of a run, for example 3, or last"},
     {SHOW, "since", "TIME", read_since, SETS(since),
      .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "
-             "or in the last part of the run (90s, 15m, 8h, 2d)",
+             "or in the last part of the run (90s, 15m, 8h, 2d); "
+             "default: all; of a long run the newest part",
      .expected = "a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d"},
     {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events; default: the last ten"},
     {FINDING, "acknowledge", "N", read_run, SETS(acknowledge), .help = "number of the finding",
@@ -211,8 +213,9 @@ static const tl_option OPTIONS[] = {
     {REPLAY, "csv", "FILE", tl_option_text, SETS(trajectory),
      .help = "write simulated, measured, applied and nominal values of "
              "each step (\"-\": to standard output, without the summary)"},
-    {SHOW, "csv", "TABLE", read_table, SETS(table), .help = "CSV table: outputs, adjustments, steps, samples or events",
-     .expected = "outputs, adjustments, steps, samples or events", .alone = true},
+    {SHOW, "csv", "TABLE", read_table, SETS(table),
+     .help = "CSV table: outputs, adjustments, steps, samples, events, minutes or hours",
+     .expected = "outputs, adjustments, steps, samples, events, minutes or hours", .alone = true},
     {CHECK, "json", NULL, tl_option_switch, SETS(json), .needs = "recording",
      .help = "with --recording: print one JSON object"},
     {REPLAY | RUN, "json", NULL, tl_option_switch, SETS(json), .help = "print the summary as one JSON object"},

@@ -49,6 +49,30 @@ static tl_status choose_since(tl_show_request *request, const tl_options_since *
     return TL_OK;
 }
 
+/* Shows only the newest steps of a long run, so that the page appears within about a second. */
+static tl_status choose_newest(tl_show_request *request, tl_error *error) {
+    static const int64_t most_rows = 2000000;
+    const tl_recorder_signal *signals = NULL;
+    size_t matches = 0;
+    size_t adjusts = 0;
+    int64_t range[2] = {0, 0};
+    bool any = false;
+    tl_history *history = request->history;
+    tl_status status = tl_history_signals(history, request->run, TL_HISTORY_MATCH, &signals, &matches, error);
+    if (status == TL_OK) {
+        status = tl_history_signals(history, request->run, TL_HISTORY_ADJUST, &signals, &adjusts, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_range(history, request->run, TL_HISTORY_STEPS, INT64_MIN, range, &any, error);
+    }
+    const int64_t most = most_rows / (int64_t)(1 + matches + adjusts);
+    if (any && range[1] - range[0] >= most) {
+        request->from_step = range[1] + 1 - most;
+        request->is_newest = true;
+    }
+    return status;
+}
+
 /* ---- The verb -------------------------------------------------------------------------------- */
 
 static tl_status show(const tl_options *options, tl_error *error) {
@@ -62,6 +86,9 @@ static tl_status show(const tl_options *options, tl_error *error) {
     }
     if (status == TL_OK) {
         status = choose_since(&request, &options->since, error);
+    }
+    if (status == TL_OK && options->since.text == NULL && options->table == TL_OPTIONS_NO_TABLE) {
+        status = choose_newest(&request, error);
     }
     if (status == TL_OK) {
         status = options->table != TL_OPTIONS_NO_TABLE

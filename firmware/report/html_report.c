@@ -42,6 +42,7 @@ struct tl_html_report {
     char verdict[TL_FINDING_TEXT]; /* "": unknown */
     size_t finding_count;          /* including those no longer stored */
     tl_html_finding findings[TL_FINDINGS];
+    const tl_trend *trend; /* NULL: there is none */
     tl_envelope curves;
     uint64_t recorded;    /* steps */
     uint64_t event_count; /* all events, including those no longer stored */
@@ -226,6 +227,23 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     (void)fputc('}', file);
 }
 
+/* Writes for each part of the trend the mean Δu, and the mean ± the standard deviation. */
+static void put_trend(const tl_trend *trend, size_t adjust, FILE *file) {
+    (void)fputs(",\n\"trend\":[", file);
+    for (size_t i = 0; i < trend->parts; i++) {
+        const tl_trend_part *part = &trend->part[adjust][i];
+        const double spread = sqrt(part->squares / (double)part->count);
+        const double numbers[] = {part->mean - spread, part->mean, part->mean + spread};
+        (void)fputs(i == 0 ? "[" : ",[", file);
+        for (int k = 0; k < 3; k++) {
+            (void)fputs(k == 0 ? "" : ",", file);
+            tl_html_put_number(file, part->count > 0 ? numbers[k] : (double)NAN);
+        }
+        (void)fputc(']', file);
+    }
+    (void)fputc(']', file);
+}
+
 static void put_data(const page_data *page) {
     static const char *const keys[] = {"applied", "nominal", "correction"};
     const tl_html_report *report = page->report;
@@ -249,9 +267,16 @@ static void put_data(const page_data *page) {
         (void)fputs(i == 0 ? "" : ",", file);
         put_signal(&settings->adjust[i], file);
         put_channels(report, keys, adjust_channel(report, i), file);
+        if (report->trend != NULL) {
+            put_trend(report->trend, i, file);
+        }
         (void)fputc('}', file);
     }
     (void)fputs("],\n", file);
+    if (report->trend != NULL) {
+        (void)fprintf(file, "\"trend\":{\"from\":%" PRId64 ",\"width\":%" PRId64 "},\n", report->trend->from_ms,
+                      report->trend->width_ms);
+    }
     put_channel(report, "executions", TL_HTML_EXECUTIONS, file);
     (void)fputs(",\n", file);
     put_channel(report, "evaluations", TL_HTML_EVALUATIONS, file);
@@ -912,6 +937,10 @@ void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *ro
     finding->number = row->number;
     finding->is_open = tl_changes_is_open(row);
     finding->time = report->settings.live ? (double)started + row->onset * 1e3 : row->onset;
+}
+
+void tl_html_report_set_trend(tl_html_report *report, const tl_trend *trend) {
+    report->trend = trend->parts > 1 ? trend : NULL;
 }
 
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event) {

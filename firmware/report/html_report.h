@@ -12,6 +12,7 @@
 
 #include "firmware/base/text.h"
 #include "firmware/report/run_figures.h"
+#include "firmware/report/trend.h"
 #include "firmware/store/history.h"
 #include "firmware/store/run_types.h"
 #include "master/plan/plan.h"
@@ -110,6 +111,10 @@ void tl_html_report_add_event(tl_html_report *report, const tl_history_event *ev
  * has no section of changes. */
 void tl_html_report_set_verdict(tl_html_report *report, const tl_run_detection *detection, size_t open, size_t gone);
 void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started);
+
+/* Adds the trend of the adjusted variables, in the order of the settings; it must outlive the
+ * report. */
+void tl_html_report_set_trend(tl_html_report *report, const tl_trend *trend);
 
 /* Writes the page. Signals in `figures` must be in the order of the settings. `ended`: text of why
  * the run ended. The caller checks the stream for write errors. */

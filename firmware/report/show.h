@@ -23,6 +23,7 @@ typedef struct tl_show_request {
     tl_history *history;       /* the open database; the caller owns it */
     const tl_history_run *run; /* the selected run */
     int64_t from_step;         /* earlier steps and ticks are left out */
+    bool is_newest;            /* steps are left out only because there are so many */
     char from_at[TL_UTC_TEXT]; /* UTC; earlier events are left out; "": none is left out */
     bool all_events;           /* else only the newest 10 in text and JSON */
     bool verbose;              /* the text has outcomes, executions and MSEs too */
@@ -34,7 +35,9 @@ typedef enum tl_show_csv_table {
     TL_SHOW_ADJUSTMENTS,
     TL_SHOW_STEPS,
     TL_SHOW_SAMPLES,
-    TL_SHOW_EVENTS
+    TL_SHOW_EVENTS,
+    TL_SHOW_MINUTES, /* these two: of all live runs, or of this replay */
+    TL_SHOW_HOURS
 } tl_show_csv_table;
 
 /* Prints the text for a terminal. */

@@ -229,7 +229,38 @@ static void take_event(void *context, const tl_history_event *event) {
     (void)fputc('\n', line->file);
 }
 
+static void take_period(void *context, const tl_history_period *period) {
+    const csv_line *line = context;
+    const double numbers[] = {period->mean, period->least, period->largest, period->spread};
+    (void)fprintf(line->file, "%" PRId64, period->start_s);
+    if (tl_show_is_live(period->run)) {
+        char utc[TL_UTC_TEXT];
+        int64_t started = 0;
+        (void)tl_utc_parse(period->run->started, &started);
+        tl_utc_text(started + period->start_s * 1000, utc);
+        (void)fprintf(line->file, ",%s", utc);
+    }
+    (void)fprintf(line->file, ",%" PRId64 ",%s", period->run->run, period->kind);
+    put_name(line->file, period->name, "");
+    put_name(line->file, period->unit, "");
+    (void)fprintf(line->file, ",%" PRId64, period->count);
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        csv_field text;
+        format_number(numbers[i], text);
+        (void)fprintf(line->file, ",%s", text);
+    }
+    (void)fputc('\n', line->file);
+}
+
 /* ---- The tables ------------------------------------------------------------------------------ */
+
+static tl_status print_periods(csv_line *line, int length_s, tl_error *error) {
+    const tl_show_request *request = line->request;
+    const tl_history_visitor visitor = {.context = line, .period = take_period};
+    (void)fprintf(line->file, "time%s,run,kind,name,unit,count,mean,least,largest,spread\n",
+                  tl_show_is_live(request->run) ? ",at" : "");
+    return tl_history_periods(request->history, request->run, length_s, &visitor, error);
+}
 
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
@@ -297,6 +328,9 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     line.number = -1;
     if (table == TL_SHOW_EVENTS) {
         return print_events(&line, error);
+    }
+    if (table == TL_SHOW_MINUTES || table == TL_SHOW_HOURS) {
+        return print_periods(&line, table == TL_SHOW_MINUTES ? TL_MINUTE : TL_HOUR, error);
     }
     line.table = &tables[table];
     return print_rows(&line, error);

@@ -10,6 +10,7 @@
 #include "firmware/report/changes.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
+#include "firmware/report/trend.h"
 #include "firmware/store/history.h"
 
 enum { FINDINGS_SHOWN = 10, RUNS_SHOWN = 10, EVENTS_SHOWN = 10, HASH_SHOWN = 12, TEXTS = 16, TEXT = 512 };
@@ -19,6 +20,7 @@ typedef struct show_page {
     const tl_show_request *request;
     FILE *file;
     tl_show_summary summary;
+    tl_trend trend;
     const char *until; /* "…" */
     const char *arrow; /* "→" */
 } show_page;
@@ -204,7 +206,8 @@ static void print_recorded(const show_page *page) {
                       (long long)run->resumption.tick);
     }
     if (page->request->from_step > 0) {
-        (void)fprintf(page->file, "  shown          since step %lld\n", (long long)page->request->from_step);
+        (void)fprintf(page->file, "  shown          since step %lld%s\n", (long long)page->request->from_step,
+                      page->request->is_newest ? " (more: --since)" : "");
     }
 }
 
@@ -337,6 +340,54 @@ static void print_curve(const show_page *page, size_t adjust) {
     } else {
         (void)fprintf(page->file, "  %s: correction %s throughout\n", name, number_text(least, true));
     }
+}
+
+/* Prints the course of a correction over all live runs. */
+static void print_trend(const show_page *page, size_t adjust) {
+    enum { COLUMNS = 64 };
+    const tl_trend *trend = &page->trend;
+    const size_t columns = trend->parts < COLUMNS ? trend->parts : COLUMNS;
+    double means[COLUMNS];
+    char curve[TL_SHOW_CURVE];
+    double least = (double)INFINITY;
+    double largest = (double)-INFINITY;
+    for (size_t i = 0; i < columns; i++) {
+        double sum = 0.0;
+        double count = 0.0;
+        for (size_t k = i * trend->parts / columns; k < (i + 1) * trend->parts / columns; k++) {
+            sum += trend->part[adjust][k].mean * (double)trend->part[adjust][k].count;
+            count += (double)trend->part[adjust][k].count;
+        }
+        means[i] = count > 0.0 ? sum / count : (double)NAN;
+        least = means[i] < least ? means[i] : least;
+        largest = means[i] > largest ? means[i] : largest;
+    }
+    if (largest > least) {
+        tl_show_curve(page->request->style, means, columns, curve, sizeof curve);
+        (void)fprintf(page->file, "  %s: correction from %s to %s\n    |%s|\n",
+                      clean_line(page, page->summary.adjust[adjust].name), number_text(least, true),
+                      number_text(largest, true), curve);
+    }
+}
+
+/* Prints the trends if they reach back behind the steps that are shown. */
+static tl_status print_trends(show_page *page, tl_error *error) {
+    const tl_history_run *run = page->request->run;
+    tl_trend *trend = &page->trend;
+    char utc[TL_UTC_TEXT];
+    tl_status status = tl_trend_read(page->request->history, run, trend, error);
+    const int64_t shown = tl_show_is_live(run)
+                              ? tl_show_instant(run, page->summary.range[0])
+                              : (int64_t)(tl_seconds(run->step) * 1e3 * (double)page->summary.range[0]);
+    if (status != TL_OK || trend->parts < 2 || trend->from_ms + trend->width_ms > shown) {
+        return status;
+    }
+    tl_utc_text(trend->from_ms, utc);
+    print_heading(page, "Mean corrections since %s, in all runs", tl_show_is_live(run) ? short_time(utc) : "the start");
+    for (size_t i = 0; i < page->summary.adjust_count; i++) {
+        print_trend(page, i);
+    }
+    return TL_OK;
 }
 
 /* ---- Changes of the corrections -------------------------------------------------------------- */
@@ -519,7 +570,8 @@ static void print_title(const show_page *page) {
 
 tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error) {
     bool unicode = request->style.unicode;
-    show_page page = {.request = request, .file = file, .until = unicode ? "…" : "to", .arrow = unicode ? "→" : "->"};
+    static show_page page; /* static because it is too large for a small stack; `show` has one thread */
+    page = (show_page){.request = request, .file = file, .until = unicode ? "…" : "to", .arrow = unicode ? "→" : "->"};
     tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &page.summary, error);
     if (status != TL_OK) {
         return status;
@@ -532,6 +584,7 @@ tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *err
         status = print_match(&page, error);
     }
     status = status == TL_OK ? print_corrections(&page, error) : status;
+    status = status == TL_OK ? print_trends(&page, error) : status;
     status = status == TL_OK ? print_tunings(&page, error) : status;
     return status == TL_OK ? print_events(&page, error) : status;
 }

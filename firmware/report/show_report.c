@@ -14,6 +14,7 @@ typedef struct recorded_run {
     tl_show_summary summary;
     tl_html_settings settings;
     tl_html_report *report;
+    tl_trend trend;
     tl_config config; /* of the run; empty if this program cannot parse it */
     char source[512];
     double tolerance[TL_MAX_MATCH];
@@ -137,6 +138,10 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
         status = tl_history_events(history, request->run, request->from_at, -1, &visitor, error);
     }
     status = status == TL_OK ? add_changes(run, error) : status;
+    if (status == TL_OK) {
+        status = tl_trend_read(history, request->run, &run->trend, error);
+        tl_html_report_set_trend(run->report, &run->trend);
+    }
     return status == TL_OK ? write_page(run, path, error) : status;
 }
 

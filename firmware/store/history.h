@@ -239,6 +239,17 @@ typedef struct tl_history_event {
     const char *text;
 } tl_history_event;
 
+/* A series in one minute or hour. Texts are valid during the callback. */
+typedef struct tl_history_period {
+    const tl_history_run *run;
+    int64_t start_s;  /* since t_start of the run */
+    const char *kind; /* "plant", "match": error, "adjust": Δu, "outcome" */
+    const char *name; /* of the signal, variable or outcome */
+    const char *unit;
+    int64_t count;                       /* of values, or of steps */
+    double mean, least, largest, spread; /* NaN: not finite, or of an outcome */
+} tl_history_period;
+
 /* Callbacks for rows. */
 typedef struct tl_history_visitor {
     void *context;
@@ -250,6 +261,7 @@ typedef struct tl_history_visitor {
     void (*output)(void *context, const tl_history_output *output);
     void (*adjustment)(void *context, const tl_history_adjustment *adjustment);
     void (*event)(void *context, const tl_history_event *event);
+    void (*period)(void *context, const tl_history_period *period);
 } tl_history_visitor;
 
 typedef enum tl_history_table {
@@ -269,6 +281,11 @@ tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_hi
  * into the array of tl_history_signals(). Events are not included. */
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
                           const tl_history_visitor *visitor, tl_error *error);
+
+/* Passes the minutes (`length_s` 60) or hours (3600) of all live runs, or of this replay, to the
+ * callback: by run, then time, kind and signal. */
+tl_status tl_history_periods(tl_history *history, const tl_history_run *run, int length_s,
+                             const tl_history_visitor *visitor, tl_error *error);
 
 /* Passes the events since `from_at` ("": all) to the callback, of these the last `most` (−1: all),
  * the oldest first. */

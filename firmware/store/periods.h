@@ -19,6 +19,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/store/run_types.h"
+
 /* Creates the table; see docs/reference/database.md. */
 #define TL_PERIODS_TABLE                                                                                               \
     "CREATE TABLE periods ("                                                                                           \
@@ -34,8 +36,7 @@
     "  spread,"                                                                                                        \
     "  PRIMARY KEY (length_s, run, period, kind, signal)) WITHOUT ROWID"
 
-enum { TL_MINUTE = 60, TL_HOUR = 3600 }; /* s, of length_s */
-enum { TL_PERIODS_SHARE = 8 };           /* minutes may fill this part of the file, and hours, too */
+enum { TL_PERIODS_SHARE = 8 }; /* minutes may fill this part of the file, and hours, too */
 
 /* Returns how many minutes, or hours, with `series` series their share of a file holds; at least 1. */
 int64_t tl_periods_room(int64_t max_bytes, int64_t series);

@@ -16,7 +16,8 @@
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"
 
-enum { TL_RECORDER_NAME = 80 }; /* room for "plant.", a name of at most 63 characters, and the NUL */
+enum { TL_MINUTE = 60, TL_HOUR = 3600 }; /* s: lengths of the periods that are summarised */
+enum { TL_RECORDER_NAME = 80 };          /* room for "plant.", a name of at most 63 characters, and the NUL */
 
 /* A signal: its name and its unit. */
 typedef struct tl_recorder_signal {

@@ -2,8 +2,10 @@
 """A recorded replay, its output by `show`, and its replay from the database.
 
 Compares `show` with `replay`, and with the database by Python's SQLite."""
+import csv
 import json
 import math
+import re
 import sqlite3
 
 from twinlock_test import (PLAIN_LOCK, SOURCE, edited_config, expect, expect_line, has_line, main, read_table, replay_csv, replay_json, run,
@@ -137,6 +139,65 @@ def test_page():
         expect_line(page, parts)
     expect("\x1b" not in page and page.isascii(), f"not for a pipe:\n{page}")
     expect(page == run_well(["show", database, "--run", "1"]), "the last run is not run 1")
+
+
+PERIODS = "time run kind name unit count mean least largest spread".split()
+
+
+def test_minutes_and_hours():
+    """The tables are those of the views. The hours of this short run are those of its rows."""
+    database, told = recorded()
+    with sqlite3.connect(database) as connection:
+        for table in ("minutes", "hours"):
+            rows = list(csv.reader(run_well(["show", database, "--csv", table]).splitlines()))
+            expect(rows[0] == PERIODS, f"{rows[0]}")
+            wanted = connection.execute(f"SELECT time_s, run, kind, name, unit, count, mean, least, largest, spread FROM v_{table}")
+            wanted = [["" if value is None else value for value in row] for row in wanted]
+            found = [[type(value)(cell) for cell, value in zip(row, wanted_row)] for row, wanted_row in zip(rows[1:], wanted)]
+            expect(found == wanted and len(rows) == len(wanted) + 1 > 5, f"{table}: {rows}")
+        (mean, least, count), = connection.execute("SELECT avg(correction), min(correction), count(*) FROM adjustments")
+        (hour,) = connection.execute("SELECT mean, least, count FROM v_hours WHERE kind = 'adjust'")
+        expect(math.isclose(mean, hour[0], rel_tol=1e-9) and (least, count) == hour[1:], f"{hour}: {mean}, {least}, {count}")
+        steps, = connection.execute("SELECT sum(count) FROM v_minutes WHERE kind = 'outcome'").fetchone()
+        expect(steps == told["steps"], f"{steps} steps")
+
+
+def test_corrections_outlive_their_steps():
+    """Hours before the first step are on the page and in the report."""
+    database, _ = recorded()
+    with sqlite3.connect(database) as connection:
+        connection.executescript("""
+            UPDATE steps SET step = step + 40000000;
+            UPDATE outputs SET step = step + 40000000;
+            UPDATE adjustments SET step = step + 40000000;
+            DELETE FROM periods;
+            INSERT INTO periods SELECT 3600, 1, value, 'adjust', 0, 10, value, value - 1, value + 1, 0.5
+              FROM json_each('[0, 1, 2, 3, 5, 8, 60]');""")
+    page = run_well(["show", database])
+    expect_line(page, "motor.d: correction from|+60")
+    report = scratch() / "report.html"
+    run_well(["show", database, "--report", report])
+    data = json.loads(re.search(r'id="data">(.*?)</script>', report.read_text(encoding="utf-8"), re.S)[1])
+    trend = data["adjust"][0]["trend"]
+    wanted = [[hour - 0.5, hour, hour + 0.5] if hour in (0, 1, 2, 3, 5, 8, 60) else [None] * 3 for hour in range(61)]
+    expect(trend == wanted and data["trend"] == {"from": 0, "width": 3600000}, f"{data['trend']}, {trend}")
+
+
+def test_the_newest_part_of_a_long_run():
+    """Of more than two million rows only the newest steps are shown, unless a time is given."""
+    database, _ = recorded()
+    with sqlite3.connect(database) as connection:
+        first, = connection.execute("SELECT max(step) + 1 FROM steps").fetchone()
+        connection.execute("""
+            WITH RECURSIVE more (step) AS (SELECT max(step) + 1 FROM steps UNION ALL SELECT step + 1 FROM more LIMIT 1000000)
+            INSERT INTO steps SELECT 1, more.step, 10000000 * (more.step + 1), outcome, stop, J, J_nominal, evaluations, executions,
+              used_ns, predicted, flags, held, release_age FROM more, steps s WHERE s.run = 1 AND s.step = 100""")
+    last = first + 999999
+    shown = show_json(database)
+    matches, adjusts = len(shown["match"]), len(shown["adjust"])
+    expect(shown["first_step"] == last + 1 - 2000000 // (1 + matches + adjusts), f"{shown['first_step']} to {shown['last_step']}")
+    expect_line(run_well(["show", database]), f"since step {shown['first_step']}|--since")
+    expect(show_json(database, "--since", "30d")["first_step"] == 0, "not all is shown")
 
 
 def test_exit_codes():

@@ -251,7 +251,7 @@
     }
 
     function showCursor(x, from) {
-        for (const plot of plots) {
+        for (const plot of plots.filter((one) => one === from || !(from.trend || one.trend))) {
             const row = rowAt(plot, x);
             if (plot !== from) {
                 plot.graph.setSelection(row);
@@ -283,7 +283,7 @@
         }
         const dateWindow = graph.xAxisRange();
         busy = true;
-        for (const plot of plots.filter((one) => one.graph !== graph)) {
+        for (const plot of plots.filter((one) => one.graph !== graph && !one.trend)) {
             plot.graph.updateOptions({dateWindow});
         }
         busy = false;
@@ -292,7 +292,7 @@
     function showWhole() {
         busy = true;
         for (const plot of plots) {
-            plot.graph.updateOptions({dateWindow: whole, valueRange: plot.range});
+            plot.graph.updateOptions({dateWindow: plot.window, valueRange: plot.range});
         }
         busy = false;
     }
@@ -318,6 +318,10 @@
 
     function rowsOf(plot) {
         const count = plot.series[0].values.length;
+        if (plot.trend) {
+            plot.times = plot.trend.map((_, index) => trendTime(index + 0.5));
+            return plot.trend.map((part, index) => [live ? new Date(plot.times[index]) : plot.times[index], part]);
+        }
         plot.times = Array.from({length: count}, (_, index) => timeOf(positionOf(index) + plot.offset));
         const stepped = plot.offset === 0;
         if (stepped) {
@@ -341,15 +345,15 @@
             includeZero: plot.counts || plot.zero, xLabelHeight: 15, yLabelWidth: 16,
             ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s",
             axes: {x: {axisLabelWidth: 70, pixelsPerLabel: 80}, y}, axisLabelFontSize: 12, rightGap: 12, yRangePad: 8,
-            dateWindow: whole, valueRange: plot.range, animatedZooms: false,
-            interactionModel: interaction(), drawCallback: follow, unhighlightCallback: hideCursor,
+            dateWindow: plot.window, valueRange: plot.range, animatedZooms: false, customBars: Boolean(plot.trend), fillAlpha: 0.25,
+            interactionModel: interaction(), drawCallback: plot.trend ? null : follow, unhighlightCallback: hideCursor,
             highlightCallback: (event, x) => showCursor(x, plot),
             underlayCallback: (context, area, graph) => drawBehind(plot, context, area, graph),
         };
     }
 
     function addPlot(group, description) {
-        const plot = {bad: [], range: [null, null], unit: "", counts: false, zero: false, ...description};
+        const plot = {bad: [], range: [null, null], window: whole, unit: "", counts: false, zero: false, ...description};
         plot.series.forEach((one, index) => {
             one.label = "s" + index;
             one.width = one.width || 1.4;
@@ -437,9 +441,27 @@
         });
     }
 
+    // The axis at a part of the trend, which covers all runs.
+    function trendTime(part) {
+        return (data.trend.from + part * data.trend.width) / (live ? 1 : 1e3);
+    }
+
+    function addTrend(group, adjust) {
+        const {unit, trend} = adjust;
+        const usual = usualRange(trend.flatMap((part) => [part[0], part[2]]));
+        addPlot(group, {
+            unit, trend, offset: 0, height: 170, range: usual || [null, null], window: [trendTime(0), trendTime(trend.length)],
+            hint: "all runs, each " + number(data.trend.width / 6e4, 4) + "\u00a0min; band: standard deviation",
+            series: [{name: "mean correction \u0394u", values: trend.map((part) => part[1]), colour: "difference", width: 2, unit}],
+        });
+    }
+
     function addAdjusted(adjust) {
         const group = addGroup(adjust.name);
         const {unit, type} = adjust;
+        if (adjust.trend) {
+            addTrend(group, adjust);
+        }
         addPlot(group, {
             unit, offset: 0, height: 170, boolean: type === "Boolean",
             series: [

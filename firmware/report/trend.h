@@ -1,0 +1,37 @@
+/* Trend: course of the corrections over all live runs of a database, from its minutes or hours.
+ *
+ * Purpose: shows when a correction has changed, also after the steps themselves were removed.
+ * Parts:   the time is divided into at most TL_TREND_PARTS equal parts: of whole minutes if the
+ *          minutes reach back to the first hour, else of whole hours.
+ * Errors:  those of history.h.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_REPORT_TREND_H
+#define TL_FIRMWARE_REPORT_TREND_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/store/history.h"
+
+enum { TL_TREND_PARTS = 512 };
+
+/* Of Δu in one part; without a value `count` is 0. */
+typedef struct tl_trend_part {
+    int64_t count;
+    double mean;
+    double squares; /* of the deviations from the mean; the standard deviation is √(squares / count) */
+} tl_trend_part;
+
+typedef struct tl_trend {
+    size_t parts;     /* 0: there is no trend */
+    int64_t from_ms;  /* since 1970 UTC; in a replay since t_start */
+    int64_t width_ms; /* of a part */
+    tl_trend_part part[TL_MAX_ADJUST][TL_TREND_PARTS];
+} tl_trend;
+
+/* Reads the trend of the adjusted variables of a run, by name, in all live runs. Of a replay: of
+ * this run only. */
+tl_status tl_trend_read(tl_history *history, const tl_history_run *run, tl_trend *trend, tl_error *error);
+
+#endif
