@@ -250,6 +250,48 @@ static void test_unexpected_null(void) {
     }
 }
 
+static void see_period(void *context, const tl_history_period *period) {
+    TEST_ASSERT_EQUAL_INT64(run->run, period->run->run);
+    TEST_ASSERT_GREATER_THAN_INT64(0, period->count);
+    (*(int *)context)++;
+}
+
+static void test_impossible_periods_are_damage(void) {
+    static const char *const changes[] = {"count = 0",
+                                          "count = 'many'",
+                                          "period = -1",
+                                          "signal = -1",
+                                          "mean = 'text'",
+                                          "least = 9e999",
+                                          "largest = x'00'",
+                                          "spread = -9e999",
+                                          "period = 1 << 60",
+                                          "kind = x'00'",
+                                          "count = 1.5",
+                                          "signal = 0.5",
+                                          "kind = 'a long name of a kind'"};
+    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
+        char sql[512];
+        int seen = 0;
+        const tl_history_visitor visitor = {.context = &seen, .period = see_period};
+        record_run(20);
+        open_run();
+        expect_ok(tl_history_periods(history, run, TL_MINUTE, &visitor, &error));
+        TEST_ASSERT_GREATER_THAN_INT(5, seen);
+        tl_history_close(history);
+        (void)snprintf(sql, sizeof sql, "UPDATE periods SET %s WHERE length_s = 60 AND kind = 'adjust' AND signal = 1",
+                       changes[i]);
+        tl_sql_execute(path, sql);
+        open_run();
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_history_periods(history, run, TL_MINUTE, &visitor, &error), sql);
+        TL_EXPECT_PARTS("/run.db|damaged|run 1", error.text);
+        tl_history_close(history);
+        history = NULL;
+        tl_scratch_empty(&scratch);
+        error = (tl_error){TL_OK, ""};
+    }
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_history_rows");
     UNITY_BEGIN();
@@ -259,6 +301,7 @@ int main(void) {
     RUN_TEST(test_the_last_events);
     RUN_TEST(test_impossible_rows_are_damage);
     RUN_TEST(test_unexpected_null);
+    RUN_TEST(test_impossible_periods_are_damage);
     int failures = UNITY_END();
     tl_scratch_remove(&scratch);
     return failures;
