@@ -301,6 +301,10 @@ def test_a_live_run():
     expect(y[800:901] == [None] * 101 and None not in y[:800], "a gap is drawn over")
     expect(data["match"][0]["bad"] == [[300, 360, 16]], f"{data['match'][0]['bad']}")
     with Browser() as browser:
+        browser.call("Emulation.setTimezoneOverride", timezoneId="Asia/Kolkata")
+        browser.open(path)
+        local = browser.ask("document.body.innerText")
+        browser.call("Emulation.setTimezoneOverride", timezoneId="UTC")
         browser.open(path)
         picture(browser, "live")
         expect_quiet(browser, path)
@@ -312,6 +316,8 @@ def test_a_live_run():
     for parts in ("2026-11-21 10:00:00 UTC", "plant.omega|no link", "budget|6 ms", "macro step|10 ms", "not all", "longest|11 ms|10 ms", "10:00:04",
                   "grey|database", "hatched|no link"):
         expect_line(text, parts)
+    for parts in ("2026-11-21 15:30:00 GMT+5:30", "2026-11-21 15:30:03 GMT+5:30|no link", "15:30:04"):
+        expect_line(local, parts)
     expect("true" in labels and "false" in labels, f"{labels}")
     expect(shown["late"] == 1, f"late: {shown}")
     expect(bad[0]["count"] > 100 and 0.2 < bad[0]["left"] < bad[0]["right"] < 0.4 and bad[2]["count"] == 0, f"{bad}")

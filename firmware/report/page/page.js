@@ -35,11 +35,39 @@
 
     const whole = [timeOf(0), timeOf(data.steps)];
 
+    // The zone of the reader's clock at an instant, for example "GMT+1".
+    function zoneAt(at) {
+        const parts = new Intl.DateTimeFormat("en", {timeZoneName: "short"}).formatToParts(at);
+        return parts.find((part) => part.type === "timeZoneName").value;
+    }
+
+    // "2026-11-21 10:02:03.456" by the reader's clock.
+    function localTime(at) {
+        return new Date(at - new Date(at).getTimezoneOffset() * 6e4).toISOString().replace("T", " ").replace("Z", "");
+    }
+
     function describeTime(x) {
-        if (live) {
-            return new Date(x).toISOString().replace("T", " ").replace("Z", "") + " UTC";
+        return live ? localTime(x) + " " + zoneAt(x) : "t = " + number(x, 9) + " s";
+    }
+
+    // Replaces UTC in a text; `day`: the date of a time without date.
+    function localText(text, day) {
+        return text.replace(/(?:(\d{4}-\d\d-\d\d) )?(\d\d:\d\d)(:\d\d)? UTC/g, (_, date, minutes, seconds = "") => {
+            const at = Date.parse((date || day) + "T" + minutes + (seconds || ":00") + "Z");
+            const [localDay, time] = localTime(at).split(" ");
+            return (date || localDay !== day ? localDay + " " : "") + time.slice(0, seconds ? 8 : 5) + " " + zoneAt(at);
+        });
+    }
+
+    function showLocalTimes() {
+        const day = new Date(timeOf(data.steps)).toISOString().slice(0, 10);
+        for (const cell of document.querySelectorAll(".facts dd, #changes td, #events td")) {
+            const text = localText(cell.textContent, day);
+            if (text !== cell.textContent && cell.childElementCount === 0) {
+                cell.title = cell.textContent;
+                cell.textContent = text;
+            }
         }
-        return "t = " + number(x, 9) + " s";
     }
 
     // ---- Numbers -----------------------------------------------------------------------------------------------------
@@ -341,9 +369,9 @@
             y.ticker = (low, high) => wholeTicks(Math.max(0, low), high).map((v) => ({v, label: String(v)}));
         }
         return {
-            ...paint(plot), labels: ["t", ...plot.series.map((one) => one.label)], legend: "never", labelsUTC: true,
+            ...paint(plot), labels: ["t", ...plot.series.map((one) => one.label)], legend: "never",
             includeZero: plot.counts || plot.zero, xLabelHeight: 15, yLabelWidth: 16,
-            ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s",
+            ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? zoneAt(whole[0]) : "time in s",
             axes: {x: {axisLabelWidth: 70, pixelsPerLabel: 80}, y}, axisLabelFontSize: 12, rightGap: 12, yRangePad: 8,
             dateWindow: plot.window, valueRange: plot.range, animatedZooms: false, customBars: Boolean(plot.trend), fillAlpha: 0.25,
             interactionModel: interaction(), drawCallback: plot.trend ? null : follow, unhighlightCallback: hideCursor,
@@ -555,6 +583,9 @@
         {time: Number(row.dataset.time), severity: row.className}));
     const findings = Array.from(document.querySelectorAll("#changes tr[data-time]"), (row) => (
         {time: Number(row.dataset.time), open: row.className === "open", number: row.cells[0].textContent}));
+    if (live) {
+        showLocalTimes();
+    }
     if (data.steps === 0) {
         container.append(element("p", "note", "There are no steps."));
         return;
