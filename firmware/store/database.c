@@ -63,7 +63,7 @@
     "  note TEXT)"
 
 /* clang-format off: it cannot break literals around a macro */
-/* Instant of a run, `seconds` since t_start: UTC, and seconds since 1970. Only a live run has one. */
+/* Instant of a live run, `seconds` since t_start: UTC, and seconds since 1970; NULL in a replay. */
 #define INSTANT_OF(seconds)                                                                                            \
     "  CASE r.verb WHEN 'replay' THEN NULL ELSE"                                                                       \
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', " seconds ")) END AS at,"                    \
@@ -542,35 +542,18 @@ static uint32_t big_endian(const unsigned char *bytes) {
 }
 
 static tl_status check_version(const char *path, int64_t version, tl_error *error) {
-    if (version >= TL_DATABASE_OLDEST && version <= TL_DATABASE_VERSION) {
+    if (version == TL_DATABASE_VERSION) {
         return TL_OK;
     }
     return tl_database_refuse(TL_DATABASE_OTHER_FORMAT, error, TL_BAD_DATA,
-                              "%s: the database has format %lld, and this program reads formats %d to %d: use the "
+                              "%s: the database has format %lld, and this program reads format %d: use the "
                               "version of twinlock that wrote it, or move the file away",
-                              path, (long long)version, TL_DATABASE_OLDEST, TL_DATABASE_VERSION);
+                              path, (long long)version, TL_DATABASE_VERSION);
 }
 
-/* ---- Earlier formats. Format 5 has the same rows under other column names, and later programs
- * have added columns to both formats. A reader gets views in memory, because it must not change the
- * file. A writer changes the tables, which changes the schema only.
+/* ---- Files of earlier programs lack tables and columns. A reader gets views in memory, because it
+ * must not change the file. A writer changes the tables, which changes the schema only.
  */
-
-static const char read_format_5[] =
-    "CREATE TEMP VIEW outputs AS SELECT run, step, signal, y AS simulated, y_hat AS measured, quality, readings,"
-    "  squares, rejected, NULL AS released FROM main.outputs;"
-    "CREATE TEMP VIEW adjustments AS SELECT run, step, signal, u AS applied, u_hat AS nominal FROM main.adjustments;"
-    "CREATE TEMP VIEW components AS SELECT run, component, name, plain, predicted, executions, caught_up AS repeated,"
-    "  unstored AS uncached FROM main.components;";
-
-static const char rename_format_5[] = "ALTER TABLE outputs RENAME COLUMN y TO simulated;"
-                                      "ALTER TABLE outputs RENAME COLUMN y_hat TO measured;"
-                                      "ALTER TABLE outputs RENAME COLUMN delta TO error;"
-                                      "ALTER TABLE adjustments RENAME COLUMN u TO applied;"
-                                      "ALTER TABLE adjustments RENAME COLUMN u_hat TO nominal;"
-                                      "ALTER TABLE adjustments RENAME COLUMN delta TO correction;"
-                                      "ALTER TABLE components RENAME COLUMN caught_up TO repeated;"
-                                      "ALTER TABLE components RENAME COLUMN unstored TO uncached;";
 
 /* Column NULL: the whole table. */
 static const struct {
@@ -582,7 +565,7 @@ static const struct {
     {"steps", "release_age", "ALTER TABLE steps ADD COLUMN release_age INTEGER",
      "CREATE TEMP VIEW steps AS SELECT *, NULL AS release_age FROM main.steps"},
     {"outputs", "released", "ALTER TABLE outputs ADD COLUMN released",
-     "CREATE TEMP VIEW IF NOT EXISTS outputs AS SELECT *, NULL AS released FROM main.outputs"},
+     "CREATE TEMP VIEW outputs AS SELECT *, NULL AS released FROM main.outputs"},
     {"learned", NULL, LEARNED_TABLE,
      "CREATE TEMP VIEW learned AS SELECT 1 AS id, 0 AS run, '' AS at, '' AS state, 0 AS learnt_s, 0 AS needed_s,"
      " 0 AS watched_s, '' AS sha256, NULL AS bytes WHERE 0"},
@@ -635,45 +618,40 @@ static tl_status change_views(sqlite3 *database, bool creates, tl_error *error) 
     return status;
 }
 
-static tl_status migrate_format(sqlite3 *database, bool is_format_5, const bool is_missing[ADDED], tl_error *error) {
-    char version[64];
+static tl_status add_tables(sqlite3 *database, const bool is_missing[ADDED], tl_error *error) {
     tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
     if (status != TL_OK) {
         return status;
     }
     status = change_views(database, false, error);
-    status = status == TL_OK && is_format_5 ? tl_database_execute(database, rename_format_5, error) : status;
     for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
         status = is_missing[i] ? tl_database_execute(database, added[i].add, error) : TL_OK;
     }
     status = status == TL_OK ? change_views(database, true, error) : status;
-    (void)snprintf(version, sizeof version, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
-    status = status == TL_OK ? tl_database_execute(database, version, error) : status;
+    status = status == TL_OK ? tl_database_execute(database, "COMMIT", error) : status;
     if (status != TL_OK) {
         (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
     }
     return status;
 }
 
-static tl_status add_reading_views(sqlite3 *database, bool is_format_5, const bool is_missing[ADDED], tl_error *error) {
-    tl_status status = is_format_5 ? tl_database_execute(database, read_format_5, error) : TL_OK;
+static tl_status add_reading_views(sqlite3 *database, const bool is_missing[ADDED], tl_error *error) {
+    tl_status status = TL_OK;
     for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
         status = is_missing[i] ? tl_database_execute(database, added[i].view, error) : TL_OK;
     }
     return status;
 }
 
-/* Makes the names of the current format valid on this connection. */
-static tl_status convert_format(sqlite3 *database, int64_t version, bool write, tl_error *error) {
+/* Makes the names of the current schema valid on this connection. */
+static tl_status complete_schema(sqlite3 *database, bool write, tl_error *error) {
     bool is_missing[ADDED];
     bool any = false;
-    bool is_format_5 = version != TL_DATABASE_VERSION;
     tl_status status = find_missing(database, is_missing, &any, error);
-    if (status != TL_OK || (!is_format_5 && !any)) {
+    if (status != TL_OK || !any) {
         return status;
     }
-    return write ? migrate_format(database, is_format_5, is_missing, error)
-                 : add_reading_views(database, is_format_5, is_missing, error);
+    return write ? add_tables(database, is_missing, error) : add_reading_views(database, is_missing, error);
 }
 
 static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
@@ -836,7 +814,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = check_schema(*database, error);
     }
     if (status == TL_OK) {
-        status = convert_format(*database, strtoll(version, NULL, 10), write, error);
+        status = complete_schema(*database, write, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);

@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/store/run_types.h"
 #include "master/base/status.h"
 
 /* ---- Database fault: why a database cannot be opened or written. The recorder reacts differently
@@ -75,9 +76,6 @@ tl_status tl_database_invalid(sqlite3 *database, tl_error *error, const char *fo
  * write-ahead log (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
 int64_t tl_database_size(sqlite3 *database, int which);
 
-/* Largest time (ns), tick and count that the recorder writes. Sums of a few cannot overflow. */
-#define TL_ROW_NUMBER_MAX (INT64_MAX / 4)
-
 /* ---- Protection against untrusted database files.
  *
  * Purpose: a file may be corrupted, or made by an attacker. So SQLite executes no code of the file
@@ -90,7 +88,6 @@ int64_t tl_database_size(sqlite3 *database, int which);
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
     TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
-    TL_DATABASE_OLDEST = 5,                  /* oldest format that is read; migrated before writing */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };
@@ -113,9 +110,9 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error);
  * Thread:  one at a time for each connection.
  */
 
-/* Opens an existing file. One of format 5 is migrated to the current format if `write` is true, and
- * otherwise read by means of temporary views. Reading creates, recovers and changes nothing except
- * SQLite's own -wal and -shm files, and works on a read-only medium. Writing fails with
+/* Opens an existing file. If an earlier program wrote it, missing tables are added if `write` is
+ * true; otherwise temporary views stand in for them. Reading creates, recovers and changes nothing
+ * except SQLite's own -wal and -shm files, and works on a read-only medium. Writing fails with
  * TL_TRY_AGAIN if the file is read-only. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 

@@ -1000,45 +1000,31 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
 
 /* ---- Minutes and hours ---- */
 
-/* Place of a row; the next one has a larger one. */
-typedef struct period_key {
-    const tl_history_run *run; /* of the runs of the walk */
-    int64_t period;
-    char kind[16];
-    int64_t signal;
-} period_key;
-
-/* Returns false if the row is invalid. */
-static bool pass_period(sqlite3_stmt *statement, int length_s, const tl_history_run *runs, size_t count,
-                        period_key *last, const tl_history_visitor *visitor) {
-    table_row row = row_of(statement);
+/* Reads a row, and passes it on if it is valid. */
+static bool pass_period(table_row *row, int length_s, const tl_history_run *runs, size_t count, char kind[16],
+                        int64_t key[3], const tl_history_visitor *visitor) {
     tl_history_period period = {.run = NULL};
-    const int64_t id = take_integer(&row, 1, INT64_MAX - 1);
+    key[0] = take_integer(row, 1, INT64_MAX - 1);
     for (size_t i = 0; i < count && period.run == NULL; i++) {
-        period.run = runs[i].run == id ? &runs[i] : NULL;
+        period.run = runs[i].run == key[0] ? &runs[i] : NULL;
     }
-    last->run = period.run;
-    last->period = take_integer(&row, 0, TL_ROW_NUMBER_MAX / (TL_SECOND * length_s));
-    period.start_s = last->period * length_s;
-    period.kind = read_text(&row, sizeof last->kind - 1);
-    (void)snprintf(last->kind, sizeof last->kind, "%s", period.kind);
-    last->signal = take_integer(&row, 0, TL_ROW_NUMBER_MAX);
-    period.name = read_text(&row, NAME_MOST);
-    period.unit = read_text(&row, NAME_MOST);
-    period.count = take_integer(&row, 1, TL_ROW_NUMBER_MAX);
-    period.mean = take_number(&row);
-    period.least = take_number(&row);
-    period.largest = take_number(&row);
-    period.spread = take_number(&row);
-    if (row.right && period.run != NULL) {
+    key[1] = take_integer(row, 0, TL_ROW_NUMBER_MAX / (TL_SECOND * length_s));
+    period.start_s = key[1] * length_s;
+    period.kind = read_text(row, 15);
+    (void)snprintf(kind, 16, "%s", period.kind);
+    key[2] = take_integer(row, 0, TL_ROW_NUMBER_MAX);
+    period.name = read_text(row, NAME_MOST);
+    period.unit = read_text(row, NAME_MOST);
+    period.count = take_integer(row, 1, TL_ROW_NUMBER_MAX);
+    period.mean = take_number(row);
+    period.least = take_number(row);
+    period.largest = take_number(row);
+    period.spread = take_number(row);
+    bool right = row->right && period.run != NULL;
+    if (right) {
         visitor->period(visitor->context, &period);
     }
-    return row.right && period.run != NULL;
-}
-
-static tl_status fail_period(tl_history *history, const period_key *last, tl_error *error) {
-    return tl_database_invalid(history->database, error, "period %" PRId64 " of run %" PRId64 " has an invalid value",
-                               last->period, last->run == NULL ? 0 : last->run->run);
+    return right;
 }
 
 tl_status tl_history_periods(tl_history *history, const tl_history_run *run, int length_s,
@@ -1052,23 +1038,26 @@ tl_status tl_history_periods(tl_history *history, const tl_history_run *run, int
         " AND iif(?6 = 0, r.verb <> 'replay', p.run = ?6) ORDER BY p.run, p.period, p.kind, p.signal LIMIT ?7";
     const tl_history_run *runs = NULL;
     sqlite3_stmt *statement = NULL;
-    period_key last = {.run = NULL, .period = -1};
+    int64_t key[3] = {0, -1, 0}; /* run, period and signal of the last row */
+    char kind[16] = "";
     size_t count = 0;
     int found = ROWS_AT_ONCE;
     int code = SQLITE_DONE;
     tl_status status = tl_history_runs(history, &runs, &count, error);
     status = status == TL_OK ? tl_database_prepare(history->database, sql, &statement, error) : status;
     while (status == TL_OK && found == ROWS_AT_ONCE) {
-        (void)sqlite3_bind_int(statement, 1, length_s);
-        (void)sqlite3_bind_int64(statement, 2, last.run == NULL ? 0 : last.run->run);
-        (void)sqlite3_bind_int64(statement, 3, last.period);
-        (void)sqlite3_bind_text(statement, 4, last.kind, -1, SQLITE_TRANSIENT);
-        (void)sqlite3_bind_int64(statement, 5, last.signal);
-        (void)sqlite3_bind_int64(statement, 6, strcmp(run->verb, "replay") == 0 ? run->run : 0);
-        (void)sqlite3_bind_int(statement, 7, ROWS_AT_ONCE);
+        const int64_t numbers[] = {
+            length_s, key[0], key[1], 0, key[2], strcmp(run->verb, "replay") == 0 ? run->run : 0, ROWS_AT_ONCE};
+        for (int i = 0; i < 7; i++) {
+            (void)sqlite3_bind_int64(statement, i + 1, numbers[i]);
+        }
+        (void)sqlite3_bind_text(statement, 4, kind, -1, SQLITE_TRANSIENT);
         for (found = 0; status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW; found++) {
-            if (!pass_period(statement, length_s, runs, count, &last, visitor)) {
-                status = fail_period(history, &last, error);
+            table_row row = row_of(statement);
+            if (!pass_period(&row, length_s, runs, count, kind, key, visitor)) {
+                status =
+                    tl_database_invalid(history->database, error,
+                                        "period %" PRId64 " of run %" PRId64 " has an invalid value", key[1], key[0]);
             }
         }
         if (status == TL_OK && code != SQLITE_DONE) {

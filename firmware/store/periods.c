@@ -5,10 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/store/database.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
-#include "master/sync/record.h"
+#include "master/twin/twin.h"
 
 static const tl_time MINUTE_NS = TL_MINUTE * TL_SECOND;
 
@@ -19,13 +18,11 @@ typedef enum kind { PLANT, MATCH, ADJUST, OUTCOME, KINDS } kind;
 static const char *const kind_names[KINDS] = {"plant", "match", "adjust", "outcome"};
 
 enum { SERIES = TL_MAX_SIGNALS }; /* of a kind, at most */
-_Static_assert(SERIES >= (int)TL_MAX_MATCH && SERIES >= (int)TL_MAX_ADJUST && SERIES >= (int)TL_OUTCOMES,
-               "each kind has room for its series");
 
-typedef enum statement {
+typedef enum periods_statement {
     STEP_OF,
     LAST_MINUTE,
-    NEXT_TICK,
+    NEXT_TICK,    /* at or after ?2; NULL: there is none */
     READ_SAMPLES, /* in the order of `kind` */
     READ_OUTPUTS,
     READ_ADJUSTMENTS,
@@ -36,7 +33,7 @@ typedef enum statement {
     OLDEST,
     REMOVE,
     STATEMENTS
-} statement;
+} periods_statement;
 
 #define PERIODS_OF_RUN "(SELECT period FROM periods WHERE length_s = ?1 AND run = runs.run ORDER BY period"
 
@@ -78,7 +75,8 @@ struct tl_periods {
 
 /* ---- Statements ---- */
 
-static sqlite3_stmt *bind_whole(tl_periods *periods, statement which, int64_t first, int64_t second, int64_t third) {
+static sqlite3_stmt *bind_whole(tl_periods *periods, periods_statement which, int64_t first, int64_t second,
+                                int64_t third) {
     sqlite3_stmt *prepared = periods->statements[which];
     const int64_t values[] = {first, second, third};
     const int count = sqlite3_bind_parameter_count(prepared);
@@ -94,7 +92,7 @@ static int end_statement(sqlite3_stmt *prepared, int code) {
 }
 
 /* Reads the whole numbers of one row; leaves those that are NULL. */
-static int query_whole(tl_periods *periods, statement which, int64_t first, int64_t second, int64_t *results,
+static int query_whole(tl_periods *periods, periods_statement which, int64_t first, int64_t second, int64_t *results,
                        int count) {
     sqlite3_stmt *prepared = bind_whole(periods, which, first, second, 0);
     const int code = sqlite3_step(prepared);
@@ -123,10 +121,6 @@ static void join_course(course *to, const course *more) {
     to->count += more->count;
 }
 
-static void clear_courses(tl_periods *periods) {
-    memset(periods->courses, 0, sizeof periods->courses);
-}
-
 /* The course of a series; NULL if there is no such series. */
 static course *find_course(tl_periods *periods, kind of, int64_t signal) {
     return signal >= 0 && signal < SERIES ? &periods->courses[of][signal] : NULL;
@@ -134,7 +128,7 @@ static course *find_course(tl_periods *periods, kind of, int64_t signal) {
 
 /* Adds the rows of one table from tick `from` to before `until`. */
 static int add_rows(tl_periods *periods, kind of, int64_t from, int64_t until) {
-    sqlite3_stmt *prepared = bind_whole(periods, (statement)(READ_SAMPLES + of), periods->run, from, until);
+    sqlite3_stmt *prepared = bind_whole(periods, (periods_statement)(READ_SAMPLES + of), periods->run, from, until);
     int code = SQLITE_ROW;
     while ((code = sqlite3_step(prepared)) == SQLITE_ROW) {
         course *to = find_course(periods, of, sqlite3_column_int64(prepared, 0));
@@ -167,31 +161,27 @@ static int add_minutes(tl_periods *periods, int64_t from, int64_t until) {
     return end_statement(prepared, code);
 }
 
-static int write_course(tl_periods *periods, int length_s, int64_t period, kind of, int signal) {
-    const course *from = &periods->courses[of][signal];
-    sqlite3_stmt *prepared = bind_whole(periods, WRITE, length_s, periods->run, period);
-    (void)sqlite3_bind_text(prepared, 4, kind_names[of], -1, SQLITE_STATIC);
-    (void)sqlite3_bind_int(prepared, 5, signal);
-    (void)sqlite3_bind_int64(prepared, 6, from->count);
-    const double numbers[] = {from->mean, from->least, from->largest, sqrt(from->squares / (double)from->count)};
-    for (int i = 0; i < 4; i++) {
-        if (of != OUTCOME && isfinite(numbers[i])) {
-            (void)sqlite3_bind_double(prepared, 7 + i, numbers[i]);
-        } else {
-            (void)sqlite3_bind_null(prepared, 7 + i);
-        }
-    }
-    return end_statement(prepared, sqlite3_step(prepared));
-}
-
+/* Writes a row for each series that has values; an outcome has only a count. */
 static int write_courses(tl_periods *periods, int length_s, int64_t period) {
     int code = SQLITE_OK;
-    for (int i = 0; i < KINDS; i++) {
-        for (int signal = 0; signal < SERIES && code == SQLITE_OK; signal++) {
-            if (periods->courses[i][signal].count > 0) {
-                code = write_course(periods, length_s, period, (kind)i, signal);
-            }
+    for (int i = 0; i < KINDS * SERIES && code == SQLITE_OK; i++) {
+        const int of = i / SERIES;
+        const course *from = &periods->courses[of][i % SERIES];
+        const double numbers[] = {from->mean, from->least, from->largest, sqrt(from->squares / (double)from->count)};
+        if (from->count == 0) {
+            continue;
         }
+        sqlite3_stmt *prepared = periods->statements[WRITE];
+        (void)sqlite3_clear_bindings(prepared);
+        (void)bind_whole(periods, WRITE, length_s, periods->run, period);
+        (void)sqlite3_bind_text(prepared, 4, kind_names[of], -1, SQLITE_STATIC);
+        (void)sqlite3_bind_int(prepared, 5, i % SERIES);
+        (void)sqlite3_bind_int64(prepared, 6, from->count);
+        for (int k = 0; k < 4 && of != OUTCOME; k++) {
+            (void)(isfinite(numbers[k]) ? sqlite3_bind_double(prepared, 7 + k, numbers[k])
+                                        : sqlite3_bind_null(prepared, 7 + k));
+        }
+        code = end_statement(prepared, sqlite3_step(prepared));
     }
     return code;
 }
@@ -210,7 +200,7 @@ static int64_t tick_of(const tl_periods *periods, int64_t minute) {
 
 static int summarise_minute(tl_periods *periods) {
     int code = SQLITE_OK;
-    clear_courses(periods);
+    memset(periods->courses, 0, sizeof periods->courses);
     for (int i = 0; i < KINDS && code == SQLITE_OK; i++) {
         code = add_rows(periods, (kind)i, tick_of(periods, periods->next), tick_of(periods, periods->next + 1));
     }
@@ -219,14 +209,9 @@ static int summarise_minute(tl_periods *periods) {
 
 static int summarise_hour(tl_periods *periods, int64_t minute) {
     const int64_t hour = minute / MINUTES_PER_HOUR;
-    clear_courses(periods);
+    memset(periods->courses, 0, sizeof periods->courses);
     const int code = add_minutes(periods, hour * MINUTES_PER_HOUR, (hour + 1) * MINUTES_PER_HOUR);
     return code == SQLITE_OK ? write_courses(periods, TL_HOUR, hour) : code;
-}
-
-/* Finds the first tick at or after `from`; *tick is unchanged if there is none. */
-static int find_tick(tl_periods *periods, int64_t from, int64_t *tick) {
-    return query_whole(periods, NEXT_TICK, periods->run, from, tick, 1);
 }
 
 /* Finds where to continue. The newest minute is summarised again: its rows may not have been
@@ -242,7 +227,7 @@ static int begin_run(tl_periods *periods, int64_t run) {
     int code = query_whole(periods, STEP_OF, run, 0, &periods->step_ns, 1);
     code = code == SQLITE_OK ? query_whole(periods, LAST_MINUTE, run, 0, &periods->next, 1) : code;
     if (code == SQLITE_OK && periods->next < 0) {
-        code = find_tick(periods, 0, &tick);
+        code = query_whole(periods, NEXT_TICK, run, 0, &tick, 1);
         periods->next = periods->step_ns > 0 ? minute_of(periods, tick) : 0;
     }
     if (code != SQLITE_OK || periods->step_ns <= 0) {
@@ -257,7 +242,8 @@ int tl_periods_until(tl_periods *periods, int64_t run, int64_t tick) {
         const int64_t minute = periods->next;
         int64_t following = tick;
         code = summarise_minute(periods);
-        code = code == SQLITE_OK ? find_tick(periods, tick_of(periods, minute + 1), &following) : code;
+        code = code == SQLITE_OK ? query_whole(periods, NEXT_TICK, run, tick_of(periods, minute + 1), &following, 1)
+                                 : code;
         const int64_t next = minute_of(periods, following);
         periods->next = next > minute ? next : minute + 1;
         if (code == SQLITE_OK && periods->next / MINUTES_PER_HOUR != minute / MINUTES_PER_HOUR) {
@@ -271,7 +257,7 @@ int tl_periods_end(tl_periods *periods, int64_t run) {
     int64_t following = INT64_MAX;
     int code = begin_run(periods, run);
     while (code == SQLITE_OK && periods->run != 0) {
-        code = find_tick(periods, tick_of(periods, periods->next), &following);
+        code = query_whole(periods, NEXT_TICK, run, tick_of(periods, periods->next), &following, 1);
         if (code != SQLITE_OK || following == INT64_MAX) {
             break;
         }

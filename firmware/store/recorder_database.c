@@ -402,8 +402,7 @@ static int query_number(tl_recorder_database *database, statement which, int64_t
  * was lowered.
  * Order of removal: minutes, hours and events above their shares; then the oldest ticks of all
  * runs, in small transactions, so that the writer keeps up. A run without ticks, periods and events
- * is removed. Of the present run the row, configuration, signals and last tick remain. If only
- * events are left, all except the newest NEWEST_EVENTS are removed.
+ * is removed. Of the present run the row, configuration, signals and last tick remain.
  * The file may use the bound less four times the log's limit: for the log, a batch in it, one
  * retention step in it, and a reserve.
  */
@@ -428,12 +427,8 @@ static int64_t log_limit(int64_t max_bytes) {
 
 /* Bytes of rows, measured in recorded databases. */
 tl_recorder_span tl_recorder_settings_span(const tl_config *config) {
-    static const double per_signal = 31.0;
-    static const double per_step = 53.0;
-    static const double per_match = 56.0;
-    static const double per_adjust = 33.0;
-    double tick = per_step + per_signal * (double)config->signal_count + per_match * (double)config->match_count +
-                  per_adjust * (double)config->adjust_count;
+    double tick = 53.0 + 31.0 * (double)config->signal_count + 56.0 * (double)config->match_count +
+                  33.0 * (double)config->adjust_count;
     const int64_t max_bytes = config->record_max_bytes;
     const int64_t series = (int64_t)(config->signal_count + config->match_count + config->adjust_count);
     const double room = (double)tl_periods_room(max_bytes, series);
@@ -470,12 +465,6 @@ static int change_all(tl_recorder_database *database, statement first, statement
     return code;
 }
 
-/* Number of series of a run, for the size of its periods. */
-static int64_t count_series(const tl_recorder_database *database) {
-    const tl_recorder_settings *settings = database->settings;
-    return (int64_t)(settings->plant_count + settings->match_count + settings->adjust_count);
-}
-
 /* Removes the oldest run if nothing of it is left. */
 static int remove_oldest_run(tl_recorder_database *database, bool *removed) {
     int64_t run = 0;
@@ -486,16 +475,17 @@ static int remove_oldest_run(tl_recorder_database *database, bool *removed) {
     return *removed ? change_all(database, ALL_SIGNALS, UNUSED_CONFIGURATIONS, run, 0) : code;
 }
 
-/* Removes events above `most`. */
-static int remove_events(tl_recorder_database *database, int64_t most, bool *removed) {
+/* Removes events above their share. */
+static int remove_events(tl_recorder_database *database, bool *removed) {
+    const int64_t share = database->settings->max_bytes / EVENTS_SHARE;
     int64_t events = 0;
     int code = query_number(database, COUNT_EVENTS, 0, 0, &events);
-    const int64_t surplus = events - most;
+    const int64_t surplus = events - (share > NEWEST_EVENTS ? share : NEWEST_EVENTS);
     *removed = code == SQLITE_OK && surplus > 0;
     return *removed ? execute_change(database, OLD_EVENTS, 0, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE) : code;
 }
 
-/* Removes the oldest ticks of all runs. The configuration of a run without ticks is of no use. */
+/* Removes the oldest ticks of all runs, and then the configuration of their run. */
 static int remove_ticks(tl_recorder_database *database, bool *removed) {
     int64_t run = 0;
     int64_t first = 0;
@@ -517,7 +507,8 @@ static int remove_ticks(tl_recorder_database *database, bool *removed) {
 
 /* Removes a little in one transaction. *removed is false if nothing remains that may be removed. */
 static int remove_some(tl_recorder_database *database, bool *removed) {
-    const int64_t share = database->settings->max_bytes / EVENTS_SHARE;
+    const tl_recorder_settings *settings = database->settings;
+    const int64_t series = (int64_t)(settings->plant_count + settings->match_count + settings->adjust_count);
     int code = run_statement(database->statements[BEGIN]);
     *removed = false;
     if (code != SQLITE_OK) {
@@ -525,17 +516,13 @@ static int remove_some(tl_recorder_database *database, bool *removed) {
     }
     code = remove_oldest_run(database, removed);
     if (code == SQLITE_OK && !*removed) {
-        code = tl_periods_remove(database->periods, database->settings->max_bytes, count_series(database), ROWS_AT_ONCE,
-                                 removed);
+        code = tl_periods_remove(database->periods, settings->max_bytes, series, ROWS_AT_ONCE, removed);
     }
     if (code == SQLITE_OK && !*removed) {
-        code = remove_events(database, share > NEWEST_EVENTS ? share : NEWEST_EVENTS, removed);
+        code = remove_events(database, removed);
     }
     if (code == SQLITE_OK && !*removed) {
         code = remove_ticks(database, removed);
-    }
-    if (code == SQLITE_OK && !*removed) {
-        code = remove_events(database, NEWEST_EVENTS, removed);
     }
     if (code == SQLITE_OK) {
         code = run_statement(database->statements[COMMIT]);

@@ -17,7 +17,10 @@
 #include "master/plan/tuning.h"
 
 enum { TL_MINUTE = 60, TL_HOUR = 3600 }; /* s: lengths of the periods that are summarised */
-enum { TL_RECORDER_NAME = 80 };          /* room for "plant.", a name of at most 63 characters, and the NUL */
+/* Largest time (ns), tick and count that the recorder writes. Sums of a few cannot overflow. */
+#define TL_ROW_NUMBER_MAX (INT64_MAX / 4)
+
+enum { TL_RECORDER_NAME = 80 }; /* room for "plant.", a name of at most 63 characters, and the NUL */
 
 /* A signal: its name and its unit. */
 typedef struct tl_recorder_signal {
