@@ -273,7 +273,8 @@ static double mass_of(const double fraction[SUBSTANCES]) {
 static const double REACTOR_VOLUME = 1300, SEPARATOR_VOLUME = 3500, FEED_ZONE_VOLUME = 5000; /* ft³ */
 static const double STRIPPER_VOLUME = 156.5;                                                 /* ft³, of the liquid */
 
-/* Composition and temperature of the substances from `first` on, in a vessel's only phase or its liquid. */
+/* Composition and temperature of the substances from `first` on: of the liquid, or of the only
+ * phase. Returns their moles. */
 static double find_temperature(vessel *v, int first, phase state) {
     double total = 0;
     for (int i = first; i < SUBSTANCES; i++) {
@@ -332,8 +333,8 @@ static double draw_around(uint64_t *generator, double middle, double span) {
     return middle + span * (2 * draw(generator) - 1);
 }
 
-/* What varies: the first nine wander by cubic splines around a mean, the last three come in pulses.
- * The cause of a pulse is not in the paper. */
+/* What varies: the first nine wander by cubic splines around a mean, the last three come in bumps.
+ * The cause of a bump is not in the paper. */
 enum {
     AC_A,
     AC_B,
@@ -350,13 +351,13 @@ enum {
 };
 static const struct wander {
     double hours, hours_span; /* time to the next knot */
-    double span;              /* of the value at a knot; of a pulse 1 */
+    double span;              /* of the value at a knot; of a bump 1 */
 } WANDER[WALKS] = {
     {0.5, 0.2, 0.03}, {1, 0.7, 0.003}, {0.5, 0.25, 10},  {1, 0.7, 10}, {0.25, 0.15, 10}, {0.25, 0.15, 10},
     {2, 1, 0.25},     {2, 1, 0.25},    {0.5, 0.4, 0.25}, {2, 1.5, 1},  {3, 2, 1},        {2, 1.5, 1},
 };
 static const double FIRST_KNOT = 360; /* s */
-static const double PULSE_END = 0.1;  /* h: a pulse falls from 1 to 0 */
+static const double BUMP_FALL = 0.1;  /* h: a bump falls from 1 to 0 */
 
 static double walk_at(const walk *w, double time) {
     const double h = (time - w->begin) / HOUR;
@@ -364,23 +365,23 @@ static double walk_at(const walk *w, double time) {
 }
 
 /* Continues a walk from its last knot; `on`: 0 … 1, size of the disturbance. */
-static void draw_walk(walk *w, const struct wander *about, bool pulse, double on, uint64_t *generator) {
+static void draw_walk(walk *w, const struct wander *about, bool bump, double on, uint64_t *generator) {
     const double h = (w->end - w->begin) / HOUR;
     const double value = walk_at(w, w->end);
     const double slope = w->b + h * (2 * w->c + 3 * h * w->d);
     w->begin = w->end;
-    if (pulse && value > 0.1) {
+    if (bump && value > 0.1) {
         *w = (walk){value,
                     slope,
-                    -(3 * value + 2 * PULSE_END * slope) / (PULSE_END * PULSE_END),
-                    (2 * value + PULSE_END * slope) / (PULSE_END * PULSE_END * PULSE_END),
+                    -(3 * value + 2 * BUMP_FALL * slope) / (BUMP_FALL * BUMP_FALL),
+                    (2 * value + BUMP_FALL * slope) / (BUMP_FALL * BUMP_FALL * BUMP_FALL),
                     w->end,
-                    w->end + PULSE_END * HOUR};
+                    w->end + BUMP_FALL * HOUR};
         return;
     }
     const double hours = draw_around(generator, about->hours, about->hours_span);
     w->end += hours * HOUR;
-    if (pulse) {
+    if (bump) {
         *w = (walk){0, 0, on / (hours * hours), 0, w->begin, w->end};
         return;
     }
@@ -457,7 +458,7 @@ static void find_feeds(const tennessee *t, flowsheet *s) {
         make_stream(position[TO_AC] * 15 * (1 - 0.2 * t->IDV7) + 1e-10, mixture, t->AC_feed_T + walk_now(t, AC_T), GAS);
 }
 
-/* Recycle compressor, with its bypass valve. Its characteristic is a cubic in the pressure ratio. */
+/* Recycle compressor with its bypass. Its characteristic is a cubic in the pressure ratio. */
 static void compress(const tennessee *t, flowsheet *s) {
     static const double LARGEST_FLOW = 280275; /* lb/h */
     const vessel *from = &t->separator;
@@ -566,7 +567,7 @@ static double heat_condenser(const tennessee *t, const flowsheet *s) {
     return UA * (t->condenser_water_T - t->reactor.T) * (1 - 0.25 * walk_now(t, CONDENSER_UA));
 }
 
-/* Returns the warming of cooling water in °C/h, which passes through a bundle that gives `heat` away. */
+/* Returns how fast cooling water in a bundle gets warmer, °C/h; `heat`: what it gives away. */
 static double warm_water(double flow, double inlet_T, double T, double heat, double content) {
     return (flow * 500.53 * (inlet_T - T) - heat * 1e6 / 1.8) / content;
 }
@@ -683,8 +684,7 @@ static void find_values(const tennessee *t, const flowsheet *s, double value[MEA
     }
 }
 
-/* Shows a value with noise, and with the fault of the sensor. The noise is the sum of twelve uniform
- * numbers. */
+/* Shows a value with noise, a sum of twelve uniform numbers, and with the fault of the sensor. */
 static void show(tennessee *t, int which, double value) {
     void *result = (char *)t + SENSOR[which].result;
     const bool faulty = t->faulty_sensor == which + 1;
