@@ -177,6 +177,34 @@ static const struct sensor {
 static const double GAS_ANALYSIS = 360;     /* s: cycle and dead time of the gas analysers */
 static const double PRODUCT_ANALYSIS = 900; /* s: of the product analyser */
 
+/* ---- Functions that give the same bits on each machine, which those of libm do not ---- */
+
+/* Returns e^x, from the Taylor series around the nearest multiple of ln 2. */
+static double exponential(double x) {
+    if (!(fabs(x) < 700)) {
+        return x < 0 ? 0 : x * HUGE_VAL;
+    }
+    const double doublings = floor(x * 1.4426950408889634 + 0.5);
+    const double rest = x - doublings * 6.93147180369123816490e-01 - doublings * 1.90821492927058770002e-10;
+    double sum = 1;
+    for (int i = 14; i > 0; i--) {
+        sum = 1 + rest / i * sum;
+    }
+    return ldexp(sum, (int)doublings);
+}
+
+/* Returns ln x for x > 0: ln x = ln(3/4) + 2·artanh((x − 3/4)/(x + 3/4)), as a series. */
+static double logarithm(double x) {
+    int exponent;
+    const double half = frexp(x, &exponent);
+    const double s = (half - 0.75) / (half + 0.75);
+    double sum = 0;
+    for (int i = 25; i > 0; i -= 2) {
+        sum = sum * s * s + 1.0 / i;
+    }
+    return 2 * s * sum - 0.2876820724517809 + exponent * 0.6931471805599453;
+}
+
 /* ---- Properties of the substances ---- */
 
 /* Polynomials of the temperature in °C; a gas has no density here, and A to C are never liquid. */
@@ -301,7 +329,7 @@ static void find_equilibrium(vessel *v, double volume) {
     for (int i = 0; i < SUBSTANCES; i++) {
         const double *antoine = SUBSTANCE[i].antoine;
         v->partial[i] = i < D ? v->moles[i] * GAS_CONSTANT * (v->T + KELVIN) / v->gas
-                              : exp(antoine[0] + antoine[1] / (v->T + antoine[2])) * v->x[i];
+                              : exponential(antoine[0] + antoine[1] / (v->T + antoine[2])) * v->x[i];
         v->p += v->partial[i];
     }
     for (int i = 0; i < SUBSTANCES; i++) {
@@ -532,12 +560,14 @@ static flowsheet find_flows(const tennessee *t) {
 static double react(const tennessee *t, double made[SUBSTANCES]) {
     const vessel *r = &t->reactor;
     const double RT = 1.987 * (r->T + KELVIN); /* cal/mol */
-    const double of_AC =
-        r->partial[A] > 0 && r->partial[C] > 0 ? pow(r->partial[A], 1.1544) * pow(r->partial[C], 0.3735) : 0;
+    const bool mixed = r->partial[A] > 0 && r->partial[C] > 0;
+    const double of_AC = mixed ? exponential(1.1544 * logarithm(r->partial[A]) + 0.3735 * logarithm(r->partial[C])) : 0;
     const double volume = r->gas * t->reaction_factor;
-    const double to_G = exp(31.5859536 - 40000 / RT) * (1 + walk_now(t, RATE_G)) * of_AC * r->partial[D] * volume;
-    const double to_H = exp(3.00094014 - 20000 / RT) * (1 + walk_now(t, RATE_H)) * of_AC * r->partial[E] * volume;
-    const double to_F = exp(53.4060443 - 60000 / RT) * r->partial[A] * volume;
+    const double to_G =
+        exponential(31.5859536 - 40000 / RT) * (1 + walk_now(t, RATE_G)) * of_AC * r->partial[D] * volume;
+    const double to_H =
+        exponential(3.00094014 - 20000 / RT) * (1 + walk_now(t, RATE_H)) * of_AC * r->partial[E] * volume;
+    const double to_F = exponential(53.4060443 - 60000 / RT) * r->partial[A] * volume;
     const double E_to_F = to_F * r->partial[E];
     const double D_to_F = to_F * r->partial[D] * 0.767488334;
     made[A] = -to_G - to_H - E_to_F;

@@ -26,6 +26,7 @@ HOST = SOURCE / "build" / "host"
 EXACT = set("ceil copysign fabs floor fma fmax fmin fmod frexp ldexp llrint llround lrint lround modf nearbyint nextafter "
             "remainder rint round scalbln scalbn sqrt trunc".split())
 ELSEWHERE = {"wall_s"}  # depends on the speed of the machine
+SHORTER = {"tennessee/lock.json": 900}  # s: longer ones take a quarter of an hour in the emulator
 
 
 # ---- the two programs ----
@@ -143,7 +144,8 @@ def absolute(path):
     recording = document.get("recording", {})
     if "file" in recording:
         recording["file"] = str((path.parent / recording["file"]).resolve())
-    return document
+    duration = SHORTER.get(f"{path.parent.name}/{path.name}")
+    return {**document, "duration_s": duration} if duration else document
 
 
 @functools.cache
@@ -169,12 +171,12 @@ def emps_recording():
 
 
 def test_which_models_call_libm():
-    """Only two models. With none or all of them, the comparison would prove nothing."""
+    """Only the cylinder. With none or all models, the comparison would prove nothing."""
     calls = {path.stem: libm_calls(path) for path in sorted(FMUS.glob("*.fmu"))}
     for model, (binaries, found) in calls.items():
         print(f"    {model}: {', '.join(found) or 'nothing'}")
         expect(binaries == 3, f"{model}.fmu has {binaries} binaries, not one for each of three machines")
-    expect([model for model, (_, found) in calls.items() if found] == ["cylinder", "tennessee"], f"not these two: {calls}")
+    expect([model for model, (_, found) in calls.items() if found] == ["cylinder"], f"not only the cylinder: {calls}")
 
 
 def test_the_host_packs_the_same_bytes():
