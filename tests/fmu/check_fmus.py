@@ -11,9 +11,9 @@ what FMI forbids is refused and changes nothing.
 How an FMU is stepped here, and so what reference.csv means (FMPy's own simulate_fmu interpolates, this does not):
   1. Instantiate; initialise with the start values of modelDescription.xml. Row 0 is the outputs now, at time 0.
   2. For i = 0, 1, ...: set all columns of the newest row of input.csv with time <= t_i; one fmi2DoStep from
-     t_i = i * 0.01 s over 0.01 s; row i + 1 is the outputs now, at time t_(i+1).
-The macro step is 0.01 s; a run ends with the last row of input.csv. Numbers are written so that reading them gives the
-same bits.
+     t_i = i * T over T; row i + 1 is the outputs now, at time t_(i+1).
+The macro step T is 0.01 s, or twelve inner steps if those are longer; a run ends with the last row of input.csv.
+Numbers are written so that reading them gives the same bits.
 """
 
 import argparse
@@ -51,6 +51,8 @@ class Fmu:
         self.results = [name for name, variable in self.variables.items()
                         if variable.causality in ("output", "local")]
         self.messages = []
+        inner_s = float(self.variables["t_step"].start) if "t_step" in self.variables else 0.0
+        self.step_s = STEP_S if inner_s <= STEP_S else 12 * inner_s
 
     def instantiate(self, logger=True, guid=None):
         callbacks = fmi2.fmi2CallbackFunctions()
@@ -117,7 +119,7 @@ class Inputs:
 
     def __init__(self, fmu):
         self.rows = read_table(MODELS / fmu.name / "input.csv")
-        self.steps = round(self.rows[-1]["time"] / STEP_S)
+        self.steps = round(self.rows[-1]["time"] / fmu.step_s)
         self.fmu = fmu
 
     def apply(self, slave, time):
@@ -127,12 +129,12 @@ class Inputs:
                 self.fmu.set(slave, name, value)
 
 
-def run(fmu, slave, inputs, first, last, names, sizes=lambda step: STEP_S):
+def run(fmu, slave, inputs, first, last, names, sizes=None):
     """Steps `first` to `last` - 1; the values of `names` after each."""
     rows = []
     for i in range(first, last):
-        inputs.apply(slave, i * STEP_S)
-        slave.doStep(i * STEP_S, sizes(i))
+        inputs.apply(slave, i * fmu.step_s)
+        slave.doStep(i * fmu.step_s, sizes(i) if sizes else fmu.step_s)
         rows.append(fmu.get(slave, names))
     return rows
 
@@ -144,7 +146,7 @@ def simulate(fmu):
     rows = [fmu.get(slave, fmu.outputs)] + run(fmu, slave, inputs, 0, inputs.steps, fmu.outputs)
     slave.terminate()
     slave.freeInstance()
-    return [[i * STEP_S, *row] for i, row in enumerate(rows)]
+    return [[i * fmu.step_s, *row] for i, row in enumerate(rows)]
 
 
 def write_reference(fmu):
@@ -221,7 +223,7 @@ def check_repeatable(fmu):
     once = run(fmu, slave, inputs, 0, inputs.steps, fmu.results)
     slave.reset()
     initialise(slave)
-    again = run(fmu, slave, inputs, 0, inputs.steps, fmu.results, lambda i: (i + 1) * STEP_S - i * STEP_S)
+    again = run(fmu, slave, inputs, 0, inputs.steps, fmu.results, lambda i: (i + 1) * fmu.step_s - i * fmu.step_s)
     if list(map(bits, once)) != list(map(bits, again)):
         yield "a second run after fmi2Reset, with step sizes as differences of times, gives other values"
     slave.freeInstance()
@@ -277,8 +279,8 @@ def refusals(fmu, slave):
         known = next(variable.valueReference for variable in inputs if variable.type == kind)
         yield f"fmi2Set{kind} of a known and an unknown reference", status_of(
             getattr(slave, "set" + kind), [known, UNKNOWN_REFERENCE], [1, 0])
-    yield "a step from another time", status_of(slave.doStep, 5.0, STEP_S)
-    yield "a step of negative size", status_of(slave.doStep, 0.0, -STEP_S)
+    yield "a step from another time", status_of(slave.doStep, 5.0, fmu.step_s)
+    yield "a step of negative size", status_of(slave.doStep, 0.0, -fmu.step_s)
     yield "a step of size NaN", status_of(slave.doStep, 0.0, float("nan"))
     yield "fmi2SetupExperiment while stepping", status_of(slave.setupExperiment)
     yield "fmi2EnterInitializationMode while stepping", status_of(slave.enterInitializationMode)
@@ -302,7 +304,7 @@ def check_refusals(fmu):
         if slave.serializeFMUstate(slave.getFMUstate()) != before:
             yield "a refused call has changed the instance"
         slave.terminate()
-        if status_of(slave.doStep, 0.0, STEP_S) != fmi2.fmi2Error:
+        if status_of(slave.doStep, 0.0, fmu.step_s) != fmi2.fmi2Error:
             yield "a step after fmi2Terminate is not refused"
         slave.freeInstance()
 
@@ -310,15 +312,15 @@ def check_refusals(fmu):
 def check_life(fmu):
     """A step before initialisation, a step past the stop time, and a wrong GUID are refused."""
     slave = fmu.instantiate()
-    if status_of(slave.doStep, 0.0, STEP_S) != fmi2.fmi2Error:
+    if status_of(slave.doStep, 0.0, fmu.step_s) != fmi2.fmi2Error:
         yield "a step before initialisation is not refused"
-    slave.setupExperiment(startTime=0.0, stopTime=1.5 * STEP_S)
+    slave.setupExperiment(startTime=0.0, stopTime=1.5 * fmu.step_s)
     slave.enterInitializationMode()
     slave.exitInitializationMode()
-    slave.doStep(0.0, STEP_S)
-    if status_of(slave.doStep, STEP_S, STEP_S) != fmi2.fmi2Error:
+    slave.doStep(0.0, fmu.step_s)
+    if status_of(slave.doStep, fmu.step_s, fmu.step_s) != fmi2.fmi2Error:
         yield "a step past the stop time is not refused"
-    if status_of(slave.doStep, STEP_S, 0.5 * STEP_S) != fmi2.fmi2OK:
+    if status_of(slave.doStep, fmu.step_s, 0.5 * fmu.step_s) != fmi2.fmi2OK:
         yield "a shorter step up to the stop time is refused"
     slave.freeInstance()
     try:
@@ -338,7 +340,7 @@ def check_divergence(fmu):
     for name, variable in fmu.variables.items():
         if variable.causality == "input" and variable.type == "Real":
             fmu.set(slave, name, 1e308)
-    statuses = [status_of(slave.doStep, i * STEP_S, STEP_S) for i in range(100)]
+    statuses = [status_of(slave.doStep, i * fmu.step_s, fmu.step_s) for i in range(100)]
     if any(abs(value) == float("inf") or value != value for value in fmu.get(slave, fmu.results)):
         if statuses[-1] != fmi2.fmi2Error:
             yield "a step that overflows does not end with fmi2Error"
