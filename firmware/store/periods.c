@@ -38,7 +38,7 @@ typedef enum periods_statement {
 #define PERIODS_OF_RUN "(SELECT period FROM periods WHERE length_s = ?1 AND run = runs.run ORDER BY period"
 
 static const char *const sql_of[STATEMENTS] = {
-    [STEP_OF] = "SELECT step_ns FROM runs WHERE run = ?1",
+    [STEP_OF] = "SELECT step_ns, verb = 'hold' FROM runs WHERE run = ?1",
     [LAST_MINUTE] = "SELECT period FROM periods WHERE length_s = 60 AND run = ?1 ORDER BY period DESC LIMIT 1",
     [NEXT_TICK] = "SELECT min(tick) FROM"
                   " (SELECT * FROM (SELECT tick FROM samples WHERE run = ?1 AND tick >= ?2 ORDER BY tick LIMIT 1)"
@@ -69,6 +69,7 @@ struct tl_periods {
     sqlite3_stmt *statements[STATEMENTS];
     int64_t run;     /* the two below are of this run; 0: of none */
     int64_t step_ns; /* T_S */
+    int64_t holds;   /* 1: it has only samples */
     int64_t next;    /* first minute that is not summarised */
     course courses[KINDS][SERIES];
 };
@@ -222,9 +223,11 @@ static int begin_run(tl_periods *periods, int64_t run) {
         return SQLITE_OK;
     }
     periods->run = run;
-    periods->step_ns = 0;
     periods->next = -1;
-    int code = query_whole(periods, STEP_OF, run, 0, &periods->step_ns, 1);
+    int64_t facts[2] = {0, 0};
+    int code = query_whole(periods, STEP_OF, run, 0, facts, 2);
+    periods->step_ns = facts[0];
+    periods->holds = facts[1];
     code = code == SQLITE_OK ? query_whole(periods, LAST_MINUTE, run, 0, &periods->next, 1) : code;
     if (code == SQLITE_OK && periods->next < 0) {
         code = query_whole(periods, NEXT_TICK, run, 0, &tick, 1);
@@ -236,8 +239,9 @@ static int begin_run(tl_periods *periods, int64_t run) {
     return code;
 }
 
-int tl_periods_until(tl_periods *periods, int64_t run, int64_t tick) {
-    int code = begin_run(periods, run);
+int tl_periods_until(tl_periods *periods, int64_t run, int64_t step, int64_t sample) {
+    int code = step < 0 && sample < 0 ? SQLITE_OK : begin_run(periods, run);
+    const int64_t tick = periods->holds != 0 ? sample : step;
     while (code == SQLITE_OK && periods->run != 0 && tick_of(periods, periods->next + 1) <= tick) {
         const int64_t minute = periods->next;
         int64_t following = tick;

@@ -49,9 +49,10 @@ int tl_periods_open(sqlite3 *connection, tl_periods **periods);
 /* NULL is allowed. */
 void tl_periods_close(tl_periods *periods);
 
-/* Summarises the minutes of the run that end at or before this tick, and the hours that are
- * complete. Call it within a transaction; the rows of all earlier ticks are written. */
-int tl_periods_until(tl_periods *periods, int64_t run, int64_t tick);
+/* Summarises the minutes of the run that are complete, and the hours. Call it within a transaction.
+ * `step`, `sample`: the newest that is written; −1: none. A step is written after its sample, so
+ * all ticks before the newest step are complete. A run in safe hold has only samples. */
+int tl_periods_until(tl_periods *periods, int64_t run, int64_t step, int64_t sample);
 
 /* Summarises the rest of a run that has ended; within a transaction. */
 int tl_periods_end(tl_periods *periods, int64_t run);

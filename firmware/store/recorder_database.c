@@ -1057,16 +1057,6 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
     return code;
 }
 
-/* A step is written after its sample, so all ticks before the newest step are complete. In safe
- * hold there are only samples. */
-static int summarise(tl_recorder_database *database, bool ends) {
-    const int64_t newest = database->newest_step < 0 && strcmp(database->settings->verb, "hold") == 0
-                               ? database->newest_sample
-                               : database->newest_step;
-    int code = newest < 0 ? SQLITE_OK : tl_periods_until(database->periods, database->run, newest);
-    return code == SQLITE_OK && ends ? tl_periods_end(database->periods, database->run) : code;
-}
-
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason) {
     int code = SQLITE_OK;
     for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
@@ -1080,7 +1070,11 @@ int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorde
         bind_totals(database, TOTALS, totals);
         code = run_statement(database->statements[TOTALS]);
     }
-    code = code == SQLITE_OK ? summarise(database, reason != NULL) : code;
+    if (code == SQLITE_OK) {
+        code = reason != NULL
+                   ? tl_periods_end(database->periods, database->run)
+                   : tl_periods_until(database->periods, database->run, database->newest_step, database->newest_sample);
+    }
     if (code == SQLITE_OK && reason != NULL) {
         code = write_row(database, END, (cell[]){cell_text(reason)});
     }

@@ -97,7 +97,7 @@ static void summarise(const int64_t *ticks, size_t count, bool reopens) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
     for (size_t i = 0; i < count; i++) {
-        TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, ticks[i]));
+        TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, ticks[i], INT32_MAX));
         if (reopens) {
             tl_periods_close(periods);
             TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
@@ -137,14 +137,30 @@ static void test_complete_minutes(void) {
     make_rows();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 85)); /* begins at 59.5 s */
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 85, INT32_MAX)); /* begins at 59.5 s */
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM periods"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 86));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 86, INT32_MAX));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT period) FROM periods"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5142)); /* begins at 3599.4 s */
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5142, INT32_MAX)); /* begins at 3599.4 s */
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM v_hours"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5143));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5143, INT32_MAX));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT time_s) FROM v_hours"));
+    tl_periods_close(periods);
+    (void)sqlite3_close(database);
+}
+
+/* A run in safe hold has no steps. */
+static void test_safe_hold(void) {
+    sqlite3 *database = NULL;
+    tl_periods *periods = NULL;
+    make_rows();
+    tl_sql_execute(bench.path,
+                   "UPDATE runs SET verb = 'hold'; DELETE FROM steps; DELETE FROM outputs; DELETE FROM adjustments");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, -1, 86));
+    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(bench.path, "SELECT count(*) FROM v_minutes WHERE kind = 'plant'"));
+    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(bench.path, "SELECT count(*) FROM periods"));
     tl_periods_close(periods);
     (void)sqlite3_close(database);
 }
@@ -203,6 +219,7 @@ int main(void) {
     RUN_TEST(test_sums_in_pieces);
     RUN_TEST(test_sums_after_restarts);
     RUN_TEST(test_complete_minutes);
+    RUN_TEST(test_safe_hold);
     RUN_TEST(test_a_killed_run);
     RUN_TEST(test_a_year);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
