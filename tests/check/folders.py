@@ -25,7 +25,7 @@ MASTER = {
     "master/event": Folder(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon",)),
     "master/twin": Folder(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
-                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_candidate", "twin_read_back", "twin_timing")),
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_candidate", "twin_read_back", "twin_rerun", "twin_timing")),
     "master/example": Folder(("master/twin",)),
 }
 

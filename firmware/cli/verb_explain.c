@@ -1,0 +1,552 @@
+/* twinlock explain: names the causes that explain a change in a recorded run. */
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "firmware/base/json.h"
+#include "firmware/base/output.h"
+#include "firmware/base/text.h"
+#include "firmware/cli/verb_job.h"
+#include "firmware/monitor/change_storage.h"
+#include "firmware/monitor/lock_tally.h"
+#include "firmware/plant/recording.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/report/show.h"
+#include "firmware/store/history.h"
+#include "firmware/twin/twin_recorder.h"
+
+/* Rows of the table that are not in the set; names in the sentence; cosine from which two candidates count as alike; spread, in steps,
+ * of an onset that the user gives. */
+enum { ROWS = 8, NAMED = 4, GIVEN_SPREAD = 10, TEXT = 256 };
+static const double ALIKE = 0.95;
+
+typedef struct explain_verb {
+    tl_verb_job *job;
+    tl_history *history;
+    const tl_history_run *run;
+    int64_t started; /* t_start of a live run, ms since 1970 UTC; 0: of a replay */
+    int64_t finding; /* number; 0: none */
+    tl_recording *recording;
+    tl_account account;
+    tl_progress progress;
+    int64_t reruns;
+    tl_explanation explanation;
+} explain_verb;
+
+/* ---- what to explain ---- */
+
+static int64_t to_step(const explain_verb *self, double seconds) {
+    double step = rint(seconds * 1e9 / (double)self->run->step);
+    double most = (double)tl_history_last_possible(self->run);
+    return (int64_t)fmin(fmax(step, 0.0), most);
+}
+
+static double to_seconds(const explain_verb *self, double step) {
+    return step * tl_seconds(self->run->step);
+}
+
+/* Ends the window where another change begins. `number`: the finding to be explained; 0: none. */
+static void avoid_others(const explain_verb *self, const tl_history_finding *findings, size_t count, int64_t number,
+                         tl_explanation_order *order) {
+    for (size_t i = 0; i < count; i++) {
+        const tl_run_finding *row = &findings[i].row;
+        int64_t onset = to_step(self, row->onset);
+        bool is_other = row->number != number && findings[i].run == self->run->run;
+        if (is_other && onset > order->onset + order->spread && onset < order->last) {
+            order->last = onset;
+        }
+        if (row->number == number && isfinite(row->gone) && to_step(self, row->gone) < order->last) {
+            order->last = to_step(self, row->gone);
+        }
+    }
+}
+
+/* The finding that the user wants, else the last open one, else the last one. */
+static const tl_history_finding *choose_finding(const tl_history_finding *findings, size_t count, uint64_t wanted,
+                                                int64_t run) {
+    const tl_history_finding *chosen = NULL;
+    for (size_t i = 0; i < count; i++) {
+        bool is_open = strcmp(findings[i].row.state, "open") == 0;
+        bool was_open = chosen != NULL && strcmp(chosen->row.state, "open") == 0;
+        if (wanted != 0 ? (uint64_t)findings[i].row.number == wanted
+                        : (run == 0 || findings[i].run == run) && (is_open || !was_open)) {
+            chosen = &findings[i];
+        }
+    }
+    return chosen;
+}
+
+static tl_status order_finding(explain_verb *self, const tl_history_finding *findings, size_t count, tl_error *error) {
+    const tl_options *options = self->job->options;
+    tl_explanation_order *order = &self->job->order.explain;
+    const tl_history_finding *finding = choose_finding(findings, count, options->finding, (int64_t)options->run);
+    if (finding == NULL && options->finding != 0) {
+        return tl_fail(error, TL_BAD_USAGE,
+                       "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
+                       options->finding, options->subject);
+    }
+    if (finding == NULL) {
+        return tl_fail(error, TL_BAD_USAGE, "%s: has no finding to explain: name a time with --since, or use --foresee",
+                       options->subject);
+    }
+    tl_status status = tl_history_find(self->history, finding->run, &self->run, error);
+    if (status == TL_OK) {
+        self->finding = finding->row.number;
+        self->started = finding->started;
+        order->onset = to_step(self, finding->row.onset);
+        order->spread = isfinite(finding->row.onset_spread) ? to_step(self, finding->row.onset_spread) : GIVEN_SPREAD;
+    }
+    return status;
+}
+
+static tl_status order_since(explain_verb *self, tl_error *error) {
+    const tl_options_since *since = &self->job->options->since;
+    tl_explanation_order *order = &self->job->order.explain;
+    int64_t back = to_step(self, since->back_s);
+    if (since->is_date && self->started == 0) {
+        return tl_fail(error, TL_BAD_USAGE,
+                       "--since %s: run %" PRId64 " is a replay, its steps have no date: give seconds since its start",
+                       since->text, self->run->run);
+    }
+    order->spread = GIVEN_SPREAD;
+    order->onset = since->is_date   ? to_step(self, (double)(since->at - self->started) / 1e3)
+                   : since->is_time ? back
+                                    : order->last - back;
+    return TL_OK;
+}
+
+static tl_status fill_order(explain_verb *self, tl_error *error) {
+    const tl_options *options = self->job->options;
+    tl_explanation_order *order = &self->job->order.explain;
+    const tl_history_finding *findings = NULL;
+    size_t count = 0;
+    int64_t last = -1;
+    tl_status status = tl_history_find(self->history, (int64_t)options->run, &self->run, error);
+    status = status == TL_OK ? tl_history_findings(self->history, self->run, &findings, &count, error) : status;
+    if (status == TL_OK && tl_show_is_live(self->run)) {
+        (void)tl_utc_parse(self->run->started, &self->started);
+    }
+    bool is_of_finding = !options->foresee && options->since.text == NULL;
+    status = status == TL_OK && is_of_finding ? order_finding(self, findings, count, error) : status;
+    status = status == TL_OK ? tl_history_last_step(self->history, self->run, &last, error) : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    order->least = self->run->removed_before;
+    order->last = last + 1;
+    order->foresees = options->foresee ? 1 : 0;
+    status = options->since.text != NULL ? order_since(self, error) : TL_OK;
+    if (!options->foresee) {
+        avoid_others(self, findings, count, self->finding, order);
+    }
+    return status;
+}
+
+/* As if something happened one reaction before the end. */
+static void foresee(const explain_verb *self) {
+    tl_explanation_order *order = &self->job->order.explain;
+    int64_t length = order->last - order->least;
+    int64_t reaction = self->job->config.released_steps;
+    order->onset = order->last - (reaction != 0 && reaction < length / 2 ? reaction : length / 2);
+}
+
+/* ---- the run again ---- */
+
+static tl_status check_fmus(const explain_verb *self, tl_error *error) {
+    char fmus[TL_SHA256_TEXT];
+    tl_twin_recorder_identify(&self->job->config, fmus);
+    return self->run->fmus[0] == '\0' || strcmp(fmus, self->run->fmus) == 0
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA,
+                         "run %" PRId64 ": its FMUs are missing or have changed since: name its configuration with "
+                         "--config, so that they are found beside it",
+                         self->run->run);
+}
+
+static void advance(void *context) {
+    explain_verb *self = context;
+    tl_progress_update(&self->progress, ++self->reruns);
+}
+
+/* Repeats the run up to the end of the window. The FMU process then explains. */
+static tl_status feed_ticks(explain_verb *self, tl_twin_feed *feed, tl_error *error) {
+    tl_explanation_window window;
+    const tl_explanation_order *order = &self->job->order.explain;
+    tl_status status = tl_explanation_plan(order, self->account.released_steps, order->least, &window, error);
+    int64_t shift = self->job->config.input_lookup.ticks > 0 ? self->job->config.input_lookup.ticks : 0;
+    int64_t last = window.end + (int64_t)self->account.lead + shift + 1;
+    bool end = false;
+    tl_progress_begin(&self->progress, "repeat the run", last);
+    for (int64_t tick = 0; status == TL_OK && !end && tick < last;) {
+        tl_twin_fed fed = {0};
+        status = tl_twin_feed_next(feed, &fed, &end, error);
+        end = end || fed.tick == NULL;
+        tick = end ? tick : fed.tick->sample.tick;
+        tl_progress_update(&self->progress, tick);
+    }
+    tl_progress_end(&self->progress);
+    if (status == TL_OK && tl_interrupt_requested() != NULL) {
+        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
+    }
+    return status;
+}
+
+static tl_status run_twin(explain_verb *self) {
+    tl_verb_job *job = self->job;
+    tl_twin_feed *feed = NULL;
+    tl_status status = tl_verb_job_start(job, NULL);
+    status = status == TL_OK ? tl_twin_child_build(job->child, &self->account, &job->error) : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_config_use_bounds(&job->config, &self->account);
+    tl_recording_use_limits(self->recording);
+    const tl_twin_feed_settings settings = {
+        .config = &job->config, .account = &self->account, .recording = self->recording, .child = job->child};
+    status = tl_twin_feed_open(&settings, &feed, &job->error);
+    status = status == TL_OK ? feed_ticks(self, feed, &job->error) : status;
+    tl_progress_begin(&self->progress, "run the candidates", 0);
+    status =
+        status == TL_OK ? tl_twin_child_explain(job->child, advance, self, &self->explanation, &job->error) : status;
+    tl_progress_end(&self->progress);
+    tl_twin_feed_close(feed);
+    return status;
+}
+
+/* ---- texts ---- */
+
+static const char *const CHANGES[] = {[TL_EXPLAINED_OFFSET] = "offset",
+                                      [TL_EXPLAINED_GAIN] = "gain",
+                                      [TL_EXPLAINED_RELATIVE] = "value",
+                                      [TL_EXPLAINED_DELAY] = "delay",
+                                      [TL_EXPLAINED_FREEZE] = "freeze"};
+static const char *const ORIGINS[] = {[TL_EXPLAINED_ADJUSTED] = "adjusted",
+                                      [TL_EXPLAINED_INPUT] = "input",
+                                      [TL_EXPLAINED_PARAMETER] = "parameter",
+                                      [TL_EXPLAINED_SENSOR] = "sensor"};
+static const char *const VERDICTS[] = {
+    [TL_SCORE_NOTHING] = "nothing", [TL_SCORE_FOUND] = "found", [TL_SCORE_NONE] = "none"};
+
+static void write_name(const tl_explained *one, char text[TEXT]) {
+    (void)snprintf(text, TEXT, "%s%.*s %s", one->origin == TL_EXPLAINED_SENSOR ? "sensor " : "", TL_ACCOUNT_TEXT,
+                   one->name, CHANGES[one->change]);
+}
+
+/* Factor from the size in the test to the size that is shown, and its unit. */
+static double scale_of(const explain_verb *self, const tl_explained *one, const char **unit) {
+    bool is_relative = one->change == TL_EXPLAINED_GAIN || one->change == TL_EXPLAINED_RELATIVE;
+    *unit = is_relative ? "%" : one->change == TL_EXPLAINED_DELAY ? "s" : tl_show_unit(one->unit);
+    return is_relative ? 100.0 : one->change == TL_EXPLAINED_DELAY ? tl_seconds(self->run->step) : 1.0;
+}
+
+static void write_size(const explain_verb *self, const tl_explained *one, char text[TEXT]) {
+    const char *unit = "";
+    double scale = scale_of(self, one, &unit);
+    (void)snprintf(text, TEXT, "%+.4g \302\261 %.2g%s%s", scale * one->test.size, scale * one->test.spread,
+                   unit[0] == '\0' ? "" : " ", unit);
+}
+
+/* Share of what is more than noise, 0 … 1. */
+static double explained_by(const explain_verb *self, const tl_explained *one) {
+    const tl_score_result *result = &self->explanation.result;
+    double share = (result->squares - one->test.squares) / fmax(result->squares - result->expected, 1.0);
+    return fmin(fmax(share, 0.0), 1.0);
+}
+
+static double onset_of(const explain_verb *self, const tl_explained *one) {
+    return to_seconds(self, (double)self->explanation.window.mark + one->test.onset);
+}
+
+static void write_onset(const explain_verb *self, double seconds, char text[TL_LOCK_INSTANT]) {
+    tl_lock_instant_write(seconds, to_seconds(self, (double)self->explanation.window.end), self->started, false, text);
+}
+
+/* Other members of the set: "; also possible: a, b and 3 more". */
+static void write_others(const explain_verb *self, char *text, size_t size) {
+    const tl_explanation *all = &self->explanation;
+    size_t count = 0;
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t i = 0; i < all->count; i++) {
+        char name[TEXT];
+        bool is_other = all->candidate[i].test.is_in_set && i != all->result.best;
+        count += is_other ? 1 : 0;
+        if (is_other && count <= NAMED && used < size) {
+            write_name(&all->candidate[i], name);
+            used += (size_t)snprintf(text + used, size - used, "%s%s", count == 1 ? "; also possible: " : ", ", name);
+        }
+    }
+    if (count > NAMED && used < size) {
+        (void)snprintf(text + used, size - used, " and %zu more", count - NAMED);
+    }
+}
+
+enum { SENTENCE = (NAMED + 2) * TEXT };
+
+static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
+    const tl_explanation *all = &self->explanation;
+    char name[TEXT];
+    char size[TEXT];
+    char others[NAMED * TEXT];
+    char since[TL_LOCK_INSTANT];
+    if (all->result.verdict == TL_SCORE_NOTHING) {
+        write_onset(self, to_seconds(self, (double)all->window.onset), since);
+        (void)snprintf(text, SENTENCE, "Nothing explains it yet: since %s no candidate predicts noticeably better.",
+                       since);
+        return;
+    }
+    const tl_explained *best = &all->candidate[all->result.best];
+    write_name(best, name);
+    write_size(self, best, size);
+    write_onset(self, onset_of(self, best), since);
+    write_others(self, others, sizeof others);
+    if (all->result.verdict == TL_SCORE_NONE) {
+        (void)snprintf(text, SENTENCE, "None of the candidates explains it; nearest: %s %s since %s explains %.0f %%.",
+                       name, size, since, 100.0 * explained_by(self, best));
+    } else {
+        (void)snprintf(text, SENTENCE, "%s %s since %s explains it%s.", name, size, since, others);
+    }
+}
+
+static void write_apart(const explain_verb *self, char text[SENTENCE]) {
+    const tl_explanation *all = &self->explanation;
+    char best[TEXT];
+    char second[TEXT];
+    text[0] = '\0';
+    if (all->result.verdict == TL_SCORE_FOUND && all->result.apart_factor > 0.0) {
+        write_name(&all->candidate[all->result.best], best);
+        write_name(&all->candidate[all->result.second], second);
+        (void)snprintf(text, SENTENCE, "%s and %s differ most in %s; a record %.2g times as long tells them apart.",
+                       best, second, self->job->config.match[all->result.apart_output].variable,
+                       all->result.apart_factor);
+    }
+}
+
+/* ---- page ---- */
+
+/* Calls `row` for the candidates in the order of rank: the fitted ones, the best first. */
+static void rank(const explain_verb *self, size_t order[TL_EXPLANATION_MOST], size_t *count) {
+    const tl_explanation *all = &self->explanation;
+    *count = 0;
+    for (size_t i = 0; i < all->count; i++) {
+        const tl_score_candidate *one = &all->candidate[i].test;
+        size_t at = *count;
+        if (!one->fitted) {
+            continue;
+        }
+        for (; at > 0 && all->candidate[order[at - 1]].test.squares > one->squares; at--) {
+            order[at] = order[at - 1];
+        }
+        order[at] = i;
+        ++*count;
+    }
+}
+
+static void add_rows(const explain_verb *self, tl_show_table *table) {
+    size_t order[TL_EXPLANATION_MOST];
+    size_t count = 0;
+    size_t others = 0;
+    rank(self, order, &count);
+    for (size_t i = 0; i < count; i++) {
+        const tl_explained *one = &self->explanation.candidate[order[i]];
+        char name[TEXT];
+        char size[TEXT];
+        char since[TL_LOCK_INSTANT];
+        others += one->test.is_in_set ? 0 : 1;
+        if (!one->test.is_in_set && others > ROWS) {
+            continue;
+        }
+        write_name(one, name);
+        write_size(self, one, size);
+        write_onset(self, onset_of(self, one), since);
+        tl_show_table_add(table, "%s", one->test.is_in_set ? "*" : "");
+        tl_show_table_add(table, "%.42s", name);
+        tl_show_table_add(table, "%s", size);
+        tl_show_table_add(table, "%s", since);
+        tl_show_table_add(table, "%.0f %%", 100.0 * explained_by(self, one));
+    }
+}
+
+static void print_left_out(const explain_verb *self, FILE *file) {
+    const tl_explanation *all = &self->explanation;
+    if (all->fixed != 0) {
+        (void)fprintf(file, "Not tried: %u fixed parameters, which FMUs accept only at their start.\n", all->fixed);
+    }
+    if (all->left_out != 0) {
+        (void)fprintf(file, "Not tried: %u candidates beyond the first %d.\n", all->left_out, TL_EXPLANATION_MOST);
+    }
+}
+
+static tl_status print_causes(const explain_verb *self, FILE *file, tl_error *error) {
+    tl_show_table table;
+    char text[SENTENCE];
+    write_sentence(self, text);
+    tl_wrapped_print(file, text, 0, 0);
+    (void)fputc('\n', file);
+    tl_show_table_begin(&table, tl_show_style_of(file), "llrlr");
+    tl_show_table_add(&table, "%s", "");
+    tl_show_table_add(&table, "%s", "cause");
+    tl_show_table_add(&table, "%s", "size");
+    tl_show_table_add(&table, "%s", "since");
+    tl_show_table_add(&table, "%s", "explains");
+    add_rows(self, &table);
+    tl_status status = tl_show_table_end(&table, file, error);
+    (void)fputs("\n* explains the record as well as the best one (99 %)\n", file);
+    write_apart(self, text);
+    if (text[0] != '\0') {
+        tl_wrapped_print(file, text, 0, 0);
+    }
+    return status;
+}
+
+static void add_foreseen(const explain_verb *self, tl_show_table *table) {
+    const tl_explanation *all = &self->explanation;
+    for (size_t i = 0; i < all->count; i++) {
+        const tl_explained *one = &all->candidate[i];
+        char name[TEXT];
+        char alike[TEXT] = "";
+        const char *unit = "";
+        double scale = scale_of(self, one, &unit);
+        if (one->change == TL_EXPLAINED_FREEZE) {
+            continue;
+        }
+        write_name(one, name);
+        if (one->test.likeness > ALIKE) {
+            write_name(&all->candidate[one->test.alike], alike);
+        }
+        tl_show_table_add(table, "%.34s", name);
+        if (isfinite(one->test.noticeable)) {
+            tl_show_table_add(table, "%.2g%s%s", scale * one->test.noticeable, unit[0] == '\0' ? "" : " ", unit);
+        } else {
+            tl_show_table_add(table, "%s", "never");
+        }
+        tl_show_table_add(table, "%.34s", alike);
+    }
+}
+
+static tl_status print_foreseen(const explain_verb *self, FILE *file, tl_error *error) {
+    const tl_explanation_window *window = &self->explanation.window;
+    tl_show_table table;
+    (void)fprintf(file, "Smallest changes that are noticed within %.4g s, by five standard deviations:\n\n",
+                  to_seconds(self, (double)(window->end - window->onset)));
+    tl_show_table_begin(&table, tl_show_style_of(file), "lrl");
+    tl_show_table_add(&table, "%s", "cause");
+    tl_show_table_add(&table, "%s", "at least");
+    tl_show_table_add(&table, "%s", "looks like");
+    add_foreseen(self, &table);
+    return tl_show_table_end(&table, file, error);
+}
+
+/* ---- JSON ---- */
+
+static void add_candidate(const explain_verb *self, tl_json_writer *json, const tl_explained *one) {
+    const char *unit = "";
+    double scale = scale_of(self, one, &unit);
+    bool foresees = self->job->order.explain.foresees != 0;
+    tl_json_open_object(json, NULL);
+    tl_json_add_text(json, "name", one->name);
+    tl_json_add_text(json, "origin", ORIGINS[one->origin]);
+    tl_json_add_text(json, "change", CHANGES[one->change]);
+    tl_json_add_text(json, "unit", unit);
+    if (foresees) {
+        tl_json_add_number(json, "noticeable", scale * one->test.noticeable);
+        tl_json_add_number(json, "likeness", one->test.likeness);
+        tl_json_add_text(json, "alike", self->explanation.candidate[one->test.alike].name);
+        tl_json_add_text(json, "alike_change", CHANGES[self->explanation.candidate[one->test.alike].change]);
+    } else {
+        tl_json_add_truth(json, "possible", one->test.is_in_set);
+        tl_json_add_number(json, "size", scale * one->test.size);
+        tl_json_add_number(json, "size_spread", scale * one->test.spread);
+        tl_json_add_number(json, "onset", onset_of(self, one));
+        tl_json_add_number(json, "explains", 100.0 * explained_by(self, one));
+    }
+    tl_json_close(json);
+}
+
+static tl_status print_json(const explain_verb *self, FILE *file, tl_error *error) {
+    const tl_explanation *all = &self->explanation;
+    tl_json_writer json;
+    size_t order[TL_EXPLANATION_MOST];
+    size_t count = 0;
+    char text[SENTENCE];
+    tl_json_writer_begin(&json);
+    tl_json_add_number(&json, "run", (double)self->run->run);
+    if (self->job->order.explain.foresees == 0) {
+        rank(self, order, &count);
+        write_sentence(self, text);
+        tl_json_add_number(&json, "finding", self->finding != 0 ? (double)self->finding : (double)NAN);
+        tl_json_add_text(&json, "verdict", VERDICTS[all->result.verdict]);
+        tl_json_add_text(&json, "text", text);
+        write_apart(self, text);
+        tl_json_add_text(&json, "apart", text[0] != '\0' ? text : NULL);
+    } else {
+        for (; count < all->count; count++) {
+            order[count] = count;
+        }
+    }
+    tl_json_add_number(&json, "from", to_seconds(self, (double)all->window.mark));
+    tl_json_add_number(&json, "onset", to_seconds(self, (double)all->window.onset));
+    tl_json_add_number(&json, "to", to_seconds(self, (double)all->window.end));
+    tl_json_add_count(&json, "not_tried", (uint64_t)all->fixed + all->left_out);
+    tl_json_open_array(&json, "candidates");
+    for (size_t i = 0; i < count; i++) {
+        add_candidate(self, &json, &all->candidate[order[i]]);
+    }
+    tl_json_close(&json);
+    tl_status status = tl_json_writer_print(&json, file, error);
+    tl_json_writer_free(&json);
+    return status;
+}
+
+/* ---- the verb ---- */
+
+static tl_status explain(explain_verb *self) {
+    tl_verb_job *job = self->job;
+    const tl_options *options = job->options;
+    const char *text = NULL;
+    tl_status status = tl_history_open(options->subject, &self->history, &job->error);
+    status = status == TL_OK ? fill_order(self, &job->error) : status;
+    status =
+        status == TL_OK ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error) : status;
+    if (status == TL_OK) {
+        status = tl_verb_job_read(job, options->beside != NULL ? options->beside : options->subject, text);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    if (options->foresee) {
+        foresee(self);
+    }
+    job->config.recording_run = self->run->run;
+    if (job->config.match_count == 0) {
+        return tl_fail(&job->error, TL_BAD_DATA, "%s: compares no output with the plant, so nothing can be explained",
+                       job->config.name);
+    }
+    status = check_fmus(self, &job->error);
+    status =
+        status == TL_OK ? tl_recording_open(options->subject, &job->config, &self->recording, &job->error) : status;
+    status = status == TL_OK ? tl_verb_job_use_recording(job, self->recording) : status;
+    status = status == TL_OK ? run_twin(self) : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    if (options->json) {
+        return print_json(self, job->output, &job->error);
+    }
+    status = options->foresee ? print_foreseen(self, job->output, &job->error)
+                              : print_causes(self, job->output, &job->error);
+    print_left_out(self, job->output);
+    return status;
+}
+
+int tl_verb_explain(const tl_options *options) {
+    static explain_verb self; /* large */
+    tl_verb_job job = {.options = options,
+                       .output = tl_output_claim(),
+                       .order = {.task = TL_TASK_EXPLAIN, .attached = TL_ATTACHED_NONE}};
+    self.job = &job;
+    tl_status status = explain(&self);
+    tl_recording_close(self.recording);
+    tl_history_close(self.history);
+    return tl_verb_job_end(&job, status);
+}
