@@ -25,7 +25,9 @@ typedef struct explain_verb {
     tl_history *history;
     const tl_history_run *run;
     int64_t started; /* t_start of a live run, ms since 1970 UTC; 0: of a replay */
-    int64_t finding; /* number; 0: none */
+    const tl_history_finding *findings;
+    size_t finding_count;
+    int64_t finding; /* number of the one to be explained; 0: none */
     tl_recording *recording;
     tl_account account;
     tl_progress progress;
@@ -45,41 +47,38 @@ static double to_seconds(const explain_verb *self, double step) {
     return step * tl_seconds(self->run->step);
 }
 
-/* Ends the window where another change begins. `number`: the finding to be explained; 0: none. */
-static void avoid_others(const explain_verb *self, const tl_history_finding *findings, size_t count, int64_t number,
-                         tl_explanation_order *order) {
-    for (size_t i = 0; i < count; i++) {
-        const tl_run_finding *row = &findings[i].row;
-        int64_t onset = to_step(self, row->onset);
-        bool is_other = row->number != number && findings[i].run == self->run->run;
-        if (is_other && onset > order->onset + order->spread && onset < order->last) {
-            order->last = onset;
-        }
-        if (row->number == number && isfinite(row->gone) && to_step(self, row->gone) < order->last) {
-            order->last = to_step(self, row->gone);
-        }
+/* Ends the window where the change is gone, or where another one begins. A finding less than a
+ * reaction later may have the same cause. */
+static void avoid_others(const explain_verb *self, tl_explanation_order *order) {
+    int64_t same = order->onset + order->spread + (int64_t)self->job->config.released_steps;
+    for (size_t i = 0; i < self->finding_count && self->finding != 0; i++) {
+        const tl_run_finding *row = &self->findings[i].row;
+        bool is_this = row->number == self->finding;
+        int64_t end = is_this ? (isfinite(row->gone) ? to_step(self, row->gone) : INT64_MAX) : to_step(self, row->onset);
+        bool counts = self->findings[i].run == self->run->run && (is_this || end > same);
+        order->last = counts && end < order->last ? end : order->last;
     }
 }
 
 /* The finding that the user wants, else the last open one, else the last one. */
-static const tl_history_finding *choose_finding(const tl_history_finding *findings, size_t count, uint64_t wanted,
-                                                int64_t run) {
+static const tl_history_finding *choose_finding(const explain_verb *self, uint64_t wanted, int64_t run) {
     const tl_history_finding *chosen = NULL;
-    for (size_t i = 0; i < count; i++) {
-        bool is_open = strcmp(findings[i].row.state, "open") == 0;
+    for (size_t i = 0; i < self->finding_count; i++) {
+        const tl_history_finding *one = &self->findings[i];
+        bool is_open = strcmp(one->row.state, "open") == 0;
         bool was_open = chosen != NULL && strcmp(chosen->row.state, "open") == 0;
-        if (wanted != 0 ? (uint64_t)findings[i].row.number == wanted
-                        : (run == 0 || findings[i].run == run) && (is_open || !was_open)) {
-            chosen = &findings[i];
+        if (wanted != 0 ? (uint64_t)one->row.number == wanted
+                        : (run == 0 || one->run == run) && (is_open || !was_open)) {
+            chosen = one;
         }
     }
     return chosen;
 }
 
-static tl_status order_finding(explain_verb *self, const tl_history_finding *findings, size_t count, tl_error *error) {
+static tl_status order_finding(explain_verb *self, tl_error *error) {
     const tl_options *options = self->job->options;
     tl_explanation_order *order = &self->job->order.explain;
-    const tl_history_finding *finding = choose_finding(findings, count, options->finding, (int64_t)options->run);
+    const tl_history_finding *finding = choose_finding(self, options->finding, (int64_t)options->run);
     if (finding == NULL && options->finding != 0) {
         return tl_fail(error, TL_BAD_USAGE,
                        "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
@@ -118,16 +117,16 @@ static tl_status order_since(explain_verb *self, tl_error *error) {
 static tl_status fill_order(explain_verb *self, tl_error *error) {
     const tl_options *options = self->job->options;
     tl_explanation_order *order = &self->job->order.explain;
-    const tl_history_finding *findings = NULL;
-    size_t count = 0;
     int64_t last = -1;
     tl_status status = tl_history_find(self->history, (int64_t)options->run, &self->run, error);
-    status = status == TL_OK ? tl_history_findings(self->history, self->run, &findings, &count, error) : status;
+    status = status == TL_OK
+                 ? tl_history_findings(self->history, self->run, &self->findings, &self->finding_count, error)
+                 : status;
     if (status == TL_OK && tl_show_is_live(self->run)) {
         (void)tl_utc_parse(self->run->started, &self->started);
     }
     bool is_of_finding = !options->foresee && options->since.text == NULL;
-    status = status == TL_OK && is_of_finding ? order_finding(self, findings, count, error) : status;
+    status = status == TL_OK && is_of_finding ? order_finding(self, error) : status;
     status = status == TL_OK ? tl_history_last_step(self->history, self->run, &last, error) : status;
     if (status != TL_OK) {
         return status;
@@ -135,11 +134,7 @@ static tl_status fill_order(explain_verb *self, tl_error *error) {
     order->least = self->run->removed_before;
     order->last = last + 1;
     order->foresees = options->foresee ? 1 : 0;
-    status = options->since.text != NULL ? order_since(self, error) : TL_OK;
-    if (!options->foresee) {
-        avoid_others(self, findings, count, self->finding, order);
-    }
-    return status;
+    return options->since.text != NULL ? order_since(self, error) : TL_OK;
 }
 
 /* As if something happened one reaction before the end. */
@@ -517,6 +512,7 @@ static tl_status explain(explain_verb *self) {
     if (options->foresee) {
         foresee(self);
     }
+    avoid_others(self, &job->order.explain);
     job->config.recording_run = self->run->run;
     if (job->config.match_count == 0) {
         return tl_fail(&job->error, TL_BAD_DATA, "%s: compares no output with the plant, so nothing can be explained",

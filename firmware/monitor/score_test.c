@@ -16,12 +16,13 @@ enum { FITTED_LEAST = 8 };
 static const double MUCH_MORE = 2.0;
 static const double SURELY_MORE = 6.0;
 static const double LONGEST_WAIT = 100.0;
+/* Least part of a direction that is not in the basis yet. */
+static const double NEW_PART = 1e-3;
 
 typedef struct whitener {
     double a[ORDER];
     int order;
     double scale; /* 1/σ */
-    double *constant, constant_square;
 } whitener;
 
 typedef struct scorer {
@@ -31,7 +32,9 @@ typedef struct scorer {
     size_t learnt, counted;              /* independent samples before and after */
     whitener *whitener;
     bool *is_there;
-    double *steps;    /* a prediction, by steps */
+    double *steps; /* a prediction, by steps */
+    double *basis; /* orthonormal: whitened effects of errors that last for the whole window */
+    size_t basis_size;
     double *residual; /* whitened, without a change */
     double *work;
     double *score; /* of all candidates */
@@ -86,19 +89,35 @@ static size_t filter(const scorer *self, size_t output, double *means, size_t fr
     return count;
 }
 
-/* Whitens a − b, and projects the constants out. */
+/* Projects the basis out. */
+static void project(const scorer *self, double *white) {
+    for (size_t i = 0; i < self->basis_size; i++) {
+        const double *direction = self->basis + i * self->size;
+        double part = dot(white, direction, self->size);
+        for (size_t k = 0; k < self->size; k++) {
+            white[k] -= part * direction[k];
+        }
+    }
+}
+
+/* Whitens a − b. */
 static void whiten(const scorer *self, const double *a, const double *b, double *white) {
     average(self, a, b, white);
     for (size_t output = 0; output < self->outputs; output++) {
-        const whitener *own = &self->whitener[output];
-        double sum = 0.0;
         (void)filter(self, output, white, 0);
-        for (size_t block = 0; block < self->blocks; block++) {
-            sum += white[block * self->outputs + output] * own->constant[block];
+    }
+    project(self, white);
+}
+
+/* Adds a whitened direction that was projected once, unless little of it is new. */
+static void add_direction(scorer *self, double before, double *direction) {
+    project(self, direction); /* again: rounding */
+    double square = dot(direction, direction, self->size);
+    if (square > NEW_PART * before && isfinite(square)) {
+        for (size_t k = 0; k < self->size; k++) {
+            self->basis[self->basis_size * self->size + k] = direction[k] / sqrt(square);
         }
-        for (size_t block = 0; block < self->blocks && own->constant_square > 0.0; block++) {
-            white[block * self->outputs + output] -= sum / own->constant_square * own->constant[block];
-        }
+        self->basis_size++;
     }
 }
 
@@ -156,28 +175,30 @@ static double find_largest(const scorer *self, size_t output) {
     return largest;
 }
 
+static size_t count_after(const scorer *self, size_t output) {
+    size_t count = 0;
+    for (size_t block = self->after; block < self->blocks; block++) {
+        count += self->is_there[block * self->outputs + output] ? 1 : 0;
+    }
+    return count;
+}
+
+/* Also adds the constant of each output to the basis. */
 static void learn_all(scorer *self) {
     const tl_score_window *window = &self->test->window;
     average(self, window->measured, window->predicted, self->work);
     for (size_t output = 0; output < self->outputs; output++) {
         learn_noise(self, output, self->work, find_largest(self, output));
     }
-    for (size_t i = 0; i < self->size; i++) {
-        self->work[i] = 1.0;
-    }
     for (size_t output = 0; output < self->outputs; output++) {
-        whitener *own = &self->whitener[output];
+        for (size_t i = 0; i < self->size; i++) {
+            self->work[i] = i % self->outputs == output ? 1.0 : 0.0;
+        }
         self->learnt += filter(self, output, self->work, 0);
-        for (size_t block = 0; block < self->blocks; block++) {
-            own->constant[block] = self->work[block * self->outputs + output];
-            own->constant_square += own->constant[block] * own->constant[block];
-        }
-        for (size_t block = self->after; block < self->blocks; block++) {
-            self->counted += self->is_there[block * self->outputs + output] ? 1 : 0;
-        }
+        self->counted += count_after(self, output);
+        add_direction(self, 0.0, self->work);
     }
     self->learnt -= self->counted < self->learnt ? self->counted : self->learnt;
-    whiten(self, window->measured, window->predicted, self->residual);
 }
 
 static double squares_after(const scorer *self, const double *white) {
@@ -193,6 +214,20 @@ static bool predict(const scorer *self, size_t candidate, double size, size_t on
 
 static bool has_stopped(const scorer *self) {
     return self->test->stop != NULL && self->test->stop(self->test->context);
+}
+
+/* Adds what a candidate does if it acts in the whole window: it is an error of the model, and no
+ * change. Without this, a parameter that is 3 % off looks like a change at any time. */
+static void add_standing(scorer *self, size_t index, const tl_score_candidate *candidate) {
+    if (!candidate->is_level && predict(self, index, candidate->probe, 0)) {
+        average(self, self->steps, self->test->window.predicted, self->work);
+        for (size_t output = 0; output < self->outputs; output++) {
+            (void)filter(self, output, self->work, 0);
+        }
+        double before = dot(self->work, self->work, self->size);
+        project(self, self->work);
+        add_direction(self, before, self->work);
+    }
 }
 
 /* Returns the fall of χ². */
@@ -432,13 +467,18 @@ static void conclude(const scorer *self, tl_score_candidate *candidate, const do
     find_difference(self, candidate, rival, memory, result);
 }
 
-static bool run(const scorer *self, tl_score_candidate *candidate, size_t count, double *memory,
+static bool run(scorer *self, tl_score_candidate *candidate, size_t count, double *memory,
                 tl_score_result *result) {
     double *fall = memory;
     double *total = fall + count;
     double *rest = total + count;
     bool *chosen = calloc(count, sizeof *chosen);
     bool done = chosen != NULL;
+    for (size_t i = 0; i < count && done; i++) {
+        add_standing(self, i, &candidate[i]);
+        done = !has_stopped(self);
+    }
+    whiten(self, self->test->window.measured, self->test->window.predicted, self->residual);
     for (size_t i = 0; i < count && done; i++) {
         fall[i] = score_one(self, i, &candidate[i]);
         done = !has_stopped(self);
@@ -476,29 +516,25 @@ bool tl_score_test_run(const tl_score_test *test, tl_score_candidate *candidate,
                    .before = onset / block,
                    .after = onset / block};
     size_t series = window->steps * window->outputs;
-    double *memory = calloc(2 * series + self.size * (count + 6) + 2 * count, sizeof *memory);
-    double *constants = calloc(self.size + 1, sizeof *constants);
+    double *memory = calloc(2 * series + self.size * (2 * count + window->outputs + 6) + 2 * count, sizeof *memory);
     self.whitener = calloc(window->outputs + 1, sizeof *self.whitener);
     self.is_there = calloc(self.size + 1, sizeof *self.is_there);
     self.is_scored = calloc(count + 1, sizeof *self.is_scored);
     bool done =
-        memory != NULL && constants != NULL && self.whitener != NULL && self.is_there != NULL && self.is_scored != NULL;
+        memory != NULL && self.whitener != NULL && self.is_there != NULL && self.is_scored != NULL;
     *result = (tl_score_result){.verdict = TL_SCORE_NOTHING};
     if (done) {
         self.steps = memory;
         self.residual = memory + series;
         self.work = self.residual + self.size;
         self.score = self.work + self.size;
-        for (size_t output = 0; output < window->outputs; output++) {
-            self.whitener[output].constant = constants + output * blocks;
-        }
+        self.basis = self.score + count * self.size;
         learn_all(&self);
-        done = run(&self, candidate, count, self.score + count * self.size, result);
+        done = run(&self, candidate, count, self.basis + (count + window->outputs) * self.size, result);
     }
     free(self.is_scored);
     free(self.is_there);
     free(self.whitener);
-    free(constants);
     free(memory);
     return done;
 }

@@ -5,8 +5,9 @@
  *          and returns those that explain the residual as well as the best one.
  * Noise:   learnt from the residual before the onset. All series are averaged over blocks, so that
  *          white and slow noise become one autoregressive process of order 4 for each output. Each
- *          output is whitened with it and divided by its deviation. A constant error of each output
- *          over the whole window is projected out, because the model is never exact.
+ *          output is whitened with it and divided by its deviation. The model is never exact, so
+ *          what lasts for the whole window is projected out: a constant of each output, and the
+ *          effect of each candidate from the first step on.
  * Score:   s is the whitened change of the outputs for a small size, and e the whitened residual.
  *          The size is s·e / s·s, and χ² falls by (s·e)² / s·s. (Rao's test, with the variance
  *          from before the onset.)
