@@ -27,7 +27,8 @@ typedef struct explain_verb {
     int64_t started; /* t_start of a live run, ms since 1970 UTC; 0: of a replay */
     const tl_history_finding *findings;
     size_t finding_count;
-    int64_t finding; /* number of the one to be explained; 0: none */
+    int64_t finding;  /* number of the one to be explained; 0: none */
+    int64_t reaction; /* R, steps */
     tl_recording *recording;
     tl_account account;
     tl_progress progress;
@@ -47,55 +48,93 @@ static double to_seconds(const explain_verb *self, double step) {
     return step * tl_seconds(self->run->step);
 }
 
-/* Ends the window where the change is gone, or where another one begins. A finding less than a
- * reaction later may have the same cause. */
-static void avoid_others(const explain_verb *self, tl_explanation_order *order) {
-    int64_t same = order->onset + order->spread + (int64_t)self->job->config.released_steps;
-    for (size_t i = 0; i < self->finding_count && self->finding != 0; i++) {
-        const tl_run_finding *row = &self->findings[i].row;
-        bool is_this = row->number == self->finding;
-        int64_t end = is_this ? (isfinite(row->gone) ? to_step(self, row->gone) : INT64_MAX) : to_step(self, row->onset);
-        bool counts = self->findings[i].run == self->run->run && (is_this || end > same);
-        order->last = counts && end < order->last ? end : order->last;
-    }
+static bool is_open(const tl_history_finding *finding) {
+    return strcmp(finding->row.state, "open") == 0;
 }
 
-/* The finding that the user wants, else the last open one, else the last one. */
-static const tl_history_finding *choose_finding(const explain_verb *self, uint64_t wanted, int64_t run) {
+/* The finding that the user wants, else the last open one, else the last one. NULL: none. */
+static const tl_history_finding *choose_finding(const explain_verb *self) {
+    const tl_options *options = self->job->options;
     const tl_history_finding *chosen = NULL;
     for (size_t i = 0; i < self->finding_count; i++) {
         const tl_history_finding *one = &self->findings[i];
-        bool is_open = strcmp(one->row.state, "open") == 0;
-        bool was_open = chosen != NULL && strcmp(chosen->row.state, "open") == 0;
-        if (wanted != 0 ? (uint64_t)one->row.number == wanted
-                        : (run == 0 || one->run == run) && (is_open || !was_open)) {
+        bool is_of_run = options->run == 0 || one->run == (int64_t)options->run;
+        if (options->finding != 0 ? (uint64_t)one->row.number == options->finding
+                                  : is_of_run && (is_open(one) || chosen == NULL || !is_open(chosen))) {
             chosen = one;
         }
     }
     return chosen;
 }
 
-static tl_status order_finding(explain_verb *self, tl_error *error) {
-    const tl_options *options = self->job->options;
+/* One cause may give several findings, one after the other: the first of them tells the onset. */
+static const tl_history_finding *find_first(const explain_verb *self, const tl_history_finding *last) {
+    const tl_history_finding *first = last;
+    double far = TL_EXPLANATION_AFTER * to_seconds(self, (double)self->reaction);
+    for (const tl_history_finding *one = last; one-- > self->findings;) {
+        bool is_near = one->run == last->run && one->row.onset > first->row.onset - far;
+        first = is_near && one->row.onset < first->row.onset ? one : first;
+    }
+    return first;
+}
+
+/* The window ends where all of the findings are gone, or where another one begins. A finding less
+ * than a reaction later may have the same cause. */
+static void avoid_others(const explain_verb *self, const tl_history_finding *first, const tl_history_finding *last,
+                         tl_explanation_order *order) {
+    int64_t gone = 0;
+    for (size_t i = 0; i < self->finding_count; i++) {
+        const tl_history_finding *one = &self->findings[i];
+        int64_t onset = to_step(self, one->row.onset);
+        bool is_later = one > last && onset > order->onset + order->spread + self->reaction;
+        if (one->run == self->run->run && is_later && onset < order->last) {
+            order->last = onset;
+        }
+        if (one >= first && one <= last) {
+            int64_t end = isfinite(one->row.gone) ? to_step(self, one->row.gone) : INT64_MAX;
+            gone = end > gone ? end : gone;
+        }
+    }
+    order->last = gone < order->last ? gone : order->last;
+}
+
+static void order_finding(explain_verb *self, const tl_history_finding *chosen) {
     tl_explanation_order *order = &self->job->order.explain;
-    const tl_history_finding *finding = choose_finding(self, options->finding, (int64_t)options->run);
-    if (finding == NULL && options->finding != 0) {
-        return tl_fail(error, TL_BAD_USAGE,
-                       "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
+    const tl_history_finding *first = self->job->options->finding != 0 ? chosen : find_first(self, chosen);
+    const tl_run_finding *row = &first->row;
+    /* What was found late is dated badly. */
+    double spread = fmax(isfinite(row->onset_spread) ? row->onset_spread : 0.0, (row->found - row->onset) / 4.0);
+    self->finding = row->number;
+    order->onset = to_step(self, row->onset);
+    order->spread = to_step(self, spread);
+    avoid_others(self, first, chosen, order);
+}
+
+static tl_status find_run(explain_verb *self, const tl_history_finding **chosen, tl_error *error) {
+    const tl_options *options = self->job->options;
+    tl_status status = tl_history_find(self->history, (int64_t)options->run, &self->run, error);
+    status = status == TL_OK
+                 ? tl_history_findings(self->history, self->run, &self->findings, &self->finding_count, error)
+                 : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    if (tl_show_is_live(self->run)) {
+        (void)tl_utc_parse(self->run->started, &self->started);
+    }
+    *chosen = options->foresee || options->since.text != NULL ? NULL : choose_finding(self);
+    if (*chosen != NULL) {
+        self->started = (*chosen)->started;
+        return tl_history_find(self->history, (*chosen)->run, &self->run, error);
+    }
+    if (options->finding != 0) {
+        return tl_fail(error, TL_BAD_USAGE, "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
                        options->finding, options->subject);
     }
-    if (finding == NULL) {
-        return tl_fail(error, TL_BAD_USAGE, "%s: has no finding to explain: name a time with --since, or use --foresee",
-                       options->subject);
-    }
-    tl_status status = tl_history_find(self->history, finding->run, &self->run, error);
-    if (status == TL_OK) {
-        self->finding = finding->row.number;
-        self->started = finding->started;
-        order->onset = to_step(self, finding->row.onset);
-        order->spread = isfinite(finding->row.onset_spread) ? to_step(self, finding->row.onset_spread) : GIVEN_SPREAD;
-    }
-    return status;
+    return options->foresee || options->since.text != NULL
+               ? TL_OK
+               : tl_fail(error, TL_BAD_USAGE,
+                         "%s: has no finding to explain: name a time with --since, or use --foresee", options->subject);
 }
 
 static tl_status order_since(explain_verb *self, tl_error *error) {
@@ -114,35 +153,24 @@ static tl_status order_since(explain_verb *self, tl_error *error) {
     return TL_OK;
 }
 
-static tl_status fill_order(explain_verb *self, tl_error *error) {
-    const tl_options *options = self->job->options;
+/* `foresee`: as if something happened one reaction before the end. */
+static tl_status fill_order(explain_verb *self, const tl_history_finding *chosen, tl_error *error) {
     tl_explanation_order *order = &self->job->order.explain;
     int64_t last = -1;
-    tl_status status = tl_history_find(self->history, (int64_t)options->run, &self->run, error);
-    status = status == TL_OK
-                 ? tl_history_findings(self->history, self->run, &self->findings, &self->finding_count, error)
-                 : status;
-    if (status == TL_OK && tl_show_is_live(self->run)) {
-        (void)tl_utc_parse(self->run->started, &self->started);
-    }
-    bool is_of_finding = !options->foresee && options->since.text == NULL;
-    status = status == TL_OK && is_of_finding ? order_finding(self, error) : status;
-    status = status == TL_OK ? tl_history_last_step(self->history, self->run, &last, error) : status;
-    if (status != TL_OK) {
-        return status;
-    }
+    tl_status status = tl_history_last_step(self->history, self->run, &last, error);
+    self->reaction = tl_explanation_reaction(self->job->config.released_steps);
     order->least = self->run->removed_before;
     order->last = last + 1;
-    order->foresees = options->foresee ? 1 : 0;
-    return options->since.text != NULL ? order_since(self, error) : TL_OK;
-}
-
-/* As if something happened one reaction before the end. */
-static void foresee(const explain_verb *self) {
-    tl_explanation_order *order = &self->job->order.explain;
-    int64_t length = order->last - order->least;
-    int64_t reaction = self->job->config.released_steps;
-    order->onset = order->last - (reaction != 0 && reaction < length / 2 ? reaction : length / 2);
+    if (status == TL_OK && chosen != NULL) {
+        order_finding(self, chosen);
+    } else if (status == TL_OK && self->job->options->foresee) {
+        int64_t length = order->last - order->least;
+        order->foresees = 1;
+        order->onset = order->last - (self->reaction < length / 2 ? self->reaction : length / 2);
+    } else if (status == TL_OK) {
+        status = order_since(self, error);
+    }
+    return status;
 }
 
 /* ---- the run again ---- */
@@ -167,7 +195,7 @@ static void advance(void *context) {
 static tl_status feed_ticks(explain_verb *self, tl_twin_feed *feed, tl_error *error) {
     tl_explanation_window window;
     const tl_explanation_order *order = &self->job->order.explain;
-    tl_status status = tl_explanation_plan(order, self->account.released_steps, order->least, &window, error);
+    tl_status status = tl_explanation_plan(order, self->job->config.released_steps, order->least, &window, error);
     int64_t shift = self->job->config.input_lookup.ticks > 0 ? self->job->config.input_lookup.ticks : 0;
     int64_t last = window.end + (int64_t)self->account.lead + shift + 1;
     bool end = false;
@@ -499,20 +527,19 @@ static tl_status explain(explain_verb *self) {
     tl_verb_job *job = self->job;
     const tl_options *options = job->options;
     const char *text = NULL;
+    const tl_history_finding *chosen = NULL;
     tl_status status = tl_history_open(options->subject, &self->history, &job->error);
-    status = status == TL_OK ? fill_order(self, &job->error) : status;
-    status =
-        status == TL_OK ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error) : status;
+    status = status == TL_OK ? find_run(self, &chosen, &job->error) : status;
+    status = status == TL_OK
+                 ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error)
+                 : status;
     if (status == TL_OK) {
         status = tl_verb_job_read(job, options->beside != NULL ? options->beside : options->subject, text);
     }
+    status = status == TL_OK ? fill_order(self, chosen, &job->error) : status;
     if (status != TL_OK) {
         return status;
     }
-    if (options->foresee) {
-        foresee(self);
-    }
-    avoid_others(self, &job->order.explain);
     job->config.recording_run = self->run->run;
     if (job->config.match_count == 0) {
         return tl_fail(&job->error, TL_BAD_DATA, "%s: compares no output with the plant, so nothing can be explained",

@@ -8,7 +8,7 @@
 #include "firmware/base/text.h"
 #include "master/twin/twin_rerun.h"
 
-enum { BEFORE = 5, AFTER = 10, FEWEST_BEFORE = 60, FEWEST_AFTER = 10, REACTION = 600 };
+enum { BEFORE = 5, FEWEST_BEFORE = 60, FEWEST_AFTER = 10, REACTION = 600 };
 
 /* Part of a value that is a small change. */
 static const double SMALL = 0.02;
@@ -38,12 +38,16 @@ struct tl_explainer {
 
 /* ---- window ---- */
 
-tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t reaction, int64_t first,
+int64_t tl_explanation_reaction(uint32_t released_steps) {
+    return released_steps != 0 ? released_steps : REACTION;
+}
+
+tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t released_steps, int64_t first,
                               tl_explanation_window *window, tl_error *error) {
-    int64_t R = reaction != 0 ? reaction : REACTION;
+    int64_t R = tl_explanation_reaction(released_steps);
     int64_t begin = order->least > first + 1 ? order->least : first + 1;
     int64_t mark = order->onset - order->spread - BEFORE * R;
-    int64_t end = order->onset + (order->foresees != 0 ? 1 : AFTER) * R;
+    int64_t end = order->onset + (order->foresees != 0 ? 1 : TL_EXPLANATION_AFTER) * R;
     window->mark = mark > begin ? mark : begin;
     window->end = end < order->last ? end : order->last;
     window->onset = order->onset;
@@ -84,7 +88,7 @@ tl_status tl_explainer_create(const tl_assembly *assembly, const tl_explanation_
                               tl_error *error) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_explanation_window window;
-    tl_status status = tl_explanation_plan(order, facts.released_steps, facts.first, &window, error);
+    tl_status status = tl_explanation_plan(order, assembly->config.released_steps, facts.first, &window, error);
     if (status != TL_OK) {
         return status;
     }

@@ -39,9 +39,14 @@ typedef struct tl_explanation_window {
     int64_t mark, learn, onset, end; /* steps; `end` is one after the last */
 } tl_explanation_window;
 
-/* `reaction`: R, 0: none (600). `first`: first step of the twin. Errors: TL_BAD_DATA if there are too few
+enum { TL_EXPLANATION_AFTER = 10 }; /* reactions after the onset */
+
+/* R in steps, from `released_steps` of the configuration; 600 if that is 0. */
+int64_t tl_explanation_reaction(uint32_t released_steps);
+
+/* `released_steps`: of the configuration. `first`: first step of the twin. Errors: TL_BAD_DATA if there are too few
  * steps before or after the onset. */
-tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t reaction, int64_t first,
+tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t released_steps, int64_t first,
                               tl_explanation_window *window, tl_error *error);
 
 enum { TL_EXPLANATION_MOST = 192 }; /* candidates; further ones are left out */
