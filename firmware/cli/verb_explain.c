@@ -15,9 +15,15 @@
 #include "firmware/store/history.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* Rows of the table that are not in the set; names in the sentence; cosine from which two candidates count as alike; spread, in steps,
- * of an onset that the user gives. */
-enum { ROWS = 8, NAMED = 4, GIVEN_SPREAD = 10, TEXT = 256 };
+enum {
+    ROWS = 8,          /* of the table, besides the set */
+    NAMED = 4,         /* further causes in the sentence */
+    NAME_WIDTH = 26,   /* columns of a name in a table */
+    GIVEN_SPREAD = 10, /* steps: spread of an onset that the user gives */
+    TEXT = 256
+};
+
+/* Cosine from which the effects of two candidates count as alike. */
 static const double ALIKE = 0.95;
 
 typedef struct explain_verb {
@@ -103,7 +109,7 @@ static void order_finding(explain_verb *self, const tl_history_finding *chosen) 
     const tl_history_finding *first = self->job->options->finding != 0 ? chosen : find_first(self, chosen);
     const tl_run_finding *row = &first->row;
     /* What was found late is dated badly. */
-    double spread = fmax(isfinite(row->onset_spread) ? row->onset_spread : 0.0, (row->found - row->onset) / 4.0);
+    double spread = fmax(isfinite(row->onset_spread) ? row->onset_spread : 0.0, (row->found - row->onset) / 2.0);
     self->finding = row->number;
     order->onset = to_step(self, row->onset);
     order->spread = to_step(self, spread);
@@ -128,7 +134,8 @@ static tl_status find_run(explain_verb *self, const tl_history_finding **chosen,
         return tl_history_find(self->history, (*chosen)->run, &self->run, error);
     }
     if (options->finding != 0) {
-        return tl_fail(error, TL_BAD_USAGE, "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
+        return tl_fail(error, TL_BAD_USAGE,
+                       "--finding %" PRIu64 ": there is no such finding: `twinlock show %s` lists them",
                        options->finding, options->subject);
     }
     return options->foresee || options->since.text != NULL
@@ -255,6 +262,13 @@ static void write_name(const tl_explained *one, char text[TEXT]) {
                    one->name, CHANGES[one->change]);
 }
 
+/* For a table of 80 columns: shortens the name, not what has changed. */
+static void write_short(const tl_explained *one, bool is_marked, char text[TEXT]) {
+    const char *sensor = one->origin == TL_EXPLAINED_SENSOR ? "sensor " : "";
+    int width = NAME_WIDTH - (int)strlen(sensor) - (int)strlen(CHANGES[one->change]);
+    (void)snprintf(text, TEXT, "%s%s%.*s %s", is_marked ? "* " : "  ", sensor, width, one->name, CHANGES[one->change]);
+}
+
 /* Factor from the size in the test to the size that is shown, and its unit. */
 static double scale_of(const explain_verb *self, const tl_explained *one, const char **unit) {
     bool is_relative = one->change == TL_EXPLAINED_GAIN || one->change == TL_EXPLAINED_RELATIVE;
@@ -379,11 +393,10 @@ static void add_rows(const explain_verb *self, tl_show_table *table) {
         if (!one->test.is_in_set && others > ROWS) {
             continue;
         }
-        write_name(one, name);
+        write_short(one, one->test.is_in_set, name);
         write_size(self, one, size);
         write_onset(self, onset_of(self, one), since);
-        tl_show_table_add(table, "%s", one->test.is_in_set ? "*" : "");
-        tl_show_table_add(table, "%.42s", name);
+        tl_show_table_add(table, "%s", name);
         tl_show_table_add(table, "%s", size);
         tl_show_table_add(table, "%s", since);
         tl_show_table_add(table, "%.0f %%", 100.0 * explained_by(self, one));
@@ -406,12 +419,11 @@ static tl_status print_causes(const explain_verb *self, FILE *file, tl_error *er
     write_sentence(self, text);
     tl_wrapped_print(file, text, 0, 0);
     (void)fputc('\n', file);
-    tl_show_table_begin(&table, tl_show_style_of(file), "llrlr");
-    tl_show_table_add(&table, "%s", "");
-    tl_show_table_add(&table, "%s", "cause");
+    tl_show_table_begin(&table, tl_show_style_of(file), "lrlr");
+    tl_show_table_add(&table, "%s", "  cause");
     tl_show_table_add(&table, "%s", "size");
     tl_show_table_add(&table, "%s", "since");
-    tl_show_table_add(&table, "%s", "explains");
+    tl_show_table_add(&table, "%s", "share");
     add_rows(self, &table);
     tl_status status = tl_show_table_end(&table, file, error);
     (void)fputs("\n* explains the record as well as the best one (99 %)\n", file);
@@ -433,17 +445,17 @@ static void add_foreseen(const explain_verb *self, tl_show_table *table) {
         if (one->change == TL_EXPLAINED_FREEZE) {
             continue;
         }
-        write_name(one, name);
+        write_short(one, false, name);
         if (one->test.likeness > ALIKE) {
-            write_name(&all->candidate[one->test.alike], alike);
+            write_short(&all->candidate[one->test.alike], false, alike);
         }
-        tl_show_table_add(table, "%.34s", name);
+        tl_show_table_add(table, "%s", name);
         if (isfinite(one->test.noticeable)) {
             tl_show_table_add(table, "%.2g%s%s", scale * one->test.noticeable, unit[0] == '\0' ? "" : " ", unit);
         } else {
             tl_show_table_add(table, "%s", "never");
         }
-        tl_show_table_add(table, "%.34s", alike);
+        tl_show_table_add(table, "%s", alike);
     }
 }
 
@@ -453,9 +465,9 @@ static tl_status print_foreseen(const explain_verb *self, FILE *file, tl_error *
     (void)fprintf(file, "Smallest changes that are noticed within %.4g s, by five standard deviations:\n\n",
                   to_seconds(self, (double)(window->end - window->onset)));
     tl_show_table_begin(&table, tl_show_style_of(file), "lrl");
-    tl_show_table_add(&table, "%s", "cause");
+    tl_show_table_add(&table, "%s", "  cause");
     tl_show_table_add(&table, "%s", "at least");
-    tl_show_table_add(&table, "%s", "looks like");
+    tl_show_table_add(&table, "%s", "  looks like");
     add_foreseen(self, &table);
     return tl_show_table_end(&table, file, error);
 }
@@ -530,9 +542,8 @@ static tl_status explain(explain_verb *self) {
     const tl_history_finding *chosen = NULL;
     tl_status status = tl_history_open(options->subject, &self->history, &job->error);
     status = status == TL_OK ? find_run(self, &chosen, &job->error) : status;
-    status = status == TL_OK
-                 ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error)
-                 : status;
+    status =
+        status == TL_OK ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error) : status;
     if (status == TL_OK) {
         status = tl_verb_job_read(job, options->beside != NULL ? options->beside : options->subject, text);
     }

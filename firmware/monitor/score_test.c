@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ORDER = 4, BLOCKS_OF_ORDER = 10, ITERATIONS = 6, HALVINGS = 4 };
+enum { ORDER = 4, BLOCKS_OF_ORDER = 10, ITERATIONS = 6, HALVINGS = 4, ONSETS = 4 };
 
 /* Deviation of noise, in parts of the largest measured value, if the residual has none. */
 static const double LEAST_NOISE = 1e-7;
@@ -341,25 +341,50 @@ static bool linearise(fit *own, double step[2]) {
     return true;
 }
 
+static double limit_onset(const fit *own, double onset) {
+    const tl_score_window *window = &own->self->test->window;
+    return fmin(fmax(onset, (double)window->learn + 1.0), (double)window->steps - 2.0);
+}
+
+/* Takes the point that was evaluated last, with its residual in own->by_size. */
+static void keep_point(fit *own, double size, double onset, double squares) {
+    const tl_score_window *window = &own->self->test->window;
+    own->size = size;
+    own->onset = onset;
+    own->squares = squares;
+    memcpy(own->now, own->self->steps, window->steps * window->outputs * sizeof *own->now);
+    memcpy(own->rest, own->by_size, own->self->size * sizeof *own->rest);
+}
+
 /* Goes as far as χ² falls. Returns whether it has fallen. */
 static bool advance(fit *own, const double step[2]) {
-    const tl_score_window *window = &own->self->test->window;
     double part = 1.0;
     for (int i = 0; i <= HALVINGS; i++, part /= 2.0) {
         double squares = 0.0;
         double size = fmin(fmax(own->size + part * step[0], own->candidate->least), own->candidate->most);
-        double onset = rint(own->onset + part * step[1]);
-        onset = fmin(fmax(onset, (double)window->learn + 1.0), (double)window->steps - 2.0);
+        double onset = limit_onset(own, rint(own->onset + part * step[1]));
         if (evaluate(own, size, onset, own->by_size, &squares) && squares < own->squares) {
-            own->size = size;
-            own->onset = onset;
-            own->squares = squares;
-            memcpy(own->now, own->self->steps, window->steps * window->outputs * sizeof *own->now);
-            memcpy(own->rest, own->by_size, own->self->size * sizeof *own->rest);
+            keep_point(own, size, onset, squares);
             return true;
         }
     }
     return false;
+}
+
+/* Starts at the best of several onsets, because χ² has more than one minimum. */
+static bool begin_fit(fit *own) {
+    const tl_score_window *window = &own->self->test->window;
+    double middle = own->onset;
+    bool any = false;
+    for (int i = -ONSETS; i <= ONSETS; i++) {
+        double squares = 0.0;
+        double onset = limit_onset(own, rint(middle + (double)i * window->onset_spread / 2.0));
+        if (evaluate(own, own->size, onset, own->by_size, &squares) && (!any || squares < own->squares)) {
+            keep_point(own, own->size, onset, squares);
+            any = true;
+        }
+    }
+    return any;
 }
 
 /* `total`: χ² of the whole window. */
@@ -374,9 +399,8 @@ static void fit_one(const scorer *self, size_t index, tl_score_candidate *candid
                .rest = memory + series,
                .by_size = memory + series + self->size,
                .by_onset = memory + series + 2 * self->size};
-    bool goes_on = evaluate(&own, own.size, own.onset, own.rest, &own.squares);
+    bool goes_on = begin_fit(&own);
     candidate->fitted = goes_on;
-    memcpy(own.now, self->steps, series * sizeof *own.now);
     for (int i = 0; i < ITERATIONS && goes_on; i++) {
         double step[2] = {0.0, 0.0};
         double before = own.squares;
