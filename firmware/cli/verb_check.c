@@ -7,12 +7,12 @@
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
+#include "firmware/cli/horizon_trials.h"
 #include "firmware/cli/verb_job.h"
 #include "firmware/monitor/proposal.h"
 #include "firmware/monitor/survey.h"
 #include "firmware/plant/recording.h"
 #include "firmware/twin/check_trials.h"
-#include "firmware/twin/horizon_trials.h"
 
 /* ---- two instances ---- */
 

@@ -9,7 +9,7 @@ enum { ORDER = 4, BLOCKS_OF_ORDER = 10, ITERATIONS = 6, HALVINGS = 4, ONSETS = 4
 
 /* Deviation of noise, in parts of the largest measured value, if the residual has none. */
 static const double LEAST_NOISE = 1e-7;
-/* Part of the best fall of χ² from which a candidate is fitted, and how many are fitted in any case. */
+/* Part of the best fall of χ² from which a candidate is fitted; how many are fitted anyway. */
 static const double PROMISING = 0.2;
 enum { FITTED_LEAST = 8 };
 /* "None": the best one leaves this many times the noise, and this many standard errors more. */
@@ -491,8 +491,7 @@ static void conclude(const scorer *self, tl_score_candidate *candidate, const do
     find_difference(self, candidate, rival, memory, result);
 }
 
-static bool run(scorer *self, tl_score_candidate *candidate, size_t count, double *memory,
-                tl_score_result *result) {
+static bool run(scorer *self, tl_score_candidate *candidate, size_t count, double *memory, tl_score_result *result) {
     double *fall = memory;
     double *total = fall + count;
     double *rest = total + count;
@@ -544,8 +543,7 @@ bool tl_score_test_run(const tl_score_test *test, tl_score_candidate *candidate,
     self.whitener = calloc(window->outputs + 1, sizeof *self.whitener);
     self.is_there = calloc(self.size + 1, sizeof *self.is_there);
     self.is_scored = calloc(count + 1, sizeof *self.is_scored);
-    bool done =
-        memory != NULL && self.whitener != NULL && self.is_there != NULL && self.is_scored != NULL;
+    bool done = memory != NULL && self.whitener != NULL && self.is_there != NULL && self.is_scored != NULL;
     *result = (tl_score_result){.verdict = TL_SCORE_NOTHING};
     if (done) {
         self.steps = memory;

@@ -5,14 +5,14 @@
  *          and returns those that explain the residual as well as the best one.
  * Noise:   learnt from the residual before the onset. All series are averaged over blocks, so that
  *          white and slow noise become one autoregressive process of order 4 for each output. Each
- *          output is whitened with it and divided by its deviation. The model is never exact, so
- *          what lasts for the whole window is projected out: a constant of each output, and the
- *          effect of each candidate from the first step on.
+ *          output is whitened with it and divided by its deviation.
+ * Model:   it is never exact, so what lasts for the whole window is projected out: a constant of
+ *          each output, and the effect of each candidate from the first step on.
  * Score:   s is the whitened change of the outputs for a small size, and e the whitened residual.
  *          The size is s·e / s·s, and χ² falls by (s·e)² / s·s. (Rao's test, with the variance
  *          from before the onset.)
- * Fit:     Gauss-Newton with new predictions, of the size and of the onset. The onset has a prior of
- *          the given spread.
+ * Fit:     Gauss-Newton with new predictions, of the size and of the onset. The onset has a prior
+ *          with the given spread. A fit starts at the best of several onsets.
  * Set:     a candidate belongs to the answer if its χ² is at most TL_SCORE_RIVAL above that of the
  *          best one (99 % for two unknowns). If the best one leaves more than the noise, this
  *          distance grows by the ratio.
@@ -71,16 +71,16 @@ typedef struct tl_score_result {
     double squares;  /* χ² without any change */
     double expected; /* χ² of noise alone: number of independent samples after the onset */
     size_t best;     /* candidate; undefined if the verdict is TL_SCORE_NOTHING */
-    /* The best and the second candidate of the set: output in which they differ most, and by how many
-     * times the record after the onset must be longer to tell them apart. 0: there is no second
-     * one, or they do not differ. */
+    /* The best and the second candidate of the set: the output in which they differ most, and how
+     * many times as long a record tells them apart. 0: there is no second one, or they do not
+     * differ. */
     size_t second;
     size_t apart_output;
     double apart_factor;
 } tl_score_result;
 
-/* Predicts the outputs if candidate `candidate` has this size from step `onset` on. Returns false if
- * that is not possible; `stop` of the test may be the reason. */
+/* Predicts the outputs if a candidate has this size from step `onset` on. Returns false if that is
+ * not possible; `stop` of the test may be the reason. */
 typedef bool tl_score_predict(void *context, size_t candidate, double size, size_t onset, double *predicted);
 
 typedef struct tl_score_test {

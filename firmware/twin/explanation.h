@@ -4,9 +4,9 @@
  *          on. Then it runs the twin again from the mark, without corrections, once for each
  *          candidate with a small change from the onset on, and lets the score test
  *          (monitor/score_test.h) decide.
- * Window:  the mark is five reactions R before the onset. The first R lets errors of the state fade,
- *          the others show the noise. The window ends ten R after the onset, or with the record, or
- *          at the next finding. R is that of the released twins.
+ * Window:  the mark is five reactions R before the onset. The first R lets errors of the state
+ *          fade, the others show the noise. The window ends ten R after the onset, with the record,
+ *          or at the next finding. R is that of the released twins.
  * Causes:  of each adjusted variable and each further input that a signal feeds: offset and gain.
  *          Of each tunable parameter: a relative change. Of the sensor of each matched or compared
  *          output: offset, gain, delay and freeze. A fixed parameter cannot be changed after the
@@ -44,8 +44,8 @@ enum { TL_EXPLANATION_AFTER = 10 }; /* reactions after the onset */
 /* R in steps, from `released_steps` of the configuration; 600 if that is 0. */
 int64_t tl_explanation_reaction(uint32_t released_steps);
 
-/* `released_steps`: of the configuration. `first`: first step of the twin. Errors: TL_BAD_DATA if there are too few
- * steps before or after the onset. */
+/* `released_steps`: of the configuration. `first`: first step of the twin. Errors: TL_BAD_DATA if
+ * there are too few steps before or after the onset. */
 tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t released_steps, int64_t first,
                               tl_explanation_window *window, tl_error *error);
 

@@ -38,8 +38,9 @@ typedef struct tl_rerun_target {
 /* Returns target `number`; false if there are not so many. All components must have started. */
 bool tl_rerun_target_get(tl_twin *twin, size_t number, tl_rerun_target *target);
 
-/* Marks the present instant for re-runs, in place of an earlier mark. The plan must have `may_rerun`.
- * Errors: TL_BAD_DATA if the twin cannot be rolled back to it; TL_FMU_FAILED, TL_FMU_FATAL. */
+/* Marks the present instant for re-runs, in place of an earlier mark. The plan must have
+ * `may_rerun`. Errors: TL_BAD_DATA if the twin cannot be rolled back to it; TL_FMU_FAILED,
+ * TL_FMU_FATAL. */
 tl_status tl_twin_mark(tl_twin *twin, tl_error *error);
 
 /* The first step after the mark. */
