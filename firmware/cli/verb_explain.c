@@ -73,13 +73,17 @@ static const tl_history_finding *choose_finding(const explain_verb *self) {
     return chosen;
 }
 
-/* One cause may give several findings, one after the other: the first of them tells the onset. */
+/* One cause may give several findings, one after the other: the first of them tells the onset. An
+ * earlier one counts if it was still open, or not long ago, and if its onset is recorded. */
 static const tl_history_finding *find_first(const explain_verb *self, const tl_history_finding *last) {
     const tl_history_finding *first = last;
     double far = TL_EXPLANATION_AFTER * to_seconds(self, (double)self->reaction);
+    double least = to_seconds(self, (double)(self->job->order.explain.least + self->reaction));
     for (const tl_history_finding *one = last; one-- > self->findings;) {
-        bool is_near = one->run == last->run && one->row.onset > first->row.onset - far;
-        first = is_near && one->row.onset < first->row.onset ? one : first;
+        double onset = first->row.onset;
+        bool was_open = isfinite(one->row.gone) ? one->row.gone > onset : is_open(one);
+        bool is_linked = one->run == last->run && (was_open || one->row.onset > onset - far) && one->row.onset > least;
+        first = is_linked && one->row.onset < onset ? one : first;
     }
     return first;
 }

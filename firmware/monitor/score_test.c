@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ORDER = 4, BLOCKS_OF_ORDER = 10, ITERATIONS = 6, HALVINGS = 4, ONSETS = 4 };
+enum { ORDER = 4, BLOCKS_OF_ORDER = 10, ITERATIONS = 10, HALVINGS = 4, ONSETS = 4 };
 
 /* Deviation of noise, in parts of the largest measured value, if the residual has none. */
 static const double LEAST_NOISE = 1e-7;
@@ -315,14 +315,14 @@ static bool differ(const fit *own, double size, double onset, double distance, d
     return true;
 }
 
-static bool linearise(fit *own, double step[2]) {
+/* `distance`: of the derivative by the onset, steps. */
+static bool linearise(fit *own, double distance, double step[2]) {
     const tl_score_window *window = &own->self->test->window;
     size_t count = own->self->size;
     double probe =
         own->size + own->candidate->probe > own->candidate->most ? -own->candidate->probe : own->candidate->probe;
     double spread = fmax(window->onset_spread, 1.0);
-    double later = fmax(1.0, rint(spread / 4.0));
-    later = own->onset + later < (double)window->steps - 1.0 ? later : -later;
+    double later = own->onset + distance < (double)window->steps - 1.0 ? distance : -distance;
     if (!differ(own, own->size + probe, own->onset, probe, own->by_size) ||
         !differ(own, own->size, own->onset + later, later, own->by_onset)) {
         return false;
@@ -401,10 +401,13 @@ static void fit_one(const scorer *self, size_t index, tl_score_candidate *candid
                .by_onset = memory + series + 2 * self->size};
     bool goes_on = begin_fit(&own);
     candidate->fitted = goes_on;
+    double distance = self->test->window.onset_spread / 2.0;
     for (int i = 0; i < ITERATIONS && goes_on; i++) {
         double step[2] = {0.0, 0.0};
         double before = own.squares;
-        goes_on = linearise(&own, step) && advance(&own, step) && before - own.squares > 0.01 && !has_stopped(self);
+        distance = fmax(1.0, rint(distance / 2.0)); /* the response to a step has edges: go nearer */
+        goes_on =
+            linearise(&own, distance, step) && advance(&own, step) && before - own.squares > 0.01 && !has_stopped(self);
     }
     double information = own.d > 0.0 ? own.a - own.b * own.b / own.d : own.a;
     candidate->size = own.size;
