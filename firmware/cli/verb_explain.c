@@ -324,11 +324,23 @@ static void write_others(const explain_verb *self, char *text, size_t size) {
 
 enum { SENTENCE = (NAMED + 2) * TEXT };
 
+/* The user's words for it, with a colon; "": none. */
+static void write_words(const explain_verb *self, const tl_explained *one, char text[TL_CONFIG_WORDS + 2]) {
+    const tl_config *config = &self->job->config;
+    text[0] = '\0';
+    for (size_t i = 0; i < config->says_count; i++) {
+        if (strcmp(config->says[i].name, one->name) == 0) {
+            (void)snprintf(text, TL_CONFIG_WORDS + 2, "%.*s: ", TL_CONFIG_WORDS - 1, config->says[i].words);
+        }
+    }
+}
+
 static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
     const tl_explanation *all = &self->explanation;
     char name[TEXT];
     char size[TEXT];
     char others[NAMED * TEXT];
+    char words[TL_CONFIG_WORDS + 2];
     char since[TL_LOCK_INSTANT];
     if (all->result.verdict == TL_SCORE_NOTHING) {
         write_onset(self, to_seconds(self, (double)all->window.onset), since);
@@ -338,6 +350,7 @@ static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
     }
     const tl_explained *best = &all->candidate[all->result.best];
     write_name(best, name);
+    write_words(self, best, words);
     write_size(self, best, size);
     write_onset(self, onset_of(self, best), since);
     write_others(self, others, sizeof others);
@@ -345,7 +358,7 @@ static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
         (void)snprintf(text, SENTENCE, "None of the candidates explains it; nearest: %s %s since %s explains %.0f %%.",
                        name, size, since, 100.0 * explained_by(self, best));
     } else {
-        (void)snprintf(text, SENTENCE, "%s %s since %s explains it%s.", name, size, since, others);
+        (void)snprintf(text, SENTENCE, "%s%s %s since %s explains it%s.", words, name, size, since, others);
     }
 }
 
