@@ -210,7 +210,8 @@ static const tl_option OPTIONS[] = {
     {SHOW, "run", "N|last", read_run_or_last, SETS(run), .help = "which run; default: last",
      .expected = "the number of a run, for example 3, or last"},
     {EXPLAIN, "finding", "N", read_run, SETS(finding), .alone = true,
-     .help = "number of the finding; default: the last open one, and what belongs to it", .expected = "the number of a finding, for example 3"},
+     .help = "number of the finding; default: the last open one, and what belongs to it",
+     .expected = "the number of a finding, for example 3"},
     {EXPLAIN, "since", "TIME", read_onset, SETS(since), .alone = true,
      .help = "explain a change that you have seen yourself: s since the start of the run (16.5), a date (UTC), or a "
              "time before its end (90s, 15m, 8h, 2d)",
