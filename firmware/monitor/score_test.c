@@ -254,17 +254,22 @@ static double score_one(const scorer *self, size_t index, tl_score_candidate *ca
     return product * product / square;
 }
 
+/* The cosine of two effects; 0 if one has no score. */
+static double find_likeness(const scorer *self, size_t one, size_t other) {
+    const double *a = self->score + one * self->size;
+    const double *b = self->score + other * self->size;
+    return self->is_scored[one] && self->is_scored[other]
+               ? fabs(dot(a, b, self->size)) / sqrt(dot(a, a, self->size) * dot(b, b, self->size))
+               : 0.0;
+}
+
 /* Fills `alike` of all. */
 static void compare_scores(const scorer *self, tl_score_candidate *candidate, size_t count) {
-    for (size_t i = 0; i < count * count; i++) {
-        size_t one = i / count;
-        size_t other = i % count;
-        if (one != other && self->is_scored[one] && self->is_scored[other]) {
-            const double *a = self->score + one * self->size;
-            const double *b = self->score + other * self->size;
-            double cosine = fabs(dot(a, b, self->size)) / sqrt(dot(a, a, self->size) * dot(b, b, self->size));
-            if (cosine > candidate[one].likeness) {
-                candidate[one].likeness = cosine;
+    for (size_t one = 0; one < count; one++) {
+        for (size_t other = 0; other < count; other++) {
+            double likeness = one != other ? find_likeness(self, one, other) : 0.0;
+            if (likeness > candidate[one].likeness) {
+                candidate[one].likeness = likeness;
                 candidate[one].alike = other;
             }
         }
@@ -359,7 +364,7 @@ static void keep_point(fit *own, double size, double onset, double squares) {
 /* Goes as far as χ² falls. Returns whether it has fallen. */
 static bool advance(fit *own, const double step[2]) {
     double part = 1.0;
-    for (int i = 0; i <= HALVINGS; i++, part /= 2.0) {
+    for (int i = 0; i <= HALVINGS; i++) {
         double squares = 0.0;
         double size = fmin(fmax(own->size + part * step[0], own->candidate->least), own->candidate->most);
         double onset = limit_onset(own, rint(own->onset + part * step[1]));
@@ -367,6 +372,7 @@ static bool advance(fit *own, const double step[2]) {
             keep_point(own, size, onset, squares);
             return true;
         }
+        part /= 2.0;
     }
     return false;
 }
@@ -406,8 +412,9 @@ static void fit_one(const scorer *self, size_t index, tl_score_candidate *candid
         double step[2] = {0.0, 0.0};
         double before = own.squares;
         distance = fmax(1.0, rint(distance / 2.0)); /* the response to a step has edges: go nearer */
-        goes_on =
-            linearise(&own, distance, step) && advance(&own, step) && before - own.squares > 0.01 && !has_stopped(self);
+        goes_on = linearise(&own, distance, step) && !has_stopped(self);
+        bool is_better = goes_on && advance(&own, step) && before - own.squares > 0.01;
+        goes_on = goes_on && (is_better || distance > 1.0);
     }
     double information = own.d > 0.0 ? own.a - own.b * own.b / own.d : own.a;
     candidate->size = own.size;

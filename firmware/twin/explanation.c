@@ -241,12 +241,25 @@ static void add_sensor(tl_explainer *self, size_t match, tl_explained_change cha
     }
 }
 
+/* A frozen sensor repeats its reading: in more than half of the steps after the onset. */
+static bool repeats(const tl_explainer *self, size_t match) {
+    size_t onset = (size_t)(self->window.onset - self->window.mark);
+    size_t count = 0;
+    for (size_t i = onset + 1; i < self->steps; i++) {
+        const double *row = self->measured + i * self->outputs + match;
+        count += !isnan(*row) && memcmp(row, row - self->outputs, sizeof *row) == 0 ? 1 : 0;
+    }
+    return count > (self->steps - onset) / 2;
+}
+
 static void add_sensors(tl_explainer *self) {
     for (size_t match = 0; match < self->outputs; match++) {
         add_sensor(self, match, TL_EXPLAINED_OFFSET);
         add_sensor(self, match, TL_EXPLAINED_GAIN);
         add_sensor(self, match, TL_EXPLAINED_DELAY);
-        add_sensor(self, match, TL_EXPLAINED_FREEZE);
+        if (repeats(self, match)) {
+            add_sensor(self, match, TL_EXPLAINED_FREEZE);
+        }
     }
 }
 
