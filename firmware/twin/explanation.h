@@ -9,8 +9,8 @@
  *          or at the next finding. R is that of the released twins.
  * Causes:  of each adjusted variable and each further input that a signal feeds: offset and gain.
  *          Of each tunable parameter: a relative change. Of the sensor of each matched or compared
- *          output: offset, gain, delay and, if its readings repeat, freeze. A fixed parameter cannot
- *          be changed after the start of an FMU; the number of these is given.
+ *          output: offset, gain, delay and, if its readings repeat, freeze. A fixed parameter
+ *          cannot be changed after the start of an FMU; the number of these is given.
  * Where:   in the FMU process, because it executes FMUs. Its parent does not trust the result.
  * Memory:  malloc(). Thread: the FMU thread.
  */
