@@ -54,7 +54,7 @@ _twinlock() {
         mapfile -t COMPREPLY < <(compgen -W "add list revoke" -- "$word")
     else
         compopt -o filenames 2>/dev/null
-        if [[ $verb == show || $verb == finding || $verb == learn ]]; then
+        if [[ $verb == show || $verb == finding || $verb == explain || $verb == learn ]]; then
             mapfile -t COMPREPLY < <(_twinlock_files .db "$word" | sort -u)
         else
             mapfile -t COMPREPLY < <(_twinlock_files .json "$word" | sort -u)

@@ -94,6 +94,13 @@ static bool read_since(const char *text, void *target) {
     return !since->is_date || tl_utc_parse(text, &since->at);
 }
 
+static bool read_onset(const char *text, void *target) {
+    tl_options_since *since = target;
+    since->is_time = read_double(text, &since->back_s) && since->back_s > 0.0 && since->back_s < MOST_SECONDS;
+    since->text = text;
+    return since->is_time || read_since(text, target);
+}
+
 static bool read_table(const char *text, void *target) {
     const int count = sizeof TABLES / sizeof TABLES[0];
     int i = 0;
@@ -150,6 +157,14 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
                          "Records that you have seen a finding, with your name and a note. `twinlock show` lists the "
                          "findings. Works during a run.",
                          "twinlock finding tank.db --acknowledge 3 --note \"filter is clogged, ordered\""},
+    [TL_VERB_EXPLAIN] = {"explain", "DATABASE [options]", "database", "name the causes that explain a change",
+                         "Ranks what may have caused a change: each input and parameter of the FMUs, and each "
+                         "sensor. Repeats the recorded run up to the change, then runs the twin once more for each "
+                         "candidate, and compares with what was measured. The answer is a set: causes that the "
+                         "record cannot tell apart belong together. Only reads the database.",
+                         "twinlock explain tank.db\n"
+                         "twinlock explain tank.db --finding 3 --config /etc/twinlock/tank.json\n"
+                         "twinlock explain tank.db --foresee  # before anything has happened"},
     [TL_VERB_LEARN] = {"learn", "DATABASE", "database", "learn again what is normal",
                        "Removes what was learnt from a database, for example after a repair: the next run, or the "
                        "present one, learns again what is normal. Open findings become normal. Samples and "
@@ -172,6 +187,7 @@ enum {
     PLANT = 1 << TL_VERB_PLANT,
     SHOW = 1 << TL_VERB_SHOW,
     FINDING = 1 << TL_VERB_FINDING,
+    EXPLAIN = 1 << TL_VERB_EXPLAIN,
     RELOAD = 1 << TL_VERB_RELOAD,
     EVERY = (1 << TL_VERB_COUNT) - 1
 };
@@ -194,6 +210,20 @@ static const tl_option OPTIONS[] = {
      .expected = "the number of a run, for example 3"},
     {SHOW, "run", "N|last", read_run_or_last, SETS(run), .help = "which run; default: last",
      .expected = "the number of a run, for example 3, or last"},
+    {EXPLAIN, "finding", "N", read_run, SETS(finding), .alone = true,
+     .help = "number of the finding; default: the last open one, and what belongs to it",
+     .expected = "the number of a finding, for example 3"},
+    {EXPLAIN, "since", "TIME", read_onset, SETS(since), .alone = true,
+     .help = "explain a change that you have seen yourself: s since the start of the run (16.5), a date (UTC), or a "
+             "time before its end (90s, 15m, 8h, 2d)",
+     .expected = "seconds such as 16.5, a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d"},
+    {EXPLAIN, "foresee", NULL, tl_option_switch, SETS(foresee), .alone = true,
+     .help = "instead, print how large each change must be to be noticed"},
+    {EXPLAIN, "run", "N", read_run, SETS(run), .help = "run of the database; default: its last run",
+     .expected = "the number of a run, for example 3"},
+    {EXPLAIN, "config", "CONFIG", tl_option_text, SETS(beside),
+     .help = "where the configuration of the run was: its FMUs are searched from there; default: beside the database"},
+    {EXPLAIN, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
     {SHOW, "since", "TIME", read_since, SETS(since),
      .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "
              "or in the last part of the run (90s, 15m, 8h, 2d); "
@@ -296,16 +326,16 @@ static const tl_option OPTIONS[] = {
     {RUN, "watchdog-timeout", "S", read_whole_seconds, SETS(watchdog_s), .rare = true, .needs = "watchdog",
      .help = "seconds without keepalive until it resets the box; default: 30",
      .expected = "whole seconds from 1 to 3600, for example 30"},
-    {CHECK | REPLAY | PLANT, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true,
+    {CHECK | REPLAY | PLANT | EXPLAIN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true,
      .help = "exit code 70 if a call of an FMU takes S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
     {RUN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true, .alone = true,
      .help = "without --supervise: exit code 70 if the FMUs hang for ten times S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib), .rare = true,
-     .help = "memory of the FMU process in MiB; default: half of the machine's, at most 4096",
+    {CHECK | REPLAY | PLANT | RUN | EXPLAIN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib),
+     .rare = true, .help = "memory of the FMU process in MiB; default: half of the machine's, at most 4096",
      .expected = "MiB from 64 to 1048576, for example 2048"},
-    {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, tl_option_switch, SETS(unconfined), .rare = true,
+    {CHECK | REPLAY | PLANT | RUN | EXPLAIN, "unconfined", NULL, tl_option_switch, SETS(unconfined), .rare = true,
      .help =
          "give the FMUs all rights of this user: files, network, programs; only for FMUs that need them and are trusted"},
     {EVERY, "help", .rare = true, .help = "this text"},

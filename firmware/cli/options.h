@@ -26,6 +26,7 @@ typedef enum tl_verb {
     TL_VERB_PLANT,
     TL_VERB_SHOW,
     TL_VERB_FINDING,
+    TL_VERB_EXPLAIN,
     TL_VERB_LEARN,
     TL_VERB_RELOAD,
     TL_VERB_COUNT
@@ -35,6 +36,7 @@ typedef enum tl_verb {
 typedef struct tl_options_since {
     const char *text; /* as given; NULL: not given */
     bool is_date;
+    bool is_time;  /* only of `explain`: `back_s` counts from the start of the run */
     int64_t at;    /* if is_date: ms since 1970, UTC */
     double back_s; /* if not: s before the end of the run, ≥ 0 */
 } tl_options_since;
@@ -86,6 +88,9 @@ typedef struct tl_options {
     bool show;            /* --state of reload */
     uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
     const char *note;
+    uint64_t finding;   /* number, ≥ 1; 0: not given */
+    const char *beside; /* --config: path of a configuration */
+    bool foresee;
     const char *why;
     uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
     double shadow_s;    /* whole s; 0: not given, so 60 s */
@@ -111,6 +116,7 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
 /* The verbs. Each one runs with parsed and checked options and returns the exit code of the
  * process. */
 int tl_verb_check(const tl_options *options);
+int tl_verb_explain(const tl_options *options);
 int tl_verb_finding(const tl_options *options);
 int tl_verb_learn(const tl_options *options);
 int tl_verb_plant(const tl_options *options);

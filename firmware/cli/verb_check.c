@@ -7,12 +7,12 @@
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
+#include "firmware/cli/horizon_trials.h"
 #include "firmware/cli/verb_job.h"
 #include "firmware/monitor/proposal.h"
 #include "firmware/monitor/survey.h"
 #include "firmware/plant/recording.h"
 #include "firmware/twin/check_trials.h"
-#include "firmware/twin/horizon_trials.h"
 
 /* ---- two instances ---- */
 
@@ -178,7 +178,7 @@ static tl_status check_recording(tl_verb_job *job) {
 
 int tl_verb_check(const tl_options *options) {
     tl_verb_job job = {.options = options, .output = tl_output_claim(), .counts_problems = true};
-    tl_status status = tl_verb_job_read(&job);
+    tl_status status = tl_verb_job_read(&job, options->subject, NULL);
     if (status == TL_OK) {
         status = options->recording != NULL ? check_recording(&job) : check(&job);
     }

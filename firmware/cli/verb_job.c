@@ -2,19 +2,22 @@
 #include "firmware/cli/verb_job.h"
 
 #include <limits.h>
+#include <string.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/cli/check_page.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/twin/replay.h"
 
-tl_status tl_verb_job_read(tl_verb_job *job) {
+tl_status tl_verb_job_read(tl_verb_job *job, const char *path, const char *text) {
     const tl_options *options = job->options;
     tl_problems problems;
     tl_interrupt_install();
-    tl_problems_init(&problems, options->subject);
-    tl_status status = tl_config_read(options->subject, &job->config, &problems.report);
+    tl_problems_init(&problems, path);
+    tl_status status = text != NULL ? tl_config_read_text(path, text, strlen(text), &job->config, &problems.report)
+                                    : tl_config_read(path, &job->config, &problems.report);
     if (job->counts_problems && problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
@@ -23,11 +26,38 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
             tl_config_forget_delays(&job->config);
         }
         tl_config_use_lookups(&job->config);
-        job->order.path = options->subject;
+        job->order.path = path;
         job->order.text = job->config.text;
         job->order.unconfined = options->unconfined || tl_config_is_unconfined(&job->config);
     }
     return status;
+}
+
+/* The FMU process begins as the recorded run: at its tick, and with its checkpoint. */
+static tl_status set_beginning(tl_verb_job *job, const tl_recording *recording) {
+    const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
+    if (beginning == NULL) {
+        return TL_OK;
+    }
+    job->order.tick = beginning->tick;
+    if (beginning->follows && beginning->resumption.from == TL_RESUMED_CHECKPOINT) {
+        job->order.tick = beginning->checkpoint->tick;
+        job->order.checkpoint = beginning->checkpoint->bytes;
+        job->order.checkpoint_size = beginning->checkpoint->size;
+    }
+    return tl_replay_check(&job->config, beginning, &job->error);
+}
+
+tl_status tl_verb_job_use_recording(tl_verb_job *job, const tl_recording *recording) {
+    job->order.time = tl_recording_get_time(recording);
+    if (job->config.duration != 0) {
+        job->order.time.length = job->config.duration;
+    }
+    job->order.keep = tl_recording_get_keep(recording);
+    const tl_recording_tunings tunings = tl_recording_get_tunings(recording);
+    job->order.tunings = (const unsigned char *)tunings.list;
+    job->order.tunings_size = tunings.count * sizeof *tunings.list;
+    return set_beginning(job, recording);
 }
 
 static tl_status check_one(const char *option, const char *path, const char *used, tl_error *error) {
@@ -74,7 +104,7 @@ static bool is_of_fmus(tl_status status) {
 
 int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     tl_error error;
-    if (job->child != NULL && job->order.task == TL_TASK_STEP) {
+    if (job->child != NULL && (job->order.task == TL_TASK_STEP || job->order.task == TL_TASK_EXPLAIN)) {
         tl_status ended = tl_twin_child_end(job->child, NULL, &error);
         if (status == TL_OK && ended != TL_OK) {
             job->error = error;

@@ -12,21 +12,27 @@
 
 #include "firmware/cli/options.h"
 #include "firmware/config/config.h"
+#include "firmware/plant/recording.h"
 #include "firmware/twin/twin_child.h"
 
 typedef struct tl_verb_job {
     const tl_options *options;
     FILE *output;         /* result of tl_output_claim(); NULL: the verb prints no result */
     bool counts_problems; /* logs the number of problems in the configuration */
-    tl_config config;     /* of the file options->subject */
+    tl_config config;     /* of tl_verb_job_read() */
     tl_twin_job order;    /* for the FMU process; tl_verb_job_read() fills in path, text and unconfined */
     tl_twin_child *child;
     tl_error error; /* why the verb fails; "": the reason was logged */
 } tl_verb_job;
 
-/* Installs the signal handlers and reads the configuration. Problems are logged. Before the call,
+/* Installs the signal handlers and reads the configuration: the file `path`, or `text` if it is not
+ * NULL. Then relative names start at the folder of `path`. Problems are logged. Before the call,
  * the caller sets job->options, and the task in job->order. */
-tl_status tl_verb_job_read(tl_verb_job *job);
+tl_status tl_verb_job_read(tl_verb_job *job, const char *path, const char *text);
+
+/* Takes time, tunings and the beginning of a recorded run for the FMU process. Errors: those of
+ * tl_replay_check(), in job->error. The recording must outlive the start of the process. */
+tl_status tl_verb_job_use_recording(tl_verb_job *job, const tl_recording *recording);
 
 /* Checks the output file `path` that the command-line option `option` names. It must not be a file
  * that this run also reads or writes: the configuration, an FMU, `recording`, the database or the

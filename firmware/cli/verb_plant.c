@@ -297,7 +297,7 @@ static tl_status run_for_listener(player *self, const tl_config *config, tl_erro
 int tl_verb_plant(const tl_options *options) {
     tl_verb_job job = {.options = options, .order = {.task = TL_TASK_STEP, .attached = TL_ATTACHED_OUTPUTS}};
     player self = {.job = &job};
-    tl_status status = tl_verb_job_read(&job);
+    tl_status status = tl_verb_job_read(&job, options->subject, NULL);
     if (status == TL_OK) {
         status = run_for_listener(&self, &job.config, &job.error);
         close_all(&self);

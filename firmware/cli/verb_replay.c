@@ -201,21 +201,6 @@ static tl_status run(replayer *self, tl_error *error) {
                : status;
 }
 
-/* Passes the FMU process the beginning of the recorded run: its tick and checkpoint. */
-static tl_status set_beginning(tl_verb_job *job, tl_recording *recording) {
-    const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
-    if (beginning == NULL) {
-        return TL_OK;
-    }
-    job->order.tick = beginning->tick;
-    if (beginning->follows && beginning->resumption.from == TL_RESUMED_CHECKPOINT) {
-        job->order.tick = beginning->checkpoint->tick;
-        job->order.checkpoint = beginning->checkpoint->bytes;
-        job->order.checkpoint_size = beginning->checkpoint->size;
-    }
-    return tl_replay_check(&job->config, beginning, &job->error);
-}
-
 static tl_status open_recording(replayer *self) {
     tl_verb_job *job = self->job;
     tl_error *error = &job->error;
@@ -230,15 +215,7 @@ static tl_status open_recording(replayer *self) {
     if (status != TL_OK) {
         return status;
     }
-    job->order.time = tl_recording_get_time(self->recording);
-    if (job->config.duration != 0) {
-        job->order.time.length = job->config.duration;
-    }
-    job->order.keep = tl_recording_get_keep(self->recording);
-    const tl_recording_tunings tunings = tl_recording_get_tunings(self->recording);
-    job->order.tunings = (const unsigned char *)tunings.list;
-    job->order.tunings_size = tunings.count * sizeof *tunings.list;
-    return set_beginning(job, self->recording);
+    return tl_verb_job_use_recording(job, self->recording);
 }
 
 /* Starts the FMU process even if the recording cannot be opened, so that an error of the FMUs is
@@ -283,7 +260,7 @@ int tl_verb_replay(const tl_options *options) {
                                  .attached = options->database != NULL ? TL_ATTACHED_COUNTS : TL_ATTACHED_NONE,
                                  .plain = options->plain}};
     replayer self = {.job = &job};
-    tl_status status = tl_verb_job_read(&job);
+    tl_status status = tl_verb_job_read(&job, options->subject, NULL);
     if (status == TL_OK) {
         job.config.recording_run = (int64_t)options->run;
         status = replay(&self);

@@ -340,6 +340,7 @@ static void fill_plan(tl_assembly *assembly) {
         .verify_every = config->verify_every,
         .free_twin = tl_config_free_twin_guard(config),
         .released_steps = config->released_steps,
+        .may_rerun = assembly->may_rerun,
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,

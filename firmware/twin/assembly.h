@@ -40,6 +40,7 @@ typedef struct tl_assembly {
     tl_twin *twin;
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
+    bool may_rerun;             /* set before the build: as in tl_plan */
     tl_recording_time recorded; /* set before the build: time of the replayed recording, or the end of the run */
     tl_tuning tuning;           /* as configured */
     tl_arena arena;             /* for all arrays above and for `files` */

@@ -528,6 +528,33 @@ tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error 
     return status;
 }
 
+/* TL_MESSAGE_END without a request to stop ends the ticks. */
+tl_status tl_twin_child_explain(tl_twin_child *child, void (*advance)(void *context), void *context,
+                                tl_explanation *explanation, tl_error *error) {
+    const unsigned allowed = 1U << TL_MESSAGE_ENDED | 1U << TL_MESSAGE_SHOWN | 1U << TL_MESSAGE_RESULT;
+    tl_message type = TL_MESSAGE_SHOWN;
+    tl_status status = TL_OK;
+    if (!child->stopping && !tl_channel_offer(&child->channel, TL_MESSAGE_END, NULL)) {
+        return end_corrupted(child, child->channel.fault.text, error);
+    }
+    tl_channel_push(&child->channel);
+    while (status == TL_OK && !child->has_ended) {
+        status = next_message(child, 1, allowed, &type, error);
+        advance(context);
+    }
+    if (status == TL_OK && tl_interrupt_requested() != NULL) {
+        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
+    }
+    if (status != TL_OK || child->last_status != TL_OK) {
+        *error = status == TL_OK ? child->last_error : *error;
+        return status == TL_OK ? child->last_status : status;
+    }
+    *explanation = child->extra->explanation;
+    return tl_explanation_is_sound(explanation, child->settings.config->match_count)
+               ? TL_OK
+               : end_corrupted(child, "its explanation is invalid", error);
+}
+
 bool tl_twin_child_refusal_may_be_cause(const tl_twin_child *child) {
     return tl_twin_process_refusal_may_be_cause(child->process);
 }

@@ -100,6 +100,12 @@ void tl_twin_child_stop(tl_twin_child *child);
  * dropped. */
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
 
+/* For TL_TASK_EXPLAIN, when all ticks of the window were sent: drops their remaining results, and
+ * waits for the explanation. `advance` is called after each re-run. Errors: as
+ * tl_twin_child_check(). */
+tl_status tl_twin_child_explain(tl_twin_child *child, void (*advance)(void *context), void *context,
+                                tl_explanation *explanation, tl_error *error);
+
 /* Returns true if a denied system call may have caused the failure of the ended process. */
 bool tl_twin_child_refusal_may_be_cause(const tl_twin_child *child);
 

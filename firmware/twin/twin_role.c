@@ -101,6 +101,7 @@ typedef struct role {
     tl_assembly assembly;
     tl_assembly second; /* of a comparison */
     tl_recovery recovery;
+    tl_explainer *explainer; /* NULL: there is nothing to explain */
     tl_twin_tunings tunings; /* not applied yet */
     union {
         tl_recording_tick tick;
@@ -289,8 +290,13 @@ static tl_status execute_tick(role *self, tl_error *error) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;
     }
-    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.attached, &self->recovery, &self->result,
-                           error);
+    status = tl_twin_execute(&self->assembly, &self->received.tick, self->job.attached, &self->recovery, &self->result,
+                             error);
+    if (status == TL_OK && self->explainer != NULL) {
+        status = tl_explainer_take(self->explainer, &self->result, error);
+        self->result.status = (int32_t)status;
+    }
+    return status;
 }
 
 static void answer_tick(role *self, bool last) {
@@ -316,6 +322,23 @@ static tl_status step_until_end(role *self, tl_error *error) {
         status = receive_message(self, &type, error);
     }
     return status;
+}
+
+static bool is_explainer_stopped(void *context) {
+    return is_stopped(context);
+}
+
+static void report_rerun(void *context) {
+    send_message(context, TL_MESSAGE_SHOWN, NULL);
+}
+
+/* The parent has sent all ticks, and waits for the explanation. */
+static tl_status explain(role *self, tl_error *error) {
+    if (self->over || is_stopped(self)) {
+        return TL_OK;
+    }
+    return tl_explainer_run(self->explainer, is_explainer_stopped, report_rerun, self, &self->extra->explanation,
+                            error);
 }
 
 /* Asks the parent for a reader process; returns when that has ended. If the work is to end
@@ -371,6 +394,9 @@ static tl_status perform_task(role *self, tl_error *error) {
         return tl_component_methods_try(&self->assembly, &self->extra->ways, error);
     default:
         status = step_until_end(self, error);
+        if (status == TL_OK && self->explainer != NULL) {
+            status = explain(self, error);
+        }
         tl_account_take(self->assembly.twin, &self->extra->ended);
         return status;
     }
@@ -385,6 +411,7 @@ static void run_task(void *context) {
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
     self->assembly.recorded = self->job.time;
+    self->assembly.may_rerun = self->job.task == TL_TASK_EXPLAIN;
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
     if (self->assembly.twin != NULL) {
         if (self->job.checkpoint_size != 0) {
@@ -392,6 +419,9 @@ static void run_task(void *context) {
                                   &error);
         } else {
             tl_twin_begin_at(self->assembly.twin, self->job.tick);
+        }
+        if (status == TL_OK && self->job.task == TL_TASK_EXPLAIN) {
+            status = tl_explainer_create(&self->assembly, &self->job.explain, &self->explainer, &error);
         }
         tl_account_take(self->assembly.twin, &self->extra->built);
         tl_recovery_init(&self->recovery, &self->assembly.config, &self->extra->built);
@@ -406,6 +436,7 @@ static void run_task(void *context) {
     }
     send_status(self, TL_MESSAGE_ENDED, status, &error);
     tl_process_complete(tl_exit_code(TL_OK));
+    tl_explainer_free(self->explainer);
     tl_assembly_free(&self->assembly);
     tl_assembly_free(&self->second);
 }

@@ -28,6 +28,7 @@
 #include "firmware/process/fmu_call.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
+#include "firmware/twin/explanation.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/twin_trial.h"
@@ -47,6 +48,7 @@ typedef enum tl_twin_task {
     TL_TASK_PAIR,    /* build two twins and compare them (twin_trial.h) */
     TL_TASK_METHODS, /* build, test the rollback methods that the job names, and measure their cost (twin_trial.h) */
     TL_TASK_STEP,    /* build, then compute a result for each tick */
+    TL_TASK_EXPLAIN, /* as TL_TASK_STEP; at the end of the ticks, explain a change (explanation.h) */
     TL_TASK_LIVE     /* live run, by code of a higher layer */
 } tl_twin_task;
 
@@ -66,6 +68,7 @@ typedef struct tl_twin_job {
     uint32_t user;          /* user ID to switch to; 0: no change */
     tl_recording_time time; /* of the recording */
     tl_recording_keep keep; /* as the recorded run */
+    tl_explanation_order explain; /* for TL_TASK_EXPLAIN */
     bool plain;       /* reuse no executions: no sequence cache, and every component executes in every candidate */
     bool variables;   /* the page lists the variables */
     bool brief;       /* a check without the late verification (twin_trial.h) */
@@ -139,12 +142,13 @@ enum {
 /* In the block of the FMU process, beside its messages. There are two accounts, because the process
  * may be asked to end early: then it writes the last one while its parent still reads the first. */
 typedef struct tl_twin_extra {
-    tl_fmu_calls calls;        /* the call in progress */
-    tl_account built;          /* as of TL_MESSAGE_BUILT */
-    tl_account ended;          /* as of TL_MESSAGE_ENDED */
-    tl_twin_check check;       /* for a check */
-    tl_twin_pair_account pair; /* for a comparison of two twins */
-    tl_component_methods ways; /* for a check and a trial of rollback methods */
+    tl_fmu_calls calls;         /* the call in progress */
+    tl_account built;           /* as of TL_MESSAGE_BUILT */
+    tl_account ended;           /* as of TL_MESSAGE_ENDED */
+    tl_twin_check check;        /* for a check */
+    tl_twin_pair_account pair;  /* for a comparison of two twins */
+    tl_explanation explanation; /* for TL_TASK_EXPLAIN */
+    tl_component_methods ways;  /* for a check and a trial of rollback methods */
     char error
         [TL_ERROR_TEXT]; /* for a failed BUILT, RESULT or ENDED; also how twins differ or a rollback is not exact */
 } tl_twin_extra;

@@ -121,6 +121,18 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
     return tl_fail(error, TL_BAD_DATA, "%s.%s: unknown base type", component->name, variable->name);
 }
 
+tl_status tl_component_set_parameter(tl_component *component, const tl_variable *parameter, double value,
+                                     tl_error *error) {
+    return check_status(component, component->fmi->set_real(component->instance, &parameter->reference, 1, &value),
+                        "fmi2SetReal", error);
+}
+
+tl_status tl_component_get_parameter(tl_component *component, const tl_variable *parameter, double *value,
+                                     tl_error *error) {
+    return check_status(component, component->fmi->get_real(component->instance, &parameter->reference, 1, value),
+                        "fmi2GetReal", error);
+}
+
 tl_status tl_component_set_starts(tl_component *component, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < component->start_count && status == TL_OK; i++) {

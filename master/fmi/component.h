@@ -93,6 +93,12 @@ tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFu
 tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
                                  tl_error *error);
 
+/* Between steps: set and read a Real parameter that is tunable. */
+tl_status tl_component_set_parameter(tl_component *component, const tl_variable *parameter, double value,
+                                     tl_error *error);
+tl_status tl_component_get_parameter(tl_component *component, const tl_variable *parameter, double *value,
+                                     tl_error *error);
+
 /* Sets all of `starts`. */
 tl_status tl_component_set_starts(tl_component *component, tl_error *error);
 

@@ -343,7 +343,7 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
     return exchange->note != NULL ? commit_and_note(exchange, step, error) : commit(exchange, step, error);
 }
 
-tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error) {
+static tl_status execute_each(const tl_exchange *exchange, int64_t step, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_status status = tl_component_step(&exchange->components[i], now, exchange->step_s, false, error);
@@ -351,10 +351,26 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error)
             return status;
         }
     }
-    tl_plant *plant = &exchange->plant;
-    tl_plant_deliver(plant, tl_plant_shown(plant, step + 1, plant->newest));
-    tl_exchange_deliver(exchange);
     return TL_OK;
+}
+
+tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error) {
+    tl_plant *plant = &exchange->plant;
+    tl_status status = execute_each(exchange, step, error);
+    if (status == TL_OK) {
+        tl_plant_deliver(plant, tl_plant_shown(plant, step + 1, plant->newest));
+        tl_exchange_deliver(exchange);
+    }
+    return status;
+}
+
+tl_status tl_exchange_step_with(tl_exchange *exchange, int64_t step, const double *plant, tl_error *error) {
+    tl_status status = execute_each(exchange, step, error);
+    if (status == TL_OK) {
+        tl_plant_deliver_values(&exchange->plant, plant);
+        tl_exchange_deliver(exchange);
+    }
+    return status;
 }
 
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error) {

@@ -226,6 +226,9 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
  * the inputs in the ports. Then delivers the next sample of the plant. Does not use the caches. */
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
+/* As tl_exchange_step(), but delivers these values of the plant's signals. */
+tl_status tl_exchange_step_with(tl_exchange *exchange, int64_t step, const double *plant, tl_error *error);
+
 /* For the rollback proof: keep_copies() saves a full copy of each component in addition to its
  * states. Call it before tl_exchange_save(). drop_copies() frees the copies.
  * restore_copy() restores every component from its copy or, if it has none, from its state. It

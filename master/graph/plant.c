@@ -92,20 +92,22 @@ int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest) {
     return tick < 0 ? 0 : tick;
 }
 
-void tl_plant_deliver(tl_plant *plant, int64_t tick) {
-    if (plant->delivered_signals == 0) {
-        return;
-    }
-    const tl_sample *sample = tl_plant_sample(plant, tick);
+void tl_plant_deliver_values(const tl_plant *plant, const double *values) {
     for (size_t i = 0; i < plant->delivered_signals; i++) {
         const tl_plant_output *output = &plant->outputs[i];
         if (output->real != NULL) {
-            *output->real = sample->values[i];
+            *output->real = values[i];
         } else if (output->integer != NULL) {
-            *output->integer = (fmi2Integer)sample->values[i];
+            *output->integer = (fmi2Integer)values[i];
         } else if (output->boolean != NULL) {
-            *output->boolean = sample->values[i] != 0.0 ? fmi2True : fmi2False;
+            *output->boolean = values[i] != 0.0 ? fmi2True : fmi2False;
         }
+    }
+}
+
+void tl_plant_deliver(tl_plant *plant, int64_t tick) {
+    if (plant->delivered_signals != 0) {
+        tl_plant_deliver_values(plant, tl_plant_sample(plant, tick)->values);
     }
 }
 

@@ -80,6 +80,9 @@ int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest);
 /* Delivers the sample of `tick` to the outputs. */
 void tl_plant_deliver(tl_plant *plant, int64_t tick);
 
+/* Delivers these values, one per signal, all of them good. */
+void tl_plant_deliver_values(const tl_plant *plant, const double *values);
+
 /* Macro step `step` and later ones are not known any more. */
 void tl_plant_forget(tl_plant *plant, int64_t step);
 

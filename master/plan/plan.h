@@ -278,6 +278,7 @@ typedef struct tl_plan {
     uint32_t verify_every; /* committed steps between two verifications by tl_twin_verify(); 0: none; default: 400 */
     uint32_t free_twin;    /* free-run check: `guard` of tl_free_twin_init(); 0: no check; not with an event horizon */
     uint32_t released_steps; /* R of released twins (sync/released_twin.h), ≥ 2; 0: none */
+    bool may_rerun;          /* twin_rerun.h is used */
     uint64_t state_bytes;    /* bytes for saved states of all FMUs; 0: no bound; default: 128 MiB */
     size_t (*heap)(void);    /* returns the bytes allocated in this process, to measure states; NULL: not known */
     tl_time (*now)(

@@ -248,12 +248,18 @@ void tl_twin_rest(tl_twin *twin, bool rests) {
     twin->synchroniser.rests = rests || tl_free_twin_rests(&twin->free_twin);
 }
 
-static tl_status replace_component(tl_twin *twin, size_t component, tl_error *error) {
-    tl_exchange_end_component(&twin->exchange, component);
-    tl_event_horizon_forget(twin->event, component);
+/* States that are kept beside those of the search. */
+static void end_other_states(tl_twin *twin, size_t component) {
     tl_verifier_end_component(&twin->verifier, component);
     tl_free_twin_end_component(&twin->free_twin, component);
     tl_released_twin_end_component(&twin->released_twin, component);
+    tl_twin_end_mark(twin, component);
+}
+
+static tl_status replace_component(tl_twin *twin, size_t component, tl_error *error) {
+    tl_exchange_end_component(&twin->exchange, component);
+    tl_event_horizon_forget(twin->event, component);
+    end_other_states(twin, component);
     return tl_component_renew(&twin->graph.components[component], error);
 }
 
@@ -450,9 +456,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
     bool emptied = false;
-    tl_verifier_end_component(&twin->verifier, component);
-    tl_free_twin_end_component(&twin->free_twin, component);
-    tl_released_twin_end_component(&twin->released_twin, component);
+    end_other_states(twin, component);
     tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &emptied, error);
     if (status != TL_OK) {
         return status;
@@ -882,9 +886,7 @@ void tl_twin_destroy(tl_twin *twin) {
         if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_exchange_end_component(&twin->exchange, i);
             tl_event_horizon_forget(twin->event, i);
-            tl_verifier_end_component(&twin->verifier, i);
-            tl_free_twin_end_component(&twin->free_twin, i);
-            tl_released_twin_end_component(&twin->released_twin, i);
+            end_other_states(twin, i);
         }
         if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);

@@ -463,6 +463,11 @@ static bool create_released_twin(tl_twin *twin, const tl_plan *plan) {
                                  state);
 }
 
+static bool create_mark(tl_twin *twin, const tl_plan *plan) {
+    twin->exchange.extra_states += plan->may_rerun ? 1 : 0;
+    return !plan->may_rerun || tl_side_twin_init_state(&twin->mark, &twin->arena, &twin->exchange);
+}
+
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
                          tl_report *report) {
     tl_error error;
@@ -483,7 +488,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_set
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
         !create_readers(twin, plan) || !save_executions(twin, plan, synchroniser) || !create_verifier(twin, plan) ||
         !tl_synchroniser_init(&twin->synchroniser, &twin->arena, plan, synchroniser) || !create_free_twin(twin, plan) ||
-        !create_released_twin(twin, plan)) {
+        !create_released_twin(twin, plan) || !create_mark(twin, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

@@ -65,6 +65,9 @@ struct tl_twin {
     tl_verifier verifier;
     tl_free_twin free_twin;
     tl_released_twin released_twin;
+    tl_snapshot mark;        /* twin_rerun.h; without components unless plan->may_rerun */
+    int64_t mark_step;       /* first step after `mark` */
+    bool is_marked;          /* `mark` is valid */
     tl_twin_finding finding; /* the newest finding; component NULL: none */
     uint32_t marks;          /* flags for the next step's record */
     uint32_t lasting;        /* flags for all later records */
@@ -85,6 +88,9 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
  * rollback by replay, or if a component can hold only one state. Errors: TL_FMU_FAILED or
  * TL_FMU_FATAL if a component cannot be restored. */
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);
+
+/* Defined in twin_rerun.c: frees a component's state at the mark, which is not valid any more. */
+void tl_twin_end_mark(tl_twin *twin, size_t component);
 
 /* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this
  * FMU may be called any more. */

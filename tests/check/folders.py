@@ -21,11 +21,11 @@ MASTER = {
     "master/measure": Folder(("master/plan", "master/base")),
     "master/solve": Folder(("master/base",), ("optimiser",)),
     "master/sync": Folder(("master/solve", "master/measure", "master/graph", "master/cache", "master/plan", "master/fmi",
-                         "master/base"), ("free_twin", "objective", "proof", "record", "released_twin", "synchroniser", "verifier")),
+                         "master/base"), ("free_twin", "objective", "proof", "record", "released_twin", "side_twin", "synchroniser", "verifier")),
     "master/event": Folder(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon",)),
     "master/twin": Folder(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
-                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_candidate", "twin_read_back", "twin_timing")),
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_candidate", "twin_read_back", "twin_rerun", "twin_timing")),
     "master/example": Folder(("master/twin",)),
 }
 

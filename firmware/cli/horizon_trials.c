@@ -1,5 +1,5 @@
 /* Horizon trials: see horizon_trials.h. */
-#include "firmware/twin/horizon_trials.h"
+#include "firmware/cli/horizon_trials.h"
 
 #include <inttypes.h>
 #include <math.h>

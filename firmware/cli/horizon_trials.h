@@ -10,8 +10,8 @@
  * Not for: an event horizon, and twins without released twins (tl_released_state).
  * Thread:  one, as for twin_child.h.
  */
-#ifndef TL_FIRMWARE_TWIN_HORIZON_TRIALS_H
-#define TL_FIRMWARE_TWIN_HORIZON_TRIALS_H
+#ifndef TL_FIRMWARE_CLI_HORIZON_TRIALS_H
+#define TL_FIRMWARE_CLI_HORIZON_TRIALS_H
 
 #include "firmware/monitor/horizon_choice.h"
 #include "firmware/twin/twin_child.h"
