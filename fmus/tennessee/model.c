@@ -1,6 +1,8 @@
 /* Tennessee Eastman plant: reactor, condenser with separator, recycle compressor and stripper.
  *
- *   A + C + D → G     A + C + E → H     A + E → F     3 D → 2 F      all exothermic, irreversible
+ *   A + C + D → G     A + C + E → H     A + E → F     3 D → 2 F
+ *
+ * The heat of the first two reactions counts. All are irreversible.
  *
  *   feed gas zone   mixes the feeds A, D and E, the recycled gas and the gas out of the stripper
  *   reactor         two phases; A, B and C are gas only; cooled by water in its bundle
@@ -13,7 +15,8 @@
  * 10⁶ Btu, hours. XMV, XMEAS and IDV, with their numbers, are its valves, measurements and
  * disturbances.
  *
- * Integrated by explicit Euler with all derivatives from the old state, as in the source. Random
+ * Integrated by explicit Euler with all derivatives from the old state, as in the source. At the
+ * source's step of 1 s it oscillates if the reactor is hotter than some 143 °C. Random
  * disturbances and noise have generators of their own, here and in the state, so that a restored
  * state repeats them to the bit.
  */

@@ -50,9 +50,10 @@ def replay(folder, recording, twin, learn):
 
 
 def measure(fault, seed, twins, learn):
-    """A row for each twin. A finding has the time of its step, whose horizon sees later readings: it counts from there on."""
+    """A row for each twin. A finding has the time of its step, which uses later readings: the horizon and the filters see them."""
     at = learn * 5 // 4
-    seen = shipped("lock")["synchronise"]["horizon"]["prediction"]
+    synchronise = shipped("lock")["synchronise"]
+    seen = synchronise["horizon"]["prediction"] + max(one.get("condition", {}).get("low_pass_s", 0) for one in synchronise["match"].values())
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         recording = play(folder, fault, seed, at, at + AFTER_H * HOUR)
@@ -66,13 +67,14 @@ def measure(fault, seed, twins, learn):
                    "causes": first["causes"] if first else [], "texts": [finding["text"] for finding in result["findings"]]}
 
 
-def show(rows):
-    print(f"{'fault':24} {'seed':>4} {'twin':5} {'lock %':>6} {'false':>5} {'found':>5} {'after s':>8} {'onset s':>8}  sentence; causes")
-    for row in rows:
-        times = f"{row['delay_s']:8.0f} {row['onset_error_s']:+8.0f}" if row["found"] else f"{'-':>8} {'-':>8}"
-        sentence = row["texts"][row["false"]] if row["found"] else ""
-        print(f"{row['fault']:24} {row['seed']:4} {row['twin']:5} {row['lock_percent']:6.1f} {row['false']:5} {row['found']:5} {times}  "
-              f"{sentence}; {', '.join(row['causes'])}")
+def show_row(row):
+    times = f"{row['delay_s']:8.0f} {row['onset_error_s']:+8.0f}" if row["found"] else f"{'-':>8} {'-':>8}"
+    sentence = row["texts"][row["false"]] if row["found"] else ""
+    print(f"{row['fault']:24} {row['seed']:4} {row['twin']:5} {row['lock_percent']:6.1f} {row['false']:5} {row['found']:5} {times}  "
+          f"{sentence}; {', '.join(row['causes'])}", flush=True)
+
+
+def show_summary(rows):
     for twin in TWINS:
         disturbed = [row for row in rows if row["twin"] == twin and row["fault"] != "none"]
         found = [row for row in disturbed if row["found"]]
@@ -94,12 +96,16 @@ def main():
     faults = [options.only] if options.only else list(FAULTS)
     progress = Progress(len(faults) * options.seeds)
     rows = []
-    for fault in faults:
-        for seed in range(1, options.seeds + 1):
-            progress.say(f"{fault}, seed {seed}")
-            rows += measure(fault, seed, [options.twin] if options.twin else list(TWINS), options.learn * HOUR)
+    if not options.json:
+        print(f"{'fault':24} {'seed':>4} {'twin':5} {'lock %':>6} {'false':>5} {'found':>5} {'after s':>8} {'onset s':>8}  sentence; causes")
+    for fault, seed in ((fault, seed) for fault in faults for seed in range(1, options.seeds + 1)):
+        progress.say(f"{fault}, seed {seed}")
+        for row in measure(fault, seed, [options.twin] if options.twin else list(TWINS), options.learn * HOUR):
+            rows.append(row)
+            if not options.json:
+                show_row(row)
     progress.end()
-    print_figures(rows, options.json, show)
+    print_figures(rows, options.json, show_summary)
     return 1 if any(row["false"] for row in rows) else 0
 
 
