@@ -85,6 +85,7 @@ typedef struct tl_options {
     bool versions;
     bool show;            /* --state of reload */
     uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
+    uint64_t normal;      /* likewise */
     const char *note;
     const char *why;
     uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
