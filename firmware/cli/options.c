@@ -153,10 +153,12 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
          "they changed, events. Works during a run.",
          "twinlock show tank.db --since 8h\n"
          "twinlock show tank.db --report tank.html"},
-    [TL_VERB_FINDING] = {"finding", "DATABASE --acknowledge N [options]", "database", "acknowledge a finding",
-                         "Records that you have seen a finding, with your name and a note. `twinlock show` lists the "
-                         "findings. Works during a run.",
-                         "twinlock finding tank.db --acknowledge 3 --note \"filter is clogged, ordered\""},
+    [TL_VERB_FINDING] = {"finding", "DATABASE --acknowledge N|--normal N [options]", "database",
+                         "acknowledge a finding, or accept it as normal",
+                         "Records that you have seen a finding, or that its level is normal, with your name and a "
+                         "note. `twinlock show` lists the findings. Works during a run.",
+                         "twinlock finding tank.db --acknowledge 3 --note \"filter is clogged, ordered\"\n"
+                         "twinlock finding tank.db --normal 4 --note \"product B\""},
     [TL_VERB_EXPLAIN] = {"explain", "DATABASE [options]", "database", "name the causes that explain a change",
                          "Ranks what may have caused a change: each input and parameter of the FMUs, and each "
                          "sensor. Repeats the recorded run up to the change, then runs the twin once more for each "
@@ -230,7 +232,10 @@ static const tl_option OPTIONS[] = {
              "default: all; of a long run the newest part",
      .expected = "a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d"},
     {SHOW, "events", NULL, tl_option_switch, SETS(events), .help = "all events; default: the last ten"},
-    {FINDING, "acknowledge", "N", read_run, SETS(acknowledge), .help = "number of the finding",
+    {FINDING, "acknowledge", "N", read_run, SETS(acknowledge), .help = "number of the finding that you have seen",
+     .expected = "the number of a finding, for example 3"},
+    {FINDING, "normal", "N", read_run, SETS(normal),
+     .help = "likewise; its level is normal and gives no finding again, without learning again",
      .expected = "the number of a finding, for example 3"},
     {FINDING, "note", "TEXT", tl_option_text, SETS(note), .help = "a remark"},
     {REPLAY, "db", "FILE", tl_option_text, SETS(database), .help = "record into a SQLite database, as `run` does"},

@@ -87,6 +87,7 @@ typedef struct tl_options {
     bool versions;
     bool show;            /* --state of reload */
     uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
+    uint64_t normal;      /* likewise */
     const char *note;
     uint64_t finding;   /* number, ≥ 1; 0: not given */
     const char *beside; /* --config: path of a configuration */

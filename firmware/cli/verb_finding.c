@@ -21,8 +21,9 @@ static int end_with(tl_status status, const tl_error *error) {
 int tl_verb_finding(const tl_options *options) {
     tl_error error;
     char who[TL_CONTROL_NAME];
-    if (options->acknowledge == 0) {
-        return end_with(tl_fail(&error, TL_BAD_USAGE, "finding: give the number of a finding with --acknowledge N"),
+    if ((options->acknowledge == 0) == (options->normal == 0)) {
+        return end_with(tl_fail(&error, TL_BAD_USAGE,
+                                "finding: give the number of a finding, either with --acknowledge N or --normal N"),
                         &error);
     }
     if (options->note != NULL && (strlen(options->note) > LONGEST_NOTE || !tl_text_is_plain(options->note))) {
@@ -32,9 +33,11 @@ int tl_verb_finding(const tl_options *options) {
                         &error);
     }
     tl_control_client_name(getuid(), who);
-    return end_with(
-        tl_finding_notes_acknowledge(options->subject, (int64_t)options->acknowledge, who, options->note, &error),
-        &error);
+    tl_status status =
+        options->normal != 0
+            ? tl_finding_notes_accept(options->subject, (int64_t)options->normal, who, options->note, &error)
+            : tl_finding_notes_acknowledge(options->subject, (int64_t)options->acknowledge, who, options->note, &error);
+    return end_with(status, &error);
 }
 
 int tl_verb_learn(const tl_options *options) {

@@ -1,6 +1,7 @@
 /* Change detection of a live run: see live_detection.h. */
 #include "firmware/live/live_detection.h"
 
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -13,6 +14,8 @@
 static const tl_time INTERVAL = 3600 * TL_SECOND;
 enum { PARTS_OF_LEARNING = 24 };
 
+static const tl_time ACCEPTING = TL_SECOND;
+
 struct tl_live_detection {
     const tl_config *config;
     tl_recorder_writer_state *state;
@@ -24,12 +27,13 @@ struct tl_live_detection {
     int64_t tick;    /* of the newest sample */
     tl_time stored;  /* when it was stored last */
     tl_time interval;
-    bool is_watched; /* the present run has a twin */
-    bool is_stray;   /* the newest sample was of another run */
-    bool is_read;    /* what was learnt before was read, or there is nothing */
-    bool is_due;     /* a finding has changed */
-    bool is_new;     /* learning has begun at zero */
-    bool is_removed; /* a user has removed it, and no row was stored since then */
+    tl_time accepted; /* when it was asked last what a user has accepted */
+    bool is_watched;  /* the present run has a twin */
+    bool is_stray;    /* the newest sample was of another run */
+    bool is_read;     /* what was learnt before was read, or there is nothing */
+    bool is_due;      /* a finding has changed */
+    bool is_new;      /* learning has begun at zero */
+    bool is_removed;  /* a user has removed it, and no row was stored since then */
 };
 
 /* Findings are warnings; what follows needs no attention. */
@@ -156,6 +160,19 @@ static void learn_again(tl_live_detection *self) {
     report_notice(self, "what was learnt was removed: learning begins at zero");
 }
 
+/* What a user has accepted as normal (finding_notes.h). */
+static void accept_findings(tl_live_detection *self, tl_recorder_writer *writer) {
+    char text[64];
+    uint32_t number = 0;
+    while (tl_recorder_writer_next_normal(writer, number, &number)) {
+        if (tl_change_detector_accept(self->detector, number)) {
+            (void)snprintf(text, sizeof text, "the level of finding %" PRIu32 " counts as normal from now on", number);
+            report_notice(self, text);
+            self->is_due = true;
+        }
+    }
+}
+
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end) {
     tl_time now = tl_clock_now(NULL);
     if (self->detector == NULL || !self->is_watched) { /* a run in safe hold has no findings */
@@ -166,6 +183,10 @@ void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer
     }
     if (!self->is_read) {
         read_earlier(self, writer);
+    }
+    if (self->is_read && now - self->accepted >= ACCEPTING) {
+        accept_findings(self, writer);
+        self->accepted = now;
     }
     if (!self->is_read || !(at_end || self->is_due || now - self->stored >= self->interval) ||
         !tl_change_storage_fill(&self->storage, self->config, self->detector)) {
@@ -183,7 +204,7 @@ uint32_t tl_live_detection_count_open(const tl_live_detection *self) {
     if (self->detector != NULL) {
         const tl_changes changes = tl_change_detector_get(self->detector);
         for (size_t i = 0; i < changes.count; i++) {
-            open += changes.finding[i].is_gone ? 0 : 1;
+            open += tl_finding_is_open(&changes.finding[i]) ? 1 : 0;
         }
     }
     return open;

@@ -11,13 +11,14 @@
 
 enum {
     STARTS = 64,         /* releases that are remembered */
-    START_RELEASES = 10, /* left out after a start, but at most this part of the learning time: */
+    START_RELEASES = 10, /* left out after a start; but one, or this part of the learning time: */
     PARTS_OF_LEARNING = 10,
     RELEASE = 150, /* steps, if there are no released twins */
-    GAP = 10,      /* steps that may be missing */
+    GAP = 10,      /* steps without values that are a gap */
     BANKS = 4,
+    LEVELS = 8, /* newest findings whose level is known, of a quantity */
     CYCLE = BANKS - 1,
-    FORMAT = 1 /* of the stored bytes */
+    FORMAT = 2 /* of the stored bytes */
 };
 
 /* Block lengths; the last one is replaced by a longer cycle. */
@@ -31,11 +32,12 @@ static const double LEAST_OUTPUT = 0.05;
  * search steps. */
 static const double LEAST_FINDING = 0.1;
 static const double LEAST_SHARE = 0.01;
-static const double UNSETTLED = 2.0;
 
-/* A change that has grown by the first factor is a drift, by the second one another change. */
+/* A change that has grown by this factor is a drift. */
 static const double GROWN = 2.0;
-static const double OTHER = 4.0;
+
+/* A level is one of a finding if it is beyond their range by at most this part of the largest. */
+static const double ALIKE = 0.5;
 
 /* An output is off if its mean error since the onset exceeds this many deviations of a block. */
 static const double OFF = 3.0;
@@ -52,11 +54,18 @@ static const int64_t MOST_STEP = INT64_MAX / 4;
 /* Longest time between two runs, s; keeps all sums of times within range. */
 static const double LONGEST = 1e10;
 
+/* Range of the levels of a quantity in a finding. */
+typedef struct known_level {
+    uint32_t finding; /* its number; 0: none */
+    double size[2], percent[2];
+} known_level;
+
 /* One watched quantity. */
 typedef struct quantity {
     bool is_output;
     uint32_t index;   /* of the adjusted variable or match */
     uint32_t finding; /* number of its open finding; 0: none */
+    known_level levels[LEVELS];
     tl_change_series series[BANKS];
 } quantity;
 
@@ -69,8 +78,7 @@ typedef struct recorded_release {
 /* A finding, and the series that gave it its size. */
 typedef struct tracked {
     size_t quantity, bank;
-    bool is_settled;
-    double size, percent; /* when it had settled */
+    double size, percent; /* at first */
 } tracked;
 
 /* What is stored, besides the quantities. */
@@ -98,6 +106,7 @@ struct tl_change_detector {
     detector_state state;
     recorded_release releases[STARTS]; /* release n lies at n % STARTS */
     uint64_t release;                  /* number of the newest one; 0: none yet */
+    uint64_t unknown;                  /* steps in a row without any value */
     size_t quantities;
     quantity quantity[];
 };
@@ -106,10 +115,15 @@ static double seconds_of(const tl_change_detector *detector, double step) {
     return step * tl_seconds(detector->config->step);
 }
 
+static int64_t steps_of_release(const tl_config *config) {
+    return config->released_steps != 0 ? config->released_steps : RELEASE;
+}
+
 static int64_t steps_of_start(const tl_config *config) {
-    int64_t releases = START_RELEASES * (int64_t)(config->released_steps != 0 ? config->released_steps : RELEASE);
+    int64_t release = steps_of_release(config);
     int64_t part = config->detect_learn / config->step / PARTS_OF_LEARNING;
-    return releases < part ? releases : part;
+    int64_t most = part > release ? part : release;
+    return START_RELEASES * release < most ? START_RELEASES * release : most;
 }
 
 /* ---- creation ---- */
@@ -175,7 +189,7 @@ static tl_finding *finding_of(tl_change_detector *detector, uint32_t number) {
 /* Drops the oldest finding that is gone, else the oldest one. */
 static void drop_finding(detector_state *state) {
     size_t at = 0;
-    while (at < state->count && !state->finding[at].is_gone) {
+    while (at < state->count && tl_finding_is_open(&state->finding[at])) {
         at++;
     }
     at = at == state->count ? 0 : at;
@@ -242,39 +256,104 @@ static void set_size(const tl_change_series *series, tl_finding *finding) {
     finding->percent = 100.0 * series->share;
 }
 
-/* True if the change may be part of this finding: it begins at about the same time, or within the
- * longest reaction after the finding was made. */
-static bool is_part_of(const tl_change_detector *detector, const tl_finding *finding, const tl_change_series *series) {
+/* True if the finding makes this quantity move, too. The released twin has no correction, so an
+ * output shows the change of a correction again with each set point. A correction follows an output
+ * that is matched. */
+static bool moves(const tl_change_detector *detector, const tl_finding *finding, const quantity *one) {
+    bool is_of_correction = finding->subject == TL_FINDING_CORRECTION;
+    return one->is_output ? is_of_correction
+                          : !is_of_correction && detector->config->match[finding->index].weight > 0.0;
+}
+
+/* True if the change is part of this open finding: that makes it move, or it begins at about the
+ * same time, or within the longest reaction after the finding was made. */
+static bool is_part_of(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
+                       const tl_change_series *series) {
     uint32_t release = detector->config->released_steps;
     double reach = finding->onset_spread + seconds_of(detector, series->onset_spread + release);
     double onset = seconds_of(detector, series->onset);
     double late = finding->found + seconds_of(detector, 2.0 * series->block + release);
-    return finding->kind != TL_FINDING_FREEZE && !finding->is_gone &&
-           (fabs(onset - finding->onset) <= reach || seconds_of(detector, (double)detector->state.last) <= late);
+    return finding->kind != TL_FINDING_FREEZE && tl_finding_is_open(finding) &&
+           (moves(detector, finding, one) || fabs(onset - finding->onset) <= reach ||
+            seconds_of(detector, (double)detector->state.last) <= late);
 }
 
 static uint64_t bit_of(const quantity *one) {
     return (uint64_t)1 << one->index;
 }
 
-/* True if this finding is of this quantity and has ended only recently: then it returns. */
-static bool returns_soon(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
-                         const tl_change_series *series) {
-    uint64_t bits = one->is_output ? finding->outputs : finding->corrections;
-    double since = seconds_of(detector, (double)detector->state.last) - finding->gone;
-    return finding->is_gone && finding->kind != TL_FINDING_FREEZE && (bits & bit_of(one)) != 0 &&
-           fabs(series->size) <= OTHER * fabs(finding->size) && since < tl_seconds(detector->config->detect_learn);
+static bool is_within(double value, const double range[2]) {
+    double beyond = ALIKE * fmax(fabs(value), fmax(fabs(range[0]), fabs(range[1])));
+    return value >= range[0] - beyond && value <= range[1] + beyond;
 }
 
-/* The open finding of this quantity, else one that returns, else one that began at the same
- * time, else a new one. */
-static tl_finding *find_or_add(tl_change_detector *detector, const quantity *one, const tl_change_series *series) {
-    tl_finding *found = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
-    for (size_t i = detector->state.count; i > 0 && found == NULL; i--) {
-        tl_finding *finding = &detector->state.finding[i - 1];
-        found = returns_soon(detector, finding, one, series) || is_part_of(detector, finding, series) ? finding : NULL;
+/* Returns what is known of the quantity's levels in a finding, or NULL. */
+static known_level *level_of(quantity *one, uint32_t finding) {
+    for (size_t i = 0; i < LEVELS; i++) {
+        if (one->levels[i].finding == finding) {
+            return &one->levels[i];
+        }
     }
-    return found != NULL ? found : add_finding(detector);
+    return NULL;
+}
+
+/* True if the series has a level of this finding, in its unit or as a part of û. */
+static bool has_level(quantity *one, uint32_t finding, const tl_change_series *series) {
+    const known_level *known = level_of(one, finding);
+    return known != NULL && (is_within(series->size, known->size) || is_within(100.0 * series->share, known->percent));
+}
+
+/* Returns the newest finding whose level the quantity has again, or NULL. */
+static tl_finding *find_again(tl_change_detector *detector, quantity *one, const tl_change_series *series) {
+    for (size_t i = detector->state.count; i > 0; i--) {
+        if (has_level(one, detector->state.finding[i - 1].number, series)) {
+            return &detector->state.finding[i - 1];
+        }
+    }
+    return NULL;
+}
+
+/* True if the change is the end of a finding in another quantity: it begins when that has gone. */
+static bool is_end_of(const tl_change_detector *detector, const tl_finding *finding, const quantity *one,
+                      const tl_change_series *series) {
+    const tracked *by = &detector->state.tracked[finding - detector->state.finding];
+    double reach = seconds_of(detector, series->onset_spread + series->block + detector->config->released_steps);
+    return finding->is_gone && finding->kind != TL_FINDING_FREEZE && one != &detector->quantity[by->quantity] &&
+           fabs(seconds_of(detector, series->onset) - finding->gone) <= reach;
+}
+
+/* Returns an open finding that began at the same time, else one that returns, else a new one; NULL
+ * if the change is the end of a finding. */
+static tl_finding *find_or_add(tl_change_detector *detector, quantity *one, const tl_change_series *series) {
+    bool is_end = false;
+    for (size_t i = 0; i < detector->state.count; i++) {
+        if (is_part_of(detector, &detector->state.finding[i], one, series)) {
+            return &detector->state.finding[i];
+        }
+        is_end = is_end || is_end_of(detector, &detector->state.finding[i], one, series);
+    }
+    tl_finding *known = find_again(detector, one, series);
+    return known != NULL ? known : is_end ? NULL : add_finding(detector);
+}
+
+static void widen(double range[2], double value) {
+    range[0] = fmin(range[0], value);
+    range[1] = fmax(range[1], value);
+}
+
+/* The quantity has this level in a finding. The oldest finding is forgotten for a new one. */
+static void remember_level(quantity *one, const tl_finding *finding, const tl_change_series *series) {
+    double percent = 100.0 * series->share;
+    known_level *known = level_of(one, finding->number);
+    if (known == NULL) {
+        known = &one->levels[0];
+        for (size_t i = 1; i < LEVELS; i++) {
+            known = one->levels[i].finding < known->finding ? &one->levels[i] : known;
+        }
+        *known = (known_level){finding->number, {series->size, series->size}, {percent, percent}};
+    }
+    widen(known->size, series->size);
+    widen(known->percent, percent);
 }
 
 static void take_onset(const tl_change_detector *detector, const tl_change_series *series, tl_finding *finding) {
@@ -306,10 +385,9 @@ static void end_finding(tl_change_detector *detector, tl_finding *finding, doubl
     report(detector, finding, TL_FINDING_ENDED);
 }
 
-/* Smaller changes are watched, but not reported. A size that is not settled must be larger. */
-static bool is_small(const tl_change_detector *detector, const quantity *one, const tl_change_series *series,
-                     bool is_settled) {
-    double size = fabs(series->size) / (is_settled ? 1.0 : UNSETTLED);
+/* Smaller changes are watched, but not reported. */
+static bool is_small(const tl_change_detector *detector, const quantity *one, const tl_change_series *series) {
+    double size = fabs(series->size);
     if (one->is_output) {
         return size < LEAST_FINDING * detector->config->match[one->index].tolerance;
     }
@@ -317,69 +395,72 @@ static bool is_small(const tl_change_detector *detector, const quantity *one, co
     return size < fmax(part, LEAST_CORRECTION * step_of(&detector->account, one->index));
 }
 
-static void take_change(tl_change_detector *detector, size_t which, size_t bank, bool is_settled) {
+/* A new level of a quantity without an open finding. */
+static void take_change(tl_change_detector *detector, size_t which, size_t bank) {
     quantity *one = &detector->quantity[which];
     const tl_change_series *series = &one->series[bank];
-    if (is_small(detector, one, series, is_settled)) {
+    tl_finding *finding = is_small(detector, one, series) ? NULL : find_or_add(detector, one, series);
+    if (finding == NULL) {
         return;
     }
-    tl_finding *finding = find_or_add(detector, one, series);
+    double now = seconds_of(detector, (double)detector->state.last);
     tracked *by = &detector->state.tracked[finding - detector->state.finding];
-    bool is_new = by->quantity == SIZE_MAX;
     bool returns = finding->is_gone;
+    bool is_fresh =
+        by->quantity == SIZE_MAX || (returns && now - finding->gone > tl_seconds(detector->config->detect_learn));
     one->finding = finding->number;
     *(one->is_output ? &finding->outputs : &finding->corrections) |= bit_of(one);
+    remember_level(one, finding, series);
     finding->is_gone = false;
-    if (is_new || is_better_onset(detector, series, finding)) {
+    if (is_fresh || (!returns && is_better_onset(detector, series, finding))) {
         take_onset(detector, series, finding);
     }
-    bool names = takes_name(detector, finding, one) || returns;
-    if (names) {
-        *by = (tracked){.quantity = which, .bank = bank, .is_settled = returns};
+    finding->found = is_fresh ? now : finding->found;
+    if (takes_name(detector, finding, one) || returns) {
+        *by = (tracked){.quantity = which, .bank = bank, .size = series->size, .percent = 100.0 * series->share};
         name_finding(detector, one, finding);
         set_size(series, finding);
-    }
-    finding->found = is_new ? seconds_of(detector, (double)detector->state.last) : finding->found;
-    if (names) {
-        report(detector, finding, is_new ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
+        report(detector, finding, is_fresh ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
     }
 }
 
-/* The new level of a series is known. */
+/* The level of an open finding is known better, or has moved on. */
+static void take_size(tl_change_detector *detector, quantity *one, tl_finding *finding,
+                      const tl_change_series *series) {
+    const tracked *by = &detector->state.tracked[finding - detector->state.finding];
+    set_size(series, finding);
+    remember_level(one, finding, series);
+    bool has_grown = finding->size * by->size > 0.0 && fabs(finding->size) > GROWN * fabs(by->size) &&
+                     !(fabs(finding->percent) <= GROWN * fabs(by->percent));
+    if (has_grown && finding->kind != TL_FINDING_DRIFT) {
+        finding->kind = TL_FINDING_DRIFT;
+        report(detector, finding, TL_FINDING_FURTHER);
+    }
+}
+
+/* The new level of a series is known. If it is neither normal nor that of the open finding, it is
+ * another change. */
 static void take_level(tl_change_detector *detector, size_t which, size_t bank) {
     quantity *one = &detector->quantity[which];
     const tl_change_series *series = &one->series[bank];
     tl_finding *finding = one->finding != 0 ? finding_of(detector, one->finding) : NULL;
-    if (finding == NULL) {
-        if (series->is_off) {
-            take_change(detector, which, bank, true);
+    if (finding != NULL) {
+        const tracked *by = &detector->state.tracked[finding - detector->state.finding];
+        if (series->is_off && !series->is_same && is_better_onset(detector, series, finding)) {
+            take_onset(detector, series, finding);
         }
-        return;
-    }
-    tracked *by = &detector->state.tracked[finding - detector->state.finding];
-    if (by->quantity != which || by->bank != bank) {
-        return;
-    }
-    if (!series->is_off) {
+        if (by->quantity != which || by->bank != bank) {
+            return;
+        }
+        if (series->is_off && (series->is_same || has_level(one, finding->number, series))) {
+            take_size(detector, one, finding, series);
+            return;
+        }
         end_finding(detector, finding, seconds_of(detector, series->onset));
-        return;
     }
-    if (by->is_settled && fabs(series->size) > OTHER * fabs(by->size) && !series->is_same) {
-        end_finding(detector, finding, seconds_of(detector, series->onset)); /* another change of this quantity */
-        take_change(detector, which, bank, true);
-        return;
+    if (series->is_off && !series->is_same) {
+        take_change(detector, which, bank);
     }
-    set_size(series, finding);
-    if (!by->is_settled) {
-        by->size = finding->size;
-        by->percent = finding->percent;
-    } else if (!series->is_same) {
-        report(detector, finding, TL_FINDING_FURTHER);
-    }
-    by->is_settled = true;
-    bool has_grown = finding->size * by->size > 0.0 && fabs(finding->size) > GROWN * fabs(by->size) &&
-                     !(fabs(finding->percent) <= GROWN * fabs(by->percent));
-    finding->kind = has_grown ? TL_FINDING_DRIFT : finding->kind;
 }
 
 /* ---- cause ---- */
@@ -454,9 +535,7 @@ static void add_value(tl_change_detector *detector, size_t which, double value, 
     quantity *one = &detector->quantity[which];
     for (size_t bank = 0; bank < BANKS; bank++) {
         tl_series_turn turn = tl_change_series_add(&one->series[bank], detector->state.last, value, reference);
-        if (turn == TL_SERIES_CHANGED) {
-            take_change(detector, which, bank, false);
-        } else if (turn == TL_SERIES_SETTLED) {
+        if (turn == TL_SERIES_SETTLED) {
             take_level(detector, which, bank);
         }
         if (!detector->state.is_ready && tl_change_series_is_ready(&one->series[bank])) {
@@ -494,6 +573,20 @@ static void interrupt_series(tl_change_detector *detector) {
     detector->state.left_out = steps_of_start(detector->config);
 }
 
+/* After a gap in the readings, released twins are wrong until they were begun after it. */
+static void leave_out_gap(tl_change_detector *detector, const tl_record *record) {
+    double ignored;
+    bool is_known = false;
+    for (size_t i = 0; i < detector->quantities && !is_known; i++) {
+        is_known = isfinite(value_of(detector, &detector->quantity[i], record, &ignored));
+    }
+    if (is_known && detector->unknown >= GAP) {
+        interrupt_all(detector);
+        detector->state.left_out = steps_of_release(detector->config);
+    }
+    detector->unknown = is_known ? 0 : detector->unknown + 1;
+}
+
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_RESUMED || record->step <= detector->state.last) {
         return;
@@ -511,7 +604,8 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
         detector->state.left_out--;
         return;
     }
-    for (size_t i = 0; i < detector->quantities; i++) {
+    leave_out_gap(detector, record);
+    for (size_t i = 0; i < detector->quantities && detector->state.left_out == 0; i++) {
         double reference = 0.0;
         double value = value_of(detector, &detector->quantity[i], record, &reference);
         add_value(detector, i, value, reference);
@@ -560,6 +654,27 @@ void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sa
     }
 }
 
+bool tl_change_detector_accept(tl_change_detector *detector, uint32_t number) {
+    bool is_known = false;
+    for (size_t i = 0; i < detector->quantities; i++) {
+        quantity *one = &detector->quantity[i];
+        known_level *known = number != 0 ? level_of(one, number) : NULL;
+        for (size_t bank = 0; bank < BANKS && known != NULL; bank++) {
+            tl_change_series_accept(&one->series[bank], known->size[0], known->size[1]);
+        }
+        if (known != NULL) {
+            *known = (known_level){0};
+            one->finding = one->finding == number ? 0 : one->finding;
+            is_known = true;
+        }
+    }
+    tl_finding *finding = is_known ? finding_of(detector, number) : NULL;
+    if (finding != NULL) {
+        finding->is_normal = true;
+    }
+    return is_known;
+}
+
 /* ---- results ---- */
 
 tl_changes tl_change_detector_get(const tl_change_detector *detector) {
@@ -598,7 +713,7 @@ static void write_key(const tl_change_detector *detector, char key[TL_SHA256_TEX
 }
 
 size_t tl_change_detector_size(const tl_change_detector *detector) {
-    size_t each = sizeof(uint32_t) + BANKS * TL_SERIES_STORED;
+    size_t each = sizeof(uint32_t) + LEVELS * sizeof(known_level) + BANKS * TL_SERIES_STORED;
     return TL_SHA256_TEXT + sizeof detector->state + detector->quantities * each;
 }
 
@@ -618,7 +733,7 @@ void tl_change_detector_save(const tl_change_detector *detector, unsigned char *
     bytes = put(put(bytes, key, sizeof key), &detector->state, sizeof detector->state);
     for (size_t i = 0; i < detector->quantities; i++) {
         const quantity *one = &detector->quantity[i];
-        bytes = put(bytes, &one->finding, sizeof one->finding);
+        bytes = put(put(bytes, &one->finding, sizeof one->finding), one->levels, sizeof one->levels);
         for (size_t bank = 0; bank < BANKS; bank++) {
             bytes = put(bytes, &one->series[bank], TL_SERIES_STORED);
         }
@@ -652,7 +767,7 @@ static bool is_sound(const tl_change_detector *detector, const detector_state *s
         const tracked *by = &state->tracked[i];
         right = (unsigned)finding->kind <= TL_FINDING_FREEZE && (unsigned)finding->subject <= TL_FINDING_SIGNAL &&
                 (unsigned)finding->cause <= TL_FINDING_PLANT && finding->index < limits[finding->subject] &&
-                is_flag(&finding->is_gone) && is_flag(&finding->is_decided) && is_flag(&by->is_settled) &&
+                is_flag(&finding->is_gone) && is_flag(&finding->is_normal) && is_flag(&finding->is_decided) &&
                 isfinite(finding->onset) && isfinite(finding->found) && isfinite(finding->gone) &&
                 ends(finding->variable, sizeof finding->variable) && ends(finding->says, sizeof finding->says) &&
                 ends(finding->unit, sizeof finding->unit) && ends(finding->sensor, sizeof finding->sensor) &&
@@ -676,7 +791,7 @@ bool tl_change_detector_load(tl_change_detector *detector, const unsigned char *
     detector->state = state;
     for (size_t i = 0; i < detector->quantities; i++) {
         quantity *one = &detector->quantity[i];
-        bytes = take(bytes, &one->finding, sizeof one->finding);
+        bytes = take(take(bytes, &one->finding, sizeof one->finding), one->levels, sizeof one->levels);
         for (size_t bank = 0; bank < BANKS; bank++) {
             right = tl_change_series_load(&one->series[bank], bytes) && right;
             bytes += TL_SERIES_STORED;
@@ -747,7 +862,11 @@ void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last,
         state->finding[i].number += last;
     }
     for (size_t i = 0; is_new && i < detector->quantities; i++) {
-        detector->quantity[i].finding += detector->quantity[i].finding != 0 ? last : 0;
+        quantity *one = &detector->quantity[i];
+        one->finding += one->finding != 0 ? last : 0;
+        for (size_t k = 0; k < LEVELS; k++) {
+            one->levels[k].finding += one->levels[k].finding != 0 ? last : 0;
+        }
     }
     state->numbers = is_new ? state->numbers + last : state->numbers > last ? state->numbers : last;
 }

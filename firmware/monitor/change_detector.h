@@ -8,11 +8,16 @@
  *           date them, long ones find small changes.
  * Promise:  `false_alarms_per_year` of the configuration, divided among all series.
  * Start:    the first ten releases after each start and reset of the FMUs are left out, but at
- *           most a tenth of the learning time.
- * Finding:  changes of several quantities are one finding if they begin at about the same time, or
- *           if the quantity belongs to an open finding already. It is named by the correction that
- *           changed, else by the output. It is gone when the series that found it is back at its
- *           learnt level.
+ *           most a tenth of the learning time, or one release if that is longer. One release is
+ *           left out after a gap in the readings.
+ * Finding:  one line for one lasting change. Changes of several quantities are one finding if they
+ *           begin at about the same time, or if one makes the other move: a correction moves all
+ *           outputs of the released twin, and an output that is matched moves corrections. The
+ *           finding is named by the correction, else by the output. It is gone when the series that
+ *           found it is normal again.
+ * Levels:   a quantity that takes the level of an earlier finding opens that again, for example
+ *           when a product recurs. Within the learning time it keeps its onset; later it has a new
+ *           one, and is reported like a new finding. Another level is another finding.
  * Cause:    two released twins run at the onset. Both were begun before it, so they have used no
  *           later measurement. While one of them is recorded, the outputs that are off by three
  *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
@@ -40,8 +45,8 @@
 typedef struct tl_change_detector tl_change_detector;
 
 typedef enum tl_finding_turn {
-    TL_FINDING_FOUND,   /* a new finding */
-    TL_FINDING_FURTHER, /* its variable has changed again */
+    TL_FINDING_FOUND,   /* a new finding, or one that returns late */
+    TL_FINDING_FURTHER, /* it returns soon, has another name or cause, or drifts */
     TL_FINDING_ENDED    /* it is gone */
 } tl_finding_turn;
 
@@ -68,6 +73,10 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
  * findings remain; their times are moved. `account`: of this run. `started`: its t_start, ms since
  * 1970 UTC. */
 void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started);
+
+/* A user accepts the levels of a finding as normal: they give no finding from now on. Returns false
+ * if the levels are not known, or accepted already. */
+bool tl_change_detector_accept(tl_change_detector *detector, uint32_t number);
 
 /* The next finding has a number above `last`. `is_new`: so have those so far, because none of them
  * is stored. */

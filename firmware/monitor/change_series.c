@@ -17,7 +17,7 @@ enum {
     LONGEST = 4,       /* learning ends after this many times `learn` */
     LEAST_LEARN = 256, /* blocks */
     ROUNDS = 3,        /* two fits and a test */
-    LEAST_SETTLE = 16, /* blocks */
+    LASTING = 16,      /* blocks of a lasting level */
     BEFORE = 32        /* least number of blocks before the sum was zero, for the split */
 };
 
@@ -25,8 +25,8 @@ enum {
  * does not give an endless spread. */
 static const double LEAST_GAIN = 0.05;
 
-/* A series is back at its learnt level if it differs by at most this part of the change before. */
-static const double RETURNED = 0.25;
+/* Levels beyond the learnt range are normal up to this part of its width. */
+static const double BEYOND = 0.5;
 
 /* One estimate explains two changes if its error is at most this many times larger. */
 static const double ALIKE = 2.0;
@@ -341,6 +341,59 @@ static void repeat_kept(tl_change_series *series) {
     }
 }
 
+static bool is_in_range(const tl_change_series *series, size_t range, double level) {
+    double beyond = BEYOND * (series->normal[0][1] - series->normal[0][0]) + series->least;
+    return level >= series->normal[range][0] - beyond && level <= series->normal[range][1] + beyond;
+}
+
+static bool is_normal(const tl_change_series *series, double level) {
+    bool is_in_any = false;
+    for (size_t i = 0; i < series->ranges; i++) {
+        is_in_any = is_in_any || is_in_range(series, i, level);
+    }
+    return is_in_any;
+}
+
+static void widen_normal(double range[2], double level) {
+    range[0] = fmin(range[0], level);
+    range[1] = fmax(range[1], level);
+}
+
+static void learn_level(tl_change_series *series, double level) {
+    if (series->ranges == 0) {
+        series->normal[0][0] = series->normal[0][1] = level;
+        series->ranges = 1;
+    }
+    widen_normal(series->normal[0], level);
+}
+
+static void drop_lasting(tl_change_series *series) {
+    series->lasting_sum = 0.0;
+    series->lasting_change = 0.0;
+    series->lasting = 0;
+}
+
+/* Adds the newest block to the present lasting level. Returns true if that has left the normal
+ * range, which is moved along with a change while the series is off. */
+static bool add_lasting(tl_change_series *series, bool learns) {
+    series->lasting_sum += kept(series, series->number);
+    series->lasting_change += kept(series, series->number) - series->fit.median - residual(series, series->number);
+    series->lasting++;
+    if (series->lasting < LASTING) {
+        return false;
+    }
+    double level = series->lasting_sum / LASTING;
+    double moved = level - (series->is_off ? series->lasting_change / LASTING : 0.0);
+    drop_lasting(series);
+    if (tl_change_series_is_ready(series) && !is_normal(series, moved)) {
+        return true;
+    }
+    if (learns && (!tl_change_series_is_ready(series) || is_in_range(series, 0, level))) {
+        learn_level(series, level);
+    }
+    return false;
+}
+
 /* Adds the newest block to the fit, and renews it when it is due. */
 static void learn_block(tl_change_series *series, double innovation) {
     tl_series_fit *fit = &series->fit;
@@ -374,6 +427,7 @@ static void restart_sums(tl_change_series *series) {
         series->peak[side] = 0.0;
         series->zero[side] = series->number;
     }
+    drop_lasting(series);
 }
 
 /* The two means of the best split. */
@@ -486,19 +540,20 @@ static void set_onset(tl_change_series *series, uint64_t split_at, uint64_t zero
     series->onset_spread = (late - early) / 2.0 + series->block * (1.0 + fmin(ratio * ratio, MOST_SPREAD));
 }
 
-static void begin_change(tl_change_series *series, int side) {
-    uint64_t took = series->number - series->zero[side];
+/* `zero`: the last block before the change, or an earlier one. */
+static void begin_change(tl_change_series *series, uint64_t zero) {
+    uint64_t took = series->number - zero;
     uint64_t reach = took + (took > BEFORE ? took : BEFORE);
     uint64_t oldest = oldest_kept(series);
     split found = find_split(series, series->number - oldest > reach ? series->number - reach : oldest);
     double change = fabs(found.after - found.before);
-    set_onset(series, found.at, series->zero[side], change > 0.0 ? found.deviation / change : HUGE_VAL);
+    set_onset(series, found.at, zero, change > 0.0 ? found.deviation / change : HUGE_VAL);
     fitted_change first = estimate_change(series, found.at);
     set_size(series, &first, found.at);
     series->begins = found.at;
     series->opened = series->is_off ? series->opened : found.at;
     uint64_t settle = 2 * (series->number - found.at + 1);
-    series->settles = series->number + (settle > LEAST_SETTLE ? settle : LEAST_SETTLE);
+    series->settles = series->number + (settle > LASTING ? settle : LASTING);
 }
 
 /* The estimate is renewed when it has twice as many blocks. */
@@ -513,28 +568,32 @@ static void refine(tl_change_series *series) {
     fitted_change found = estimate_change(series, from);
     set_size(series, &found, from);
     series->change = found.change;
-    series->settled = series->size;
     plan_refinement(series, from);
     series->is_same = true;
+}
+
+/* The change so far, as a mean since a block. */
+static double mean_change(const tl_change_series *series, uint64_t from) {
+    double sum = 0.0;
+    for (uint64_t n = from; n <= series->number; n++) {
+        sum += kept(series, n) - series->fit.median - residual(series, n);
+    }
+    return sum / (double)(series->number - from + 1);
 }
 
 /* Estimates the change, around which the series is watched from now on. */
 static void settle(tl_change_series *series) {
     uint64_t begins = later_of(series->begins, oldest_kept(series));
     uint64_t opened = later_of(series->opened, oldest_kept(series));
-    double provisional = series->size;
     fitted_change last = estimate_change(series, begins);
     fitted_change all = estimate_change(series, opened);
-    double noise = fmax(last.error, series->fit.scale * series->fit.scale);
+    double noise = fmax(last.error, series->fit.deviation * series->fit.deviation);
     series->is_same = series->is_off && error_of(series, begins, &all.change) <= ALIKE * noise;
     set_size(series, series->is_same ? &all : &last, series->is_same ? opened : begins);
-    double returned = RETURNED * fabs(series->is_off ? series->settled : provisional);
-    series->is_off = series->is_same || fabs(last.size) > returned;
+    double level = last.size + series->fit.median;
+    double moved = level - (series->is_off ? mean_change(series, begins) : 0.0);
+    series->is_off = series->is_same || !is_normal(series, level) || (series->is_off && is_normal(series, moved));
     series->change = series->is_same ? all.change : last.change;
-    if (!series->is_off) {
-        series->change = (tl_series_change){0};
-    }
-    series->settled = series->is_off ? series->size : 0.0;
     series->settles = 0;
     series->opened = series->is_same ? opened : begins;
     plan_refinement(series, series->opened);
@@ -569,7 +628,11 @@ static tl_series_turn add_block(tl_change_series *series) {
     }
     int found = isfinite(innovation) ? test_block(series, innovation, learns) : -1;
     if (found >= 0) {
-        begin_change(series, found);
+        begin_change(series, series->zero[found]);
+        return TL_SERIES_CHANGED;
+    }
+    if (add_lasting(series, learns)) {
+        begin_change(series, series->number - LASTING);
         return TL_SERIES_CHANGED;
     }
     if (learns) {
@@ -626,6 +689,20 @@ void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t le
     drop_peaks(series);
 }
 
+void tl_change_series_accept(tl_change_series *series, double low, double high) {
+    if (series->ranges == 0) {
+        return;
+    }
+    double *range = series->normal[TL_SERIES_RANGES - 1];
+    if (series->ranges < TL_SERIES_RANGES) {
+        range = series->normal[series->ranges++];
+        range[0] = range[1] = series->fit.median + low;
+    }
+    widen_normal(range, series->fit.median + low);
+    widen_normal(range, series->fit.median + high);
+    series->is_off = series->is_off && !is_normal(series, series->fit.median + series->size);
+}
+
 /* ---- storing ---- */
 
 static bool is_histogram(const tl_series_histogram *histogram) {
@@ -662,14 +739,15 @@ static bool is_flag(const bool *flag) {
 /* The bytes may come from a damaged file. Numbers that could overflow are no data of ours. */
 static bool is_sound(const tl_change_series *series) {
     static const uint64_t most = UINT64_MAX / 1024;
-    const double numbers[] = {series->change.offset, series->change.gain, series->largest,
-                              series->threshold,     series->settled,     series->onset,
-                              series->onset_spread,  series->size,        series->size_spread};
+    const double numbers[] = {series->change.offset, series->change.gain,   series->largest,      series->threshold,
+                              series->lasting_sum,   series->onset,         series->onset_spread, series->size,
+                              series->size_spread,   series->lasting_change};
     return are_finite(numbers, sizeof numbers / sizeof numbers[0]) && series->threshold >= 0.0 &&
            series->number < most && series->fit.blocks <= series->number && series->opened <= series->number &&
-           series->begins <= series->number && is_flag(&series->is_off) && is_flag(&series->is_same) &&
-           is_histogram(&series->peaks) && (series->tested != 0 || series->peaks.total == 0) &&
-           (series->fit.renewed == 0 || is_fit(&series->fit));
+           series->ranges <= TL_SERIES_RANGES &&
+           are_finite(series->normal[0], sizeof series->normal / sizeof(double)) && series->begins <= series->number &&
+           is_flag(&series->is_off) && is_flag(&series->is_same) && is_histogram(&series->peaks) &&
+           (series->tested != 0 || series->peaks.total == 0) && (series->fit.renewed == 0 || is_fit(&series->fit));
 }
 
 bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes) {
@@ -686,7 +764,6 @@ bool tl_change_series_load(tl_change_series *series, const unsigned char *bytes)
     stored.least = series->least;
     if (stored.settles != 0) { /* its estimate needs them, too: the first one remains */
         stored.change = (tl_series_change){.offset = stored.size};
-        stored.settled = stored.size;
         stored.settles = 0;
         stored.is_off = true;
     }

@@ -13,12 +13,18 @@
  * Threshold: the larger of two values, at least 10. First, 1.5 times the largest sum while
  *            learning. Second, the sum that is exceeded `rate` times in a block, by an exponential
  *            tail of the peaks.
+ * Normal:    a range of lasting levels, means of 16 blocks: those while learning, and half the
+ *            width of their range more on both sides. A user may accept further ranges. A lasting
+ *            level outside of them is a change, too. So products that were made while learning are
+ *            normal.
  * Onset:     the split of the newest block means into two means with the least squared error.
- * After:     the change is estimated for twice as long as the detection took: as a constant, and as
- *            a part of a reference (û of a correction, ŷ of an output). The one with the smaller
- *            squared error counts. The series is then watched around it, so that a lasting change
- *            is found once. The estimate is renewed whenever the time since the onset has doubled.
- *            If the series changes again, it is first tried on all blocks since the onset.
+ * After:     the change is estimated for twice as long as the detection took, at least 16 blocks:
+ *            as a constant, and as a part of a reference (û of a correction, ŷ of an output). The
+ *            one with the smaller squared error counts. If the level is not normal, the series is
+ *            off. The series is then watched around the level, so that a lasting change is found
+ *            once. The estimate is renewed whenever the time since the onset has doubled. If the
+ *            series changes again, it is first tried on all blocks since the onset. The series is
+ *            off until its level is normal, and would not be so with the change on top.
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
  * Memory:    plain data of the caller, about 32 kB, without pointers. The first TL_SERIES_STORED
@@ -36,6 +42,7 @@ enum {
     TL_SERIES_ORDER = 8,  /* of the autoregressive model */
     TL_SERIES_FIRST = 32, /* blocks before the first fit */
     TL_SERIES_BINS = 256, /* of a histogram */
+    TL_SERIES_RANGES = 8, /* normal levels: the learnt ones, and those that a user accepts */
     TL_SERIES_KEPT = 1024 /* newest block means that are kept */
 };
 
@@ -49,8 +56,8 @@ typedef struct tl_series_histogram {
 
 typedef enum tl_series_turn {
     TL_SERIES_AS_BEFORE,
-    TL_SERIES_CHANGED, /* a change was found: the results are valid; the size is a first estimate */
-    TL_SERIES_SETTLED  /* the change is known: size, size_spread, share and is_off are valid */
+    TL_SERIES_CHANGED, /* a change was found; it may be a transient */
+    TL_SERIES_SETTLED  /* the change is known: the results are valid */
 } tl_series_turn;
 
 /* Fit of the model, and the sums for the next one. */
@@ -91,17 +98,21 @@ typedef struct tl_change_series {
     uint64_t tested;           /* blocks in `peaks` */
     double largest;            /* sum while learning */
     double threshold;
-    uint64_t number;             /* blocks so far */
-    uint64_t first;              /* the oldest usable one */
-    uint64_t refines;            /* block at which its estimate is renewed; 0: never */
-    double settled;              /* size of the change before; 0: there was none */
-    uint64_t opened;             /* block from which on the estimate holds; only if is_off */
-    uint64_t begins;             /* block with which the last change begins */
-    uint64_t settles;            /* block at which it is known; 0: it is */
+    uint64_t number;    /* blocks so far */
+    uint64_t first;     /* the oldest usable one */
+    uint64_t refines;   /* block at which its estimate is renewed; 0: never */
+    double lasting_sum; /* of the present lasting level: blocks, and `change` at them */
+    double lasting_change;
+    uint64_t lasting;                   /* its blocks */
+    double normal[TL_SERIES_RANGES][2]; /* lowest and highest normal level: learnt; accepted by a user */
+    uint64_t ranges;                    /* their number; 0: nothing was learnt */
+    uint64_t opened;                    /* block from which on the estimate holds; only if is_off */
+    uint64_t begins;                    /* block with which the last change begins */
+    uint64_t settles;                   /* block at which it is known; 0: it is */
     double onset, onset_spread;  /* results, of the last change: index of a value, and half the width of its range */
     double size, size_spread;    /* mean distance from the learnt median since the change; standard error */
     double share;                /* size as a part of the reference, with sign; NaN: the reference is about 0 */
-    bool is_off;                 /* the series has left its learnt level */
+    bool is_off;                 /* the series has left its normal levels */
     bool is_same;                /* after SETTLED: no new change, only a better estimate of the one before */
     double kept[TL_SERIES_KEPT]; /* block n lies at n % TL_SERIES_KEPT */
     double reference[TL_SERIES_KEPT];
@@ -122,6 +133,10 @@ void tl_change_series_interrupt(tl_change_series *series);
 /* Returns the mean distance from the learnt median, over the kept blocks that lie from `first` to
  * `last` (indices); NaN: there is none, or nothing was learnt. */
 double tl_change_series_distance(const tl_change_series *series, double first, double last);
+
+/* A user accepts these distances from the learnt median, low ≤ high, as normal. If there are too
+ * many ranges, the last one is extended. */
+void tl_change_series_accept(tl_change_series *series, double low, double high);
 
 /* Restores what a series has learnt, from TL_SERIES_STORED bytes of it. The series was started with
  * the same block length. Then call tl_change_series_interrupt(). Returns false, and changes

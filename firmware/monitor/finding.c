@@ -20,8 +20,12 @@ const char *tl_finding_subject_name(tl_finding_subject subject) {
     return names[subject];
 }
 
+bool tl_finding_is_open(const tl_finding *finding) {
+    return !finding->is_gone && !finding->is_normal;
+}
+
 const char *tl_finding_state_name(const tl_finding *finding) {
-    return finding->is_gone ? "gone" : "open";
+    return finding->is_normal ? "normal" : finding->is_gone ? "gone" : "open";
 }
 
 /* "+5 %" in brackets; nothing if there is no percentage. */

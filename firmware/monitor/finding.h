@@ -45,6 +45,7 @@ typedef struct tl_finding {
     char says[TL_CONFIG_WORDS];     /* the user's words for the variable; "": none */
     char unit[TL_FINDING_UNIT];     /* "": none */
     bool is_gone;                   /* the learnt state has returned */
+    bool is_normal;                 /* a user has accepted its level as normal */
     double onset, onset_spread;     /* when it began, and half the width of its range */
     double found, gone;             /* when it was found; when it returned (only if is_gone) */
     double size, size_spread;       /* change in the variable's unit, and its standard error */
@@ -62,7 +63,11 @@ typedef struct tl_changes {
     tl_run_detection detection;
 } tl_changes;
 
-/* Names for JSON: "step", "drift", "freeze"; "correction", "output", "signal"; "open", "gone". */
+/* Returns true if it is neither gone nor accepted as normal. */
+bool tl_finding_is_open(const tl_finding *finding);
+
+/* Names for JSON: "step", "drift", "freeze"; "correction", "output", "signal"; "open", "gone",
+ * "normal". */
 const char *tl_finding_kind_name(tl_finding_kind kind);
 const char *tl_finding_subject_name(tl_finding_subject subject);
 const char *tl_finding_state_name(const tl_finding *finding);

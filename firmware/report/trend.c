@@ -47,7 +47,8 @@ static void take_period(void *context, const tl_history_period *period) {
             const double before = (double)part->count;
             part->count += period->count;
             part->mean += apart * count / (before + count);
-            part->squares += period->spread * period->spread * count + apart * apart * before * count / (before + count);
+            part->squares +=
+                period->spread * period->spread * count + apart * apart * before * count / (before + count);
         }
     }
 }

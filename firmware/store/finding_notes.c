@@ -2,6 +2,7 @@
 #include "firmware/store/finding_notes.h"
 
 #include <sqlite3.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/base/text.h"
@@ -19,31 +20,64 @@ static tl_status open_beside_recorder(const char *path, sqlite3 **database, tl_e
     return status;
 }
 
-tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
-                                       tl_error *error) {
-    static const char sql[] = "UPDATE findings SET acknowledged_at = ?2, acknowledged_by = ?3, note = ?4"
-                              " WHERE finding = ?1";
+/* Fails if the finding does not exist, or (`accepts`) cannot be accepted as normal. */
+static tl_status check_finding(sqlite3 *database, const char *path, int64_t finding, bool accepts, tl_error *error) {
+    sqlite3_stmt *row = NULL;
+    tl_status status = tl_database_prepare(
+        database, "SELECT kind = 'freeze', state = 'normal' FROM findings WHERE finding = ?1", &row, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_bind_int64(row, 1, finding);
+    int code = sqlite3_step(row);
+    if (code != SQLITE_ROW && code != SQLITE_DONE) {
+        status = tl_database_fail(database, code, error);
+    } else if (code == SQLITE_DONE) {
+        status = tl_fail(error, TL_BAD_DATA, "%s: contains no finding %lld: `twinlock show` lists them", path,
+                         (long long)finding);
+    } else if (accepts && sqlite3_column_int(row, 0) != 0) {
+        status = tl_fail(error, TL_BAD_DATA, "%s: finding %lld is a frozen signal, which has no level", path,
+                         (long long)finding);
+    } else if (accepts && sqlite3_column_int(row, 1) != 0) {
+        status = tl_fail(error, TL_BAD_DATA, "%s: finding %lld is normal already", path, (long long)finding);
+    }
+    (void)sqlite3_finalize(row);
+    return status;
+}
+
+static tl_status write_note(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
+                            tl_error *error) {
+    static const char sql[] = "UPDATE findings SET acknowledged_at = ?2, acknowledged_by = ?3, note = ?4,"
+                              " state = CASE ?5 WHEN 1 THEN 'normal' ELSE state END WHERE finding = ?1";
     sqlite3 *database = NULL;
     sqlite3_stmt *statement = NULL;
     char now[TL_UTC_TEXT];
     tl_utc_text(tl_utc_now(), now);
     tl_status status = open_beside_recorder(path, &database, error);
+    status = status == TL_OK ? check_finding(database, path, finding, accepts, error) : status;
     status = status == TL_OK ? tl_database_prepare(database, sql, &statement, error) : status;
     if (status == TL_OK) {
         (void)sqlite3_bind_int64(statement, 1, finding);
         (void)sqlite3_bind_text(statement, 2, now, -1, SQLITE_STATIC);
         (void)sqlite3_bind_text(statement, 3, who, -1, SQLITE_STATIC);
         (void)sqlite3_bind_text(statement, 4, note, -1, SQLITE_STATIC);
+        (void)sqlite3_bind_int(statement, 5, accepts ? 1 : 0);
         int code = sqlite3_step(statement);
         status = code == SQLITE_DONE ? TL_OK : tl_database_fail(database, code, error);
-    }
-    if (status == TL_OK && sqlite3_changes(database) == 0) {
-        status = tl_fail(error, TL_BAD_DATA, "%s: contains no finding %lld: `twinlock show` lists them", path,
-                         (long long)finding);
     }
     (void)sqlite3_finalize(statement);
     (void)sqlite3_close(database);
     return status;
+}
+
+tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
+                                       tl_error *error) {
+    return write_note(path, finding, who, note, false, error);
+}
+
+tl_status tl_finding_notes_accept(const char *path, int64_t finding, const char *who, const char *note,
+                                  tl_error *error) {
+    return write_note(path, finding, who, note, true, error);
 }
 
 tl_status tl_finding_notes_forget(const char *path, tl_error *error) {

@@ -1,7 +1,8 @@
-/* What a user does with findings: acknowledges one, or begins to learn again.
+/* What a user does with findings: acknowledges one, accepts its level as normal, or begins to learn
+ * again.
  *
- * Purpose: both change the database, also while a run writes it. The recorder keeps what a user has
- *          written, and notices that what was learnt is gone.
+ * Purpose: all change the database, also while a run writes it. The recorder keeps what a user has
+ *          written, and notices what counts as normal, and that what was learnt is gone.
  * Errors:  those of database.h; TL_BAD_DATA if there is no such finding; TL_TRY_AGAIN if another
  *          program locks the database for 5 s.
  * Thread:  any; one at a time for each database.
@@ -16,6 +17,11 @@
 /* `who`: name of the user. `note`: a remark; NULL: none. */
 tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
                                        tl_error *error);
+
+/* Likewise; its level counts as normal from now on. Fails with TL_BAD_DATA if the finding is normal
+ * already, or is a frozen signal, which has no level. */
+tl_status tl_finding_notes_accept(const char *path, int64_t finding, const char *who, const char *note,
+                                  tl_error *error);
 
 /* Removes what was learnt. Open findings become "normal", because the present state is learnt. */
 tl_status tl_finding_notes_forget(const char *path, tl_error *error);

@@ -71,6 +71,7 @@ typedef enum statement {
     FINDING,
     OPEN_FINDINGS,
     LAST_FINDING,
+    NEXT_NORMAL,
     IS_REMOVED,
     MOVE_EVENTS,
     MOVE_TUNINGS,
@@ -184,17 +185,19 @@ static const char *const sql_of[STATEMENTS] = {
     [FINDING] =
         "INSERT INTO findings (finding, run, kind, subject, variable, says, unit, onset_s, onset_spread_s,"
         " found_s, gone_s, size, size_spread, percent, also, cause, state, onset_at, found_at, gone_at)"
-        " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, " UTC_OF("?8") ", " UTC_OF("?10") ", " UTC_OF(
-            "?11") " FROM runs WHERE run = ?1"
-                   " ON CONFLICT (finding) DO UPDATE SET run = excluded.run, kind = excluded.kind,"
-                   " subject = excluded.subject, variable = excluded.variable, says = excluded.says, unit = excluded.unit,"
-                   " onset_s = excluded.onset_s, onset_spread_s = excluded.onset_spread_s, found_s = excluded.found_s,"
-                   " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
-                   " percent = excluded.percent, also = excluded.also, cause = excluded.cause, state = excluded.state,"
-                   " onset_at = excluded.onset_at, found_at = excluded.found_at, gone_at = excluded.gone_at",
+        " SELECT ?2, ?1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, " UTC_OF("?8") ", " UTC_OF(
+            "?10") ", " UTC_OF("?11") " FROM runs WHERE run = ?1"
+                                      " ON CONFLICT (finding) DO UPDATE SET run = excluded.run, kind = excluded.kind,"
+                                      " subject = excluded.subject, variable = excluded.variable, says = excluded.says, unit = excluded.unit,"
+                                      " onset_s = excluded.onset_s, onset_spread_s = excluded.onset_spread_s, found_s = excluded.found_s,"
+                                      " gone_s = excluded.gone_s, size = excluded.size, size_spread = excluded.size_spread,"
+                                      " percent = excluded.percent, also = excluded.also, cause = excluded.cause,"
+                                      " state = CASE state WHEN 'normal' THEN state ELSE excluded.state END,"
+                                      " onset_at = excluded.onset_at, found_at = excluded.found_at, gone_at = excluded.gone_at",
     [OPEN_FINDINGS] = "UPDATE findings SET state = 'normal' WHERE state = 'open' AND onset_at IS NOT NULL",
     [IS_REMOVED] = "SELECT 1 FROM learned WHERE state = 'removed'",
     [LAST_FINDING] = "SELECT max(finding) FROM findings",
+    [NEXT_NORMAL] = "SELECT min(finding) FROM findings WHERE finding > ?1 AND state = 'normal'",
     [MOVE_EVENTS] = MOVED_RUNS "UPDATE events SET " MOVED("at", "events.run") IS_MOVED,
     [MOVE_TUNINGS] = MOVED_RUNS "UPDATE tunings SET " MOVED("at", "tunings.run") IS_MOVED,
     [MOVE_FINDINGS] = MOVED_RUNS "UPDATE findings SET " MOVED("onset_at", "findings.run") ", " MOVED(
@@ -972,6 +975,13 @@ int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_rem
     int64_t found = 0;
     int code = query_number(database, IS_REMOVED, 0, 0, &found);
     *is_removed = found != 0;
+    return code;
+}
+
+int tl_recorder_database_next_normal(tl_recorder_database *database, uint32_t number, uint32_t *next) {
+    int64_t found = 0;
+    int code = query_number(database, NEXT_NORMAL, number, 0, &found);
+    *next = found > 0 && found < UINT32_MAX / 2 ? (uint32_t)found : 0;
     return code;
 }
 

@@ -138,6 +138,9 @@ int tl_recorder_database_learned(tl_recorder_database *database, unsigned char *
 /* Finds out whether a user has removed what was learnt (finding_notes.h). */
 int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_removed);
 
+/* Finds the next finding after `number` that is normal; *next 0: there is none. */
+int tl_recorder_database_next_normal(tl_recorder_database *database, uint32_t number, uint32_t *next);
+
 /* Commits the batch; a `reason` ends the run. On success all is on the disk; else the caller must
  * roll back. */
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);

@@ -991,6 +991,11 @@ bool tl_recorder_writer_is_removed(tl_recorder_writer *writer) {
            tl_recorder_database_is_removed(writer->file.database, &is_removed) == SQLITE_OK && is_removed;
 }
 
+bool tl_recorder_writer_next_normal(tl_recorder_writer *writer, uint32_t number, uint32_t *next) {
+    return writer->file.database != NULL &&
+           tl_recorder_database_next_normal(writer->file.database, number, next) == SQLITE_OK && *next > number;
+}
+
 /* ---- Opening and closing ---- */
 
 /* Begins the run that needs no START entry, in a file that is new to this writer. */

@@ -107,6 +107,10 @@ bool tl_recorder_writer_read_learned(tl_recorder_writer *writer, unsigned char *
 /* Returns true if a user has removed what was learnt (finding_notes.h), until a row is stored. */
 bool tl_recorder_writer_is_removed(tl_recorder_writer *writer);
 
+/* Finds the next finding after `number` that is normal (finding_notes.h). Returns false if there is
+ * none. */
+bool tl_recorder_writer_next_normal(tl_recorder_writer *writer, uint32_t number, uint32_t *next);
+
 /* Returns since when this queue is unreadable (CLOCK_MONOTONIC); 0: it is readable. The writer
  * checks again every second, because a successor of the producer may have repaired the queue. */
 tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue);

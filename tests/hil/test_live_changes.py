@@ -136,6 +136,10 @@ def expect_a_change(bench, began):
         wait_until(lambda: bench.states() == ["gone"], "the end of the finding", live.log)
         expect(shown(bench.database)["findings"][0]["note"] == "pump ordered", "the note is lost")
         expect_line(run_well(["show", bench.database]), "change|1 is gone")
+        run_well(["finding", bench.database, "--normal", "1", "--note", "product B"])
+        live.wait_for("finding 1|normal from now on")
+        wait_until(lambda: bench.states() == ["normal"], "a normal finding", live.log)
+        expect(run(["finding", bench.database, "--normal", "1"])[0] == 65, "accepted twice")
         run_well(["learn", bench.database])
         live.wait_for("removed|learning begins at zero")
         expect(shown(bench.database)["detection"]["learnt_s"] < 10, "not learnt again")
@@ -149,7 +153,7 @@ def expect_nothing_learned(bench):
     expect_line(log, "learning begins at zero")
     found = shown(bench.database)
     expect(found["detection"]["state"] == "learning", found["detection"])
-    expect([finding["state"] for finding in found["findings"]] == ["gone"], "the finding is lost")
+    expect([finding["state"] for finding in found["findings"]] == ["normal"], "the finding is lost")
     expect_line(run_well(["show", bench.database]), "learning")
 
 

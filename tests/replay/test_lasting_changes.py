@@ -90,7 +90,9 @@ def test_findings_in_a_database():
     for arguments, code in ((["finding", database], 2), (["finding", database, "--acknowledge", "9"], 65), (["finding", page, "--acknowledge", "1"], 65),
                             (["learn", folder / "none.db"], 65), (["learn"], 2),
                             (["finding", database, "--acknowledge", "1", "--note", "x" * 1001], 2),
-                            (["finding", database, "--acknowledge", "1", "--note", "\udcff"], 2)):
+                            (["finding", database, "--acknowledge", "1", "--note", "\udcff"], 2),
+                            (["finding", database, "--acknowledge", "1", "--normal", "1"], 2), (["finding", database, "--normal", "0"], 2),
+                            (["finding", database, "--normal", "9"], 65), (["finding", page, "--normal", "1"], 65)):
         expect(run(arguments)[0] == code, f"{arguments}: not {code}")
     with closing(sqlite3.connect(database)) as other:
         other.execute("BEGIN IMMEDIATE")
@@ -99,6 +101,12 @@ def test_findings_in_a_database():
     expect_line(run_well(["show", database]), "acknowledged by|fuse < 5 A")
     found = json.loads(run_well(["show", database, "--json"]))["findings"][0]
     expect(found["note"] == "fuse < 5 A" and found["acknowledged_by"] and found["state"] == "open", found)
+
+    run_well(["finding", database, "--normal", "1", "--note", "new heater"])
+    found = json.loads(run_well(["show", database, "--json"]))["findings"][0]
+    expect(found["state"] == "normal" and found["note"] == "new heater", found)
+    expect_line(run_well(["show", database]), "no lasting change")
+    expect_line(run(["finding", database, "--normal", "1"])[2], "finding 1|normal already")
 
     short = bench._write(faults.merge(bench.lock, {"duration_s": 20000}))
     run_well(["replay", short, "--recording", bench.recording, "--db", database])

@@ -160,6 +160,47 @@ static void test_a_finding_ends_and_comes_back(void) {
     expect_told(2, TL_FINDING_FURTHER, "tank.pump");
 }
 
+/* Long after its end it is news, with a new onset, but the same finding. Another level is another. */
+static void test_a_finding_comes_back_late(void) {
+    learn();
+    run(DAY / 8, -2.0, 0.0, 0.0);
+    run(DAY + DAY / 2, 0.0, 0.0, 0.0);
+    const double at = (double)record.step;
+    run(DAY / 8, -2.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_DOUBLE_WITHIN(60.0, at, get().finding->onset);
+    expect_told(2, TL_FINDING_FOUND, "tank.pump");
+    run(DAY / 8, 6.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    TEST_ASSERT_TRUE(get().finding[0].is_gone);
+    TEST_ASSERT_DOUBLE_WITHIN(0.2, 6.0, get().finding[1].size);
+}
+
+/* The released twin has no correction, so an output shows the open change again. */
+static void test_an_output_belongs_to_an_open_correction(void) {
+    learn();
+    run(DAY / 4, -2.0, 0.0, 0.0);
+    run(DAY / 4, -2.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_EQUAL_UINT64(2, get().finding->outputs);
+}
+
+/* After an outage of the readings, the twin is wrong for some time. */
+static void test_an_outage(void) {
+    learn();
+    record.measured_quality[0] = record.measured_quality[1] = TL_STALE;
+    for (int i = 0; i < 3600; i++) {
+        record.outcome = TL_FREE;
+        tl_change_detector_step(detector, record.step + LEAD, &record);
+        record.step++;
+    }
+    record.measured_quality[0] = record.measured_quality[1] = TL_GOOD;
+    run(RELEASE, 20.0, 3.0, 3.0);
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(0, get().count);
+    TEST_ASSERT_EQUAL_size_t(0, count);
+}
+
 static void test_a_sensor_is_named_by_its_output(void) {
     learn();
     run(DAY / 8, 0.0, 0.0, 1.0);
@@ -188,10 +229,12 @@ static void test_a_cause_that_is_too_old(void) {
     tl_change_detector_destroy(detector);
     detector = tl_change_detector_create(&config, &account, keep, NULL);
     learn();
+    double level = 0.0;
     for (int i = 1; i <= 400 && get().count == 0; i++) {
-        run(100, 0.005 * i, 0.0, 0.0);
+        level = 0.005 * i;
+        run(100, level, 0.0, 0.0);
     }
-    run(2000, 2.0, 0.0, 0.0);
+    run(2000, level, 0.0, 0.0);
     TEST_ASSERT_EQUAL_size_t(1, get().count);
     TEST_ASSERT_TRUE(get().finding->is_decided);
     TEST_ASSERT_EQUAL_INT(TL_FINDING_NO_CAUSE, get().finding->cause);
@@ -379,6 +422,29 @@ static void test_a_restart(void) {
     TEST_ASSERT_EQUAL_UINT32(8, get().finding[1].number);
 }
 
+/* The levels of a finding that a user accepts give none, also after a restart. */
+static void test_a_normal_finding(void) {
+    tl_change_detector_begin(detector, &account, 1);
+    learn();
+    run(DAY / 8, -2.0, 0.0, 1.0);
+    TEST_ASSERT_FALSE(tl_change_detector_accept(detector, 2));
+    TEST_ASSERT_TRUE(tl_change_detector_accept(detector, 1));
+    TEST_ASSERT_FALSE(tl_change_detector_accept(detector, 1));
+    TEST_ASSERT_FALSE(tl_finding_is_open(get().finding));
+    TEST_ASSERT_EQUAL_STRING("normal", tl_finding_state_name(get().finding));
+    const size_t before = count;
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    run(DAY / 8, -2.0, 0.0, 1.0);
+    TEST_ASSERT_TRUE(restart(1 + 1000 * DAY));
+    run(DAY / 2, 0.0, 0.0, 0.0);
+    run(DAY / 8, -2.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count);
+    TEST_ASSERT_EQUAL_size_t(before, count);
+    run(DAY / 8, -6.0, 0.0, 1.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    TEST_ASSERT_TRUE(tl_finding_is_open(&get().finding[1]));
+}
+
 /* A restart before a change has settled keeps it as one finding. */
 static void test_a_restart_within_a_change(void) {
     tl_change_detector_begin(detector, &account, 1);
@@ -468,6 +534,9 @@ int main(void) {
     RUN_TEST(test_learning);
     RUN_TEST(test_one_cause_is_one_finding);
     RUN_TEST(test_a_finding_ends_and_comes_back);
+    RUN_TEST(test_a_finding_comes_back_late);
+    RUN_TEST(test_an_output_belongs_to_an_open_correction);
+    RUN_TEST(test_an_outage);
     RUN_TEST(test_a_sensor_is_named_by_its_output);
     RUN_TEST(test_a_matched_sensor);
     RUN_TEST(test_a_cause_that_is_too_old);
@@ -484,6 +553,7 @@ int main(void) {
     RUN_TEST(test_a_gap);
     RUN_TEST(test_many_findings);
     RUN_TEST(test_a_restart);
+    RUN_TEST(test_a_normal_finding);
     RUN_TEST(test_a_restart_within_a_change);
     RUN_TEST(test_a_restart_while_learning);
     RUN_TEST(test_what_cannot_be_restored);

@@ -18,11 +18,13 @@ static double noise;
 static int found;          /* changes */
 static int settled;        /* of these, not only a better estimate of the one before */
 static double first_onset; /* of the first change */
+static int off;            /* values at which the series was off */
 
 void setUp(void) {
     noise = 0.0;
     found = 0;
     settled = 0;
+    off = 0;
     first_onset = -1.0;
 }
 
@@ -96,22 +98,85 @@ static void test_nothing_is_said_while_learning(void) {
     TEST_ASSERT_EQUAL_INT(0, found);
 }
 
-/* A shift by one deviation of the noise, in both directions. */
+/* A shift by one and a half deviations of the noise, in both directions. */
 static void test_a_shift_is_found_once(void) {
     for (int sign = -1; sign <= 1; sign += 2) {
         for (unsigned seed = 3; seed < 6; seed++) {
             setUp();
             begin(30, seed);
             const int64_t at = 2 * (int64_t)DAY;
-            add_shifted(4 * (int64_t)DAY, sign, at, INT64_MAX);
+            add_shifted(4 * (int64_t)DAY, 1.5 * sign, at, INT64_MAX);
             TEST_ASSERT_GREATER_OR_EQUAL_INT(1, found);
             TEST_ASSERT_EQUAL_INT(1, settled);
             TEST_ASSERT_DOUBLE_WITHIN(600.0, (double)at, first_onset);
-            TEST_ASSERT_DOUBLE_WITHIN(0.3, sign, series.size);
+            TEST_ASSERT_DOUBLE_WITHIN(0.3, 1.5 * sign, series.size);
             TEST_ASSERT_TRUE(series.is_off);
             TEST_ASSERT_TRUE(isnan(series.share));
         }
     }
+}
+
+/* Two products that alternate, from `from` to `until`. */
+static void add_products(int64_t from, int64_t until, double shift) {
+    double level = 0.0;
+    int64_t next = from;
+    for (int64_t i = from; i < until; i++) {
+        if (i >= next) {
+            level = level < 0.0 ? 0.0 : -6.0;
+            next = i + 3600 + (int64_t)(3 * 3600 * uniform());
+        }
+        add(i, draw() + level + shift, 0.0);
+        off += series.is_off ? 1 : 0;
+    }
+}
+
+/* Levels that were there while learning are normal. A shift beyond them is found, and its
+ * end. */
+static void test_levels_that_recur(void) {
+    for (unsigned seed = 20; seed < 23; seed++) {
+        setUp();
+        begin(10, seed);
+        add_products(0, 10 * (int64_t)DAY, 0.0);
+        TEST_ASSERT_TRUE(tl_change_series_is_ready(&series));
+        TEST_ASSERT_EQUAL_INT(0, off);
+        add_products(10 * (int64_t)DAY, 11 * (int64_t)DAY, -12.0);
+        TEST_ASSERT_GREATER_THAN_INT(DAY / 2, off);
+        TEST_ASSERT_TRUE(series.is_off);
+        add_products(11 * (int64_t)DAY, 12 * (int64_t)DAY, 0.0);
+        TEST_ASSERT_FALSE(series.is_off);
+    }
+}
+
+/* What does not last is no change. */
+static void test_a_transient(void) {
+    begin(10, 24);
+    for (int64_t i = 0; i < 4 * (int64_t)DAY; i++) {
+        int64_t since = i - 2 * (int64_t)DAY;
+        add(i, draw() + (since >= 0 ? 30.0 * exp(-(double)since / 20.0) : 0.0), 0.0);
+        off += series.is_off ? 1 : 0;
+    }
+    TEST_ASSERT_GREATER_THAN_INT(0, found);
+    TEST_ASSERT_EQUAL_INT(0, off);
+}
+
+/* A level that a user accepts is normal, also when it returns; another one is not. */
+static void test_an_accepted_level(void) {
+    begin(30, 25);
+    add_shifted(2 * (int64_t)DAY, 5.0, DAY + DAY / 2, INT64_MAX);
+    TEST_ASSERT_TRUE(series.is_off);
+    tl_change_series_accept(&series, series.size, series.size);
+    TEST_ASSERT_FALSE(series.is_off);
+    add_shifted(DAY, 5.0, 0, DAY / 2);
+    TEST_ASSERT_FALSE(series.is_off);
+    add_shifted(DAY, 5.0, DAY / 2, DAY);
+    TEST_ASSERT_FALSE(series.is_off);
+    add_shifted(DAY, 2.5, 0, DAY);
+    TEST_ASSERT_TRUE(series.is_off);
+    for (int i = 0; i < 2 * TL_SERIES_RANGES; i++) {
+        tl_change_series_accept(&series, 10.0 * i, 10.0 * i + 1.0);
+    }
+    TEST_ASSERT_EQUAL_UINT64(TL_SERIES_RANGES, series.ranges);
+    TEST_ASSERT_DOUBLE_WITHIN(2.0, 10.0 * (2 * TL_SERIES_RANGES - 1) + 1.0, series.normal[TL_SERIES_RANGES - 1][1]);
 }
 
 static void test_a_shift_that_ends(void) {
@@ -204,6 +269,9 @@ int main(void) {
     RUN_TEST(test_no_false_alarm_with_a_daily_cycle);
     RUN_TEST(test_nothing_is_said_while_learning);
     RUN_TEST(test_a_shift_is_found_once);
+    RUN_TEST(test_levels_that_recur);
+    RUN_TEST(test_a_transient);
+    RUN_TEST(test_an_accepted_level);
     RUN_TEST(test_a_shift_that_ends);
     RUN_TEST(test_a_part_of_a_reference);
     RUN_TEST(test_the_sign_of_a_share);
