@@ -5,9 +5,9 @@
 #include "firmware/base/json.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/cli/finding_notes.h"
 #include "firmware/cli/options.h"
 #include "firmware/retune/control_client.h"
-#include "firmware/store/finding_notes.h"
 
 enum { LONGEST_NOTE = 1000 }; /* bytes; the history refuses texts above 4096 */
 

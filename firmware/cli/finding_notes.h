@@ -7,8 +7,8 @@
  *          program locks the database for 5 s.
  * Thread:  any; one at a time for each database.
  */
-#ifndef TL_FIRMWARE_STORE_FINDING_NOTES_H
-#define TL_FIRMWARE_STORE_FINDING_NOTES_H
+#ifndef TL_FIRMWARE_CLI_FINDING_NOTES_H
+#define TL_FIRMWARE_CLI_FINDING_NOTES_H
 
 #include <stdint.h>
 

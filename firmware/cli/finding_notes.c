@@ -1,5 +1,5 @@
 /* What a user does with findings: see finding_notes.h. */
-#include "firmware/store/finding_notes.h"
+#include "firmware/cli/finding_notes.h"
 
 #include <sqlite3.h>
 #include <stdbool.h>
