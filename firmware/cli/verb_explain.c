@@ -322,7 +322,7 @@ static void write_others(const explain_verb *self, char *text, size_t size) {
     }
 }
 
-enum { SENTENCE = (NAMED + 2) * TEXT };
+enum { SENTENCE = (NAMED + 4) * TEXT };
 
 /* The user's words for it, with a colon; "": none. */
 static void write_words(const explain_verb *self, const tl_explained *one, char text[TL_CONFIG_WORDS + 2]) {

@@ -5,9 +5,9 @@
 #include "firmware/base/json.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/cli/finding_notes.h"
 #include "firmware/cli/options.h"
 #include "firmware/retune/control_client.h"
+#include "firmware/store/finding_notes.h"
 
 enum { LONGEST_NOTE = 1000 }; /* bytes; the history refuses texts above 4096 */
 
@@ -33,11 +33,9 @@ int tl_verb_finding(const tl_options *options) {
                         &error);
     }
     tl_control_client_name(getuid(), who);
-    tl_status status =
-        options->normal != 0
-            ? tl_finding_notes_accept(options->subject, (int64_t)options->normal, who, options->note, &error)
-            : tl_finding_notes_acknowledge(options->subject, (int64_t)options->acknowledge, who, options->note, &error);
-    return end_with(status, &error);
+    const bool accepts = options->normal != 0;
+    const int64_t number = (int64_t)(accepts ? options->normal : options->acknowledge);
+    return end_with(tl_finding_notes_write(options->subject, number, who, options->note, accepts, &error), &error);
 }
 
 int tl_verb_learn(const tl_options *options) {

@@ -377,20 +377,45 @@ static bool advance(fit *own, const double step[2]) {
     return false;
 }
 
-/* Starts at the best of several onsets, because χ² has more than one minimum. */
-static bool begin_fit(fit *own) {
-    const tl_score_window *window = &own->self->test->window;
-    double middle = own->onset;
-    bool any = false;
-    for (int i = -ONSETS; i <= ONSETS; i++) {
-        double squares = 0.0;
-        double onset = limit_onset(own, rint(middle + (double)i * window->onset_spread / 2.0));
-        if (evaluate(own, own->size, onset, own->by_size, &squares) && (!any || squares < own->squares)) {
-            keep_point(own, own->size, onset, squares);
-            any = true;
+/* Takes this onset, with the size that fits best if the outputs are linear in it, if χ² is less. */
+static bool try_onset(fit *own, double onset) {
+    const scorer *self = own->self;
+    const tl_score_window *window = &self->test->window;
+    double size = own->size;
+    double squares = 0.0;
+    onset = limit_onset(own, rint(onset));
+    if (!own->candidate->is_level) {
+        if (!predict(self, own->index, own->candidate->probe, (size_t)onset)) {
+            return false;
         }
+        whiten(self, self->steps, window->predicted, own->by_size);
+        whiten(self, window->measured, window->predicted, own->by_onset);
+        double reaction = dot(own->by_size, own->by_size, self->size);
+        double found = dot(own->by_size, own->by_onset, self->size) / reaction * own->candidate->probe;
+        size = reaction > 0.0 ? fmin(fmax(found, own->candidate->least), own->candidate->most) : size;
     }
-    return any;
+    bool is_better = evaluate(own, size, onset, own->by_size, &squares) && squares < own->squares;
+    if (is_better) {
+        keep_point(own, size, onset, squares);
+    }
+    return is_better;
+}
+
+/* Starts at the best of several onsets, because χ² has more than one minimum, and then at the best
+ * one near it. */
+static bool begin_fit(fit *own) {
+    double distance = fmax(own->self->test->window.onset_spread / 2.0, 1.0);
+    double middle = own->onset;
+    own->squares = (double)INFINITY;
+    for (int i = -ONSETS; i <= ONSETS && !has_stopped(own->self); i++) {
+        (void)try_onset(own, middle + (double)i * distance);
+    }
+    for (; isfinite(own->squares) && distance > 1.0 && !has_stopped(own->self); distance /= 2.0) {
+        double best = own->onset;
+        (void)try_onset(own, best - distance / 2.0);
+        (void)try_onset(own, best + distance / 2.0);
+    }
+    return isfinite(own->squares);
 }
 
 /* `total`: χ² of the whole window. */

@@ -551,109 +551,6 @@ static tl_status check_version(const char *path, int64_t version, tl_error *erro
                               path, (long long)version, TL_DATABASE_VERSION);
 }
 
-/* ---- Files of earlier programs lack tables and columns. A reader gets views in memory, because it
- * must not change the file. A writer changes the tables, which changes the schema only.
- */
-
-/* Column NULL: the whole table. */
-static const struct {
-    const char *table, *column;
-    const char *add, *view;
-} added[] = {
-    {"runs", "stop_s", "ALTER TABLE runs ADD COLUMN start_s; ALTER TABLE runs ADD COLUMN stop_s",
-     "CREATE TEMP VIEW runs AS SELECT *, NULL AS start_s, NULL AS stop_s FROM main.runs"},
-    {"steps", "release_age", "ALTER TABLE steps ADD COLUMN release_age INTEGER",
-     "CREATE TEMP VIEW steps AS SELECT *, NULL AS release_age FROM main.steps"},
-    {"outputs", "released", "ALTER TABLE outputs ADD COLUMN released",
-     "CREATE TEMP VIEW outputs AS SELECT *, NULL AS released FROM main.outputs"},
-    {"learned", NULL, LEARNED_TABLE,
-     "CREATE TEMP VIEW learned AS SELECT 1 AS id, 0 AS run, '' AS at, '' AS state, 0 AS learnt_s, 0 AS needed_s,"
-     " 0 AS watched_s, '' AS sha256, NULL AS bytes WHERE 0"},
-    {"findings", NULL, FINDINGS_TABLE,
-     "CREATE TEMP VIEW findings AS SELECT 1 AS finding, 0 AS run, '' AS kind, '' AS subject, '' AS variable,"
-     " '' AS says, '' AS unit, 0 AS onset_s, 0 AS onset_spread_s, 0 AS found_s, 0 AS gone_s, '' AS onset_at, '' AS found_at,"
-     " '' AS gone_at, 0 AS size, 0 AS size_spread, 0 AS percent, '' AS also, '' AS cause, '' AS state,"
-     " NULL AS acknowledged_at, NULL AS acknowledged_by, NULL AS note WHERE 0"},
-    {"periods", NULL, TL_PERIODS_TABLE,
-     "CREATE TEMP VIEW periods AS SELECT 60 AS length_s, 0 AS run, 0 AS period, '' AS kind, 0 AS signal, 0 AS count,"
-     " 0 AS mean, 0 AS least, 0 AS largest, 0 AS spread WHERE 0"},
-};
-
-enum { ADDED = sizeof added / sizeof added[0] };
-
-static tl_status find_missing(sqlite3 *database, bool is_missing[ADDED], bool *any, tl_error *error) {
-    char text[256];
-    char found[8];
-    tl_status status = TL_OK;
-    *any = false;
-    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
-        if (added[i].column == NULL) {
-            (void)snprintf(text, sizeof text,
-                           "SELECT 1 WHERE NOT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = '%s')", added[i].table);
-        } else {
-            (void)snprintf(text, sizeof text,
-                           "SELECT 1 FROM sqlite_schema WHERE name = '%s' AND type = 'table' AND"
-                           " NOT EXISTS (SELECT 1 FROM pragma_table_xinfo('%s') WHERE name = '%s')",
-                           added[i].table, added[i].table, added[i].column);
-        }
-        status = query_text(database, text, found, sizeof found, error);
-        is_missing[i] = status == TL_OK && found[0] != '\0';
-        *any = *any || is_missing[i];
-    }
-    return status;
-}
-
-/* Drops the views of this schema, or creates them. */
-static tl_status change_views(sqlite3 *database, bool creates, tl_error *error) {
-    static const char view[] = "CREATE VIEW ";
-    char text[128];
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
-        if (strncmp(schema[i], view, strlen(view)) == 0) {
-            const char *name = schema[i] + strlen(view);
-            (void)snprintf(text, sizeof text, "DROP VIEW IF EXISTS %.*s", (int)strcspn(name, " "), name);
-            status = tl_database_execute(database, creates ? schema[i] : text, error);
-        }
-    }
-    return status;
-}
-
-static tl_status add_tables(sqlite3 *database, const bool is_missing[ADDED], tl_error *error) {
-    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
-    if (status != TL_OK) {
-        return status;
-    }
-    status = change_views(database, false, error);
-    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
-        status = is_missing[i] ? tl_database_execute(database, added[i].add, error) : TL_OK;
-    }
-    status = status == TL_OK ? change_views(database, true, error) : status;
-    status = status == TL_OK ? tl_database_execute(database, "COMMIT", error) : status;
-    if (status != TL_OK) {
-        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
-    }
-    return status;
-}
-
-static tl_status add_reading_views(sqlite3 *database, const bool is_missing[ADDED], tl_error *error) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < ADDED && status == TL_OK; i++) {
-        status = is_missing[i] ? tl_database_execute(database, added[i].view, error) : TL_OK;
-    }
-    return status;
-}
-
-/* Makes the names of the current schema valid on this connection. */
-static tl_status complete_schema(sqlite3 *database, bool write, tl_error *error) {
-    bool is_missing[ADDED];
-    bool any = false;
-    tl_status status = find_missing(database, is_missing, &any, error);
-    if (status != TL_OK || !any) {
-        return status;
-    }
-    return write ? add_tables(database, is_missing, error) : add_reading_views(database, is_missing, error);
-}
-
 static tl_status check_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
     bool is_sqlite = memcmp(header, "SQLite format 3", 16) == 0;
     bool is_ours = is_sqlite && big_endian(header + APPLICATION_AT) == TL_DATABASE_APPLICATION;
@@ -812,9 +709,6 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     }
     if (status == TL_OK) {
         status = check_schema(*database, error);
-    }
-    if (status == TL_OK) {
-        status = complete_schema(*database, write, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);

@@ -87,7 +87,7 @@ int64_t tl_database_size(sqlite3 *database, int which);
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
-    TL_DATABASE_VERSION = 6,                 /* SQLite's user_version */
+    TL_DATABASE_VERSION = 7,                 /* SQLite's user_version */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };
@@ -110,8 +110,7 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error);
  * Thread:  one at a time for each connection.
  */
 
-/* Opens an existing file. If an earlier program wrote it, missing tables are added if `write` is
- * true; otherwise temporary views stand in for them. Reading creates, recovers and changes nothing
+/* Opens an existing file. Reading creates, recovers and changes nothing
  * except SQLite's own -wal and -shm files, and works on a read-only medium. Writing fails with
  * TL_TRY_AGAIN if the file is read-only. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);

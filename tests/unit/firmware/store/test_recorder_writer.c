@@ -11,7 +11,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/cli/finding_notes.h"
+#include "firmware/store/finding_notes.h"
 #include "firmware/store/history.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/store/recorder.h"

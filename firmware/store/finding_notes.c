@@ -1,5 +1,5 @@
 /* What a user does with findings: see finding_notes.h. */
-#include "firmware/cli/finding_notes.h"
+#include "firmware/store/finding_notes.h"
 
 #include <sqlite3.h>
 #include <stdbool.h>
@@ -45,8 +45,8 @@ static tl_status check_finding(sqlite3 *database, const char *path, int64_t find
     return status;
 }
 
-static tl_status write_note(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
-                            tl_error *error) {
+tl_status tl_finding_notes_write(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
+                                 tl_error *error) {
     static const char sql[] = "UPDATE findings SET acknowledged_at = ?2, acknowledged_by = ?3, note = ?4,"
                               " state = CASE ?5 WHEN 1 THEN 'normal' ELSE state END WHERE finding = ?1";
     sqlite3 *database = NULL;
@@ -68,16 +68,6 @@ static tl_status write_note(const char *path, int64_t finding, const char *who, 
     (void)sqlite3_finalize(statement);
     (void)sqlite3_close(database);
     return status;
-}
-
-tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
-                                       tl_error *error) {
-    return write_note(path, finding, who, note, false, error);
-}
-
-tl_status tl_finding_notes_accept(const char *path, int64_t finding, const char *who, const char *note,
-                                  tl_error *error) {
-    return write_note(path, finding, who, note, true, error);
 }
 
 tl_status tl_finding_notes_forget(const char *path, tl_error *error) {

@@ -7,21 +7,19 @@
  *          program locks the database for 5 s.
  * Thread:  any; one at a time for each database.
  */
-#ifndef TL_FIRMWARE_CLI_FINDING_NOTES_H
-#define TL_FIRMWARE_CLI_FINDING_NOTES_H
+#ifndef TL_FIRMWARE_STORE_FINDING_NOTES_H
+#define TL_FIRMWARE_STORE_FINDING_NOTES_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/status.h"
 
-/* `who`: name of the user. `note`: a remark; NULL: none. */
-tl_status tl_finding_notes_acknowledge(const char *path, int64_t finding, const char *who, const char *note,
-                                       tl_error *error);
-
-/* Likewise; its level counts as normal from now on. Fails with TL_BAD_DATA if the finding is normal
- * already, or is a frozen signal, which has no level. */
-tl_status tl_finding_notes_accept(const char *path, int64_t finding, const char *who, const char *note,
-                                  tl_error *error);
+/* Acknowledges a finding. `who`: name of the user. `note`: a remark; NULL: none. `accepts`: its
+ * level counts as normal from now on; fails with TL_BAD_DATA if the finding is normal already, or
+ * is a frozen signal, which has no level. */
+tl_status tl_finding_notes_write(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
+                                 tl_error *error);
 
 /* Removes what was learnt. Open findings become "normal", because the present state is learnt. */
 tl_status tl_finding_notes_forget(const char *path, tl_error *error);
