@@ -81,7 +81,7 @@ def test_twin_of_their_plant():
         expect(before == [], f"{name}: found before the fault: {before}")
         first = result["findings"][0]
         expect(first["variable"] == "process.reactor_cooling_inlet_T", f"{name}: found {first}")
-        at_most(first["found"] - FAULT, 120, f"{name}: found after, s")
+        at_most(first["found"] - FAULT, 200, f"{name}: found after, s")
         if percent:
             within(first["percent"], percent, 0.02, f"{name}: correction, %")
 
