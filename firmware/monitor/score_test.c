@@ -410,10 +410,11 @@ static bool begin_fit(fit *own) {
     for (int i = -ONSETS; i <= ONSETS && !has_stopped(own->self); i++) {
         (void)try_onset(own, middle + (double)i * distance);
     }
-    for (; isfinite(own->squares) && distance > 1.0 && !has_stopped(own->self); distance /= 2.0) {
+    while (isfinite(own->squares) && distance > 1.0 && !has_stopped(own->self)) {
         double best = own->onset;
-        (void)try_onset(own, best - distance / 2.0);
-        (void)try_onset(own, best + distance / 2.0);
+        distance /= 2.0;
+        (void)try_onset(own, best - distance);
+        (void)try_onset(own, best + distance);
     }
     return isfinite(own->squares);
 }

@@ -70,7 +70,7 @@ tl_status tl_trend_read(tl_history *history, const tl_history_run *run, tl_trend
     const int64_t first_hour = walk.first_ms;
     int length_s = TL_MINUTE;
     status = status == TL_OK ? find_range(history, run, length_s, &walk, error) : status;
-    if (status == TL_OK && (!walk.any || walk.first_ms >= first_hour + TL_HOUR * 1000)) {
+    if (status == TL_OK && (!walk.any || walk.first_ms >= first_hour + (int64_t)TL_HOUR * 1000)) {
         length_s = TL_HOUR;
         status = find_range(history, run, length_s, &walk, error);
     }

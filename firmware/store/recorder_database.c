@@ -435,7 +435,7 @@ tl_recorder_span tl_recorder_settings_span(const tl_config *config) {
     const int64_t max_bytes = config->record_max_bytes;
     const int64_t series = (int64_t)(config->signal_count + config->match_count + config->adjust_count);
     const double room = (double)tl_periods_room(max_bytes, series);
-    double most = (double)(max_bytes - 4 * log_limit(max_bytes)) - (double)(2 * max_bytes / TL_PERIODS_SHARE);
+    double most = (double)(max_bytes - 4 * log_limit(max_bytes)) - 2.0 * (double)max_bytes / TL_PERIODS_SHARE;
     return (tl_recorder_span){
         .ticks_s = fmax(most, 0.0) / tick * tl_seconds(config->step),
         .minutes_s = room * TL_MINUTE,
