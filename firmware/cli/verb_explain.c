@@ -100,7 +100,7 @@ static void avoid_others(const explain_verb *self, const tl_history_finding *fir
         if (one->run == self->run->run && is_later && onset < order->last) {
             order->last = onset;
         }
-        if (one >= first && one <= last) {
+        if (one->run == self->run->run && one >= first && one <= last) {
             int64_t end = isfinite(one->row.gone) ? to_step(self, one->row.gone) : INT64_MAX;
             gone = end > gone ? end : gone;
         }

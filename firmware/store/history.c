@@ -1003,7 +1003,10 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
 /* Reads a row, and passes it on if it is valid. */
 static bool pass_period(table_row *row, int length_s, const tl_history_run *runs, size_t count, char kind[16],
                         int64_t key[3], const tl_history_visitor *visitor) {
+    static const char *const kinds[] = {"adjust", "match", "outcome", "plant"};
     tl_history_period period = {.run = NULL};
+    const int64_t last[] = {key[0], key[1], key[2]};
+    bool is_known = false;
     key[0] = take_integer(row, 1, INT64_MAX - 1);
     for (size_t i = 0; i < count && period.run == NULL; i++) {
         period.run = runs[i].run == key[0] ? &runs[i] : NULL;
@@ -1011,6 +1014,10 @@ static bool pass_period(table_row *row, int length_s, const tl_history_run *runs
     key[1] = take_integer(row, 0, TL_ROW_NUMBER_MAX / (TL_SECOND * length_s));
     period.start_s = key[1] * length_s;
     period.kind = read_text(row, 15);
+    int order = strcmp(period.kind, kind);
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        is_known = is_known || strcmp(period.kind, kinds[i]) == 0;
+    }
     (void)snprintf(kind, 16, "%s", period.kind);
     key[2] = take_integer(row, 0, TL_ROW_NUMBER_MAX);
     period.name = read_text(row, NAME_MOST);
@@ -1020,7 +1027,11 @@ static bool pass_period(table_row *row, int length_s, const tl_history_run *runs
     period.least = take_number(row);
     period.largest = take_number(row);
     period.spread = take_number(row);
-    bool right = row->right && period.run != NULL;
+    bool is_next = key[0] != last[0]   ? key[0] > last[0]
+                   : key[1] != last[1] ? key[1] > last[1]
+                   : order != 0        ? order > 0
+                                       : key[2] > last[2];
+    bool right = row->right && period.run != NULL && is_known && is_next;
     if (right) {
         visitor->period(visitor->context, &period);
     }
@@ -1038,7 +1049,7 @@ tl_status tl_history_periods(tl_history *history, const tl_history_run *run, int
         " AND iif(?6 = 0, r.verb <> 'replay', p.run = ?6) ORDER BY p.run, p.period, p.kind, p.signal LIMIT ?7";
     const tl_history_run *runs = NULL;
     sqlite3_stmt *statement = NULL;
-    int64_t key[3] = {0, -1, 0}; /* run, period and signal of the last row */
+    int64_t key[3] = {0, -1, -1}; /* run, period and signal of the last row */
     char kind[16] = "";
     size_t count = 0;
     int found = ROWS_AT_ONCE;

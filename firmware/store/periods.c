@@ -11,6 +11,10 @@
 
 static const tl_time MINUTE_NS = TL_MINUTE * TL_SECOND;
 
+static const tl_time LONGEST_STEP = TL_HOUR * TL_SECOND;
+static const tl_time LATE = 5 * TL_MINUTE * TL_SECOND;
+
+enum { LEAST_ROOM = 120 };                                       /* minutes are kept until their hour is summarised */
 enum { MINUTES_PER_HOUR = TL_HOUR / TL_MINUTE, ROW_BYTES = 56 }; /* of a row, measured */
 
 typedef enum kind { PLANT, MATCH, ADJUST, OUTCOME, KINDS } kind;
@@ -20,7 +24,7 @@ static const char *const kind_names[KINDS] = {"plant", "match", "adjust", "outco
 enum { SERIES = TL_MAX_SIGNALS }; /* of a kind, at most */
 
 typedef enum periods_statement {
-    STEP_OF,
+    FACTS_OF,
     LAST_MINUTE,
     NEXT_TICK,    /* at or after ?2; NULL: there is none */
     READ_SAMPLES, /* in the order of `kind` */
@@ -30,7 +34,6 @@ typedef enum periods_statement {
     READ_MINUTES,
     WRITE,
     COUNT,
-    OLDEST,
     REMOVE,
     STATEMENTS
 } periods_statement;
@@ -38,7 +41,7 @@ typedef enum periods_statement {
 #define PERIODS_OF_RUN "(SELECT period FROM periods WHERE length_s = ?1 AND run = runs.run ORDER BY period"
 
 static const char *const sql_of[STATEMENTS] = {
-    [STEP_OF] = "SELECT step_ns, verb = 'hold' FROM runs WHERE run = ?1",
+    [FACTS_OF] = "SELECT step_ns, verb = 'hold', lead FROM runs WHERE run = ?1",
     [LAST_MINUTE] = "SELECT period FROM periods WHERE length_s = 60 AND run = ?1 ORDER BY period DESC LIMIT 1",
     [NEXT_TICK] = "SELECT min(tick) FROM"
                   " (SELECT * FROM (SELECT tick FROM samples WHERE run = ?1 AND tick >= ?2 ORDER BY tick LIMIT 1)"
@@ -53,9 +56,11 @@ static const char *const sql_of[STATEMENTS] = {
     [WRITE] =
         "INSERT OR REPLACE INTO periods (length_s, run, period, kind, signal, count, mean, least, largest, spread)"
         " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
-    [COUNT] = "SELECT sum(" PERIODS_OF_RUN " DESC LIMIT 1) - " PERIODS_OF_RUN " LIMIT 1) + 1) FROM runs",
-    [OLDEST] = "SELECT run, period FROM periods WHERE length_s = ?1 ORDER BY run, period LIMIT 1",
-    [REMOVE] = "DELETE FROM periods WHERE length_s = ?1 AND run = ?2 AND period < ?3",
+    /* A step longer than a period leaves periods out. */
+    [COUNT] = "SELECT CAST(sum((" PERIODS_OF_RUN " DESC LIMIT 1) - " PERIODS_OF_RUN " LIMIT 1) + 1)"
+              " * min(1.0, ?1 * 1e9 / step_ns)) AS INTEGER) FROM runs",
+    [REMOVE] = "DELETE FROM periods WHERE length_s = ?1 AND (run, period) IN (SELECT DISTINCT run, period FROM periods"
+               " WHERE length_s = ?1 ORDER BY run, period LIMIT ?2)",
 };
 
 /* Of the values of a series. */
@@ -67,10 +72,12 @@ typedef struct course {
 
 struct tl_periods {
     sqlite3_stmt *statements[STATEMENTS];
-    int64_t run;     /* the two below are of this run; 0: of none */
+    int64_t run;     /* those below are of this run; 0: of none */
     int64_t step_ns; /* T_S */
-    int64_t holds;   /* 1: it has only samples */
+    bool holds;      /* it has only samples */
+    int64_t lead;    /* step i is computed at tick i + lead */
     int64_t next;    /* first minute that is not summarised */
+    int64_t hour;    /* some of its minutes are summarised, but not the hour; −1: none */
     course courses[KINDS][SERIES];
 };
 
@@ -141,20 +148,26 @@ static int add_rows(tl_periods *periods, kind of, int64_t from, int64_t until) {
     return end_statement(prepared, code);
 }
 
+/* NULL: it was not finite. */
+static double read_number(sqlite3_stmt *prepared, int column) {
+    return sqlite3_column_type(prepared, column) == SQLITE_NULL ? (double)NAN : sqlite3_column_double(prepared, column);
+}
+
 static int add_minutes(tl_periods *periods, int64_t from, int64_t until) {
     sqlite3_stmt *prepared = bind_whole(periods, READ_MINUTES, periods->run, from, until);
     int code = SQLITE_ROW;
     while ((code = sqlite3_step(prepared)) == SQLITE_ROW) {
         const char *name = (const char *)sqlite3_column_text(prepared, 0);
-        const double spread = sqlite3_column_double(prepared, 6);
+        const double spread = read_number(prepared, 6);
         course more = {.count = sqlite3_column_int64(prepared, 2),
-                       .mean = sqlite3_column_double(prepared, 3),
-                       .least = sqlite3_column_double(prepared, 4),
-                       .largest = sqlite3_column_double(prepared, 5)};
+                       .mean = read_number(prepared, 3),
+                       .least = read_number(prepared, 4),
+                       .largest = read_number(prepared, 5)};
         more.squares = spread * spread * (double)more.count;
         for (int i = 0; i < KINDS && name != NULL; i++) {
             course *to = find_course(periods, (kind)i, sqlite3_column_int64(prepared, 1));
-            if (to != NULL && strcmp(name, kind_names[i]) == 0) {
+            bool is_count = more.count > 0 && more.count <= TL_ROW_NUMBER_MAX / MINUTES_PER_HOUR;
+            if (to != NULL && is_count && strcmp(name, kind_names[i]) == 0) {
                 join_course(to, &more);
             }
         }
@@ -189,87 +202,92 @@ static int write_courses(tl_periods *periods, int length_s, int64_t period) {
 
 /* ---- Periods ---- */
 
-static int64_t minute_of(const tl_periods *periods, int64_t tick) {
-    return tick * periods->step_ns / MINUTE_NS;
-}
-
 /* The first tick at or after the start of a minute. */
 static int64_t tick_of(const tl_periods *periods, int64_t minute) {
-    const int64_t most = TL_ROW_NUMBER_MAX / MINUTE_NS;
-    return ((minute < most ? minute : most) * MINUTE_NS + periods->step_ns - 1) / periods->step_ns;
+    return (minute * MINUTE_NS + periods->step_ns - 1) / periods->step_ns;
 }
 
-static int summarise_minute(tl_periods *periods) {
+static int summarise_minute(tl_periods *periods, int64_t minute) {
     int code = SQLITE_OK;
     memset(periods->courses, 0, sizeof periods->courses);
     for (int i = 0; i < KINDS && code == SQLITE_OK; i++) {
-        code = add_rows(periods, (kind)i, tick_of(periods, periods->next), tick_of(periods, periods->next + 1));
+        code = add_rows(periods, (kind)i, tick_of(periods, minute), tick_of(periods, minute + 1));
     }
-    return code == SQLITE_OK ? write_courses(periods, TL_MINUTE, periods->next) : code;
+    return code == SQLITE_OK ? write_courses(periods, TL_MINUTE, minute) : code;
 }
 
-static int summarise_hour(tl_periods *periods, int64_t minute) {
-    const int64_t hour = minute / MINUTES_PER_HOUR;
+/* Summarises the hour of which some minutes are summarised. */
+static int close_hour(tl_periods *periods) {
+    const int64_t hour = periods->hour;
+    if (hour < 0) {
+        return SQLITE_OK;
+    }
+    periods->hour = -1;
     memset(periods->courses, 0, sizeof periods->courses);
     const int code = add_minutes(periods, hour * MINUTES_PER_HOUR, (hour + 1) * MINUTES_PER_HOUR);
     return code == SQLITE_OK ? write_courses(periods, TL_HOUR, hour) : code;
 }
 
 /* Finds where to continue. The newest minute is summarised again: its rows may not have been
- * complete. */
+ * complete. A damaged run is left out. */
 static int begin_run(tl_periods *periods, int64_t run) {
-    int64_t tick = 0;
+    int64_t facts[3] = {0, 0, 0};
+    int64_t next = 0;
     if (periods->run == run) {
         return SQLITE_OK;
     }
-    periods->run = run;
-    periods->next = -1;
-    int64_t facts[2] = {0, 0};
-    int code = query_whole(periods, STEP_OF, run, 0, facts, 2);
+    int code = query_whole(periods, FACTS_OF, run, 0, facts, 3);
+    code = code == SQLITE_OK ? query_whole(periods, LAST_MINUTE, run, 0, &next, 1) : code;
+    const bool is_right = code == SQLITE_OK && facts[0] > 0 && facts[0] <= LONGEST_STEP && facts[2] >= 0 &&
+                          facts[2] <= INT32_MAX && next >= 0 && next < TL_ROW_NUMBER_MAX / MINUTE_NS;
+    periods->run = is_right ? run : 0;
     periods->step_ns = facts[0];
-    periods->holds = facts[1];
-    code = code == SQLITE_OK ? query_whole(periods, LAST_MINUTE, run, 0, &periods->next, 1) : code;
-    if (code == SQLITE_OK && periods->next < 0) {
-        code = query_whole(periods, NEXT_TICK, run, 0, &tick, 1);
-        periods->next = periods->step_ns > 0 ? minute_of(periods, tick) : 0;
-    }
-    if (code != SQLITE_OK || periods->step_ns <= 0) {
-        periods->run = 0;
+    periods->holds = facts[1] != 0;
+    periods->lead = facts[2];
+    periods->next = next;
+    periods->hour = -1;
+    return code;
+}
+
+/* Summarises the minutes that end at or before this tick. */
+static int summarise(tl_periods *periods, int64_t tick) {
+    int code = SQLITE_OK;
+    while (code == SQLITE_OK) {
+        int64_t found = -1;
+        code = query_whole(periods, NEXT_TICK, periods->run, tick_of(periods, periods->next), &found, 1);
+        const bool any = code == SQLITE_OK && found >= 0 && found < TL_ROW_NUMBER_MAX / periods->step_ns;
+        const int64_t minute = any ? found * periods->step_ns / MINUTE_NS : -1;
+        if (minute < periods->next || tick_of(periods, minute + 1) > tick) {
+            break;
+        }
+        if (periods->hour != minute / MINUTES_PER_HOUR) {
+            code = close_hour(periods);
+        }
+        code = code == SQLITE_OK ? summarise_minute(periods, minute) : code;
+        periods->hour = minute / MINUTES_PER_HOUR;
+        periods->next = minute + 1;
+        if (code == SQLITE_OK && periods->next % MINUTES_PER_HOUR == 0) {
+            code = close_hour(periods);
+        }
     }
     return code;
 }
 
 int tl_periods_until(tl_periods *periods, int64_t run, int64_t step, int64_t sample) {
     int code = step < 0 && sample < 0 ? SQLITE_OK : begin_run(periods, run);
-    const int64_t tick = periods->holds != 0 ? sample : step;
-    while (code == SQLITE_OK && periods->run != 0 && tick_of(periods, periods->next + 1) <= tick) {
-        const int64_t minute = periods->next;
-        int64_t following = tick;
-        code = summarise_minute(periods);
-        code = code == SQLITE_OK ? query_whole(periods, NEXT_TICK, run, tick_of(periods, minute + 1), &following, 1)
-                                 : code;
-        const int64_t next = minute_of(periods, following);
-        periods->next = next > minute ? next : minute + 1;
-        if (code == SQLITE_OK && periods->next / MINUTES_PER_HOUR != minute / MINUTES_PER_HOUR) {
-            code = summarise_hour(periods, minute);
-        }
+    if (code != SQLITE_OK || periods->run != run) {
+        return code;
     }
-    return code;
+    /* Steps that are so late do not come any more. */
+    const int64_t late = sample - 2 * periods->lead - LATE / periods->step_ns;
+    return summarise(periods, periods->holds ? sample : step > late ? step : late);
 }
 
 int tl_periods_end(tl_periods *periods, int64_t run) {
-    int64_t following = INT64_MAX;
     int code = begin_run(periods, run);
-    while (code == SQLITE_OK && periods->run != 0) {
-        code = query_whole(periods, NEXT_TICK, run, tick_of(periods, periods->next), &following, 1);
-        if (code != SQLITE_OK || following == INT64_MAX) {
-            break;
-        }
-        periods->next = minute_of(periods, following);
-        code = summarise_minute(periods);
-        code = code == SQLITE_OK ? summarise_hour(periods, periods->next) : code;
-        periods->next++;
-        following = INT64_MAX;
+    if (code == SQLITE_OK && periods->run == run) {
+        code = summarise(periods, INT64_MAX);
+        code = code == SQLITE_OK ? close_hour(periods) : code;
     }
     tl_periods_forget(periods);
     return code;
@@ -284,7 +302,7 @@ void tl_periods_forget(tl_periods *periods) {
 int64_t tl_periods_room(int64_t max_bytes, int64_t series) {
     const int64_t outcomes = 4; /* that are usual in a period */
     const int64_t room = max_bytes / TL_PERIODS_SHARE / ((series + outcomes) * ROW_BYTES);
-    return room > 0 ? room : 1;
+    return room > LEAST_ROOM ? room : LEAST_ROOM;
 }
 
 int tl_periods_remove(tl_periods *periods, int64_t max_bytes, int64_t series, int64_t rows, bool *removed) {
@@ -293,20 +311,15 @@ int tl_periods_remove(tl_periods *periods, int64_t max_bytes, int64_t series, in
     for (int length_s = TL_MINUTE; length_s <= TL_HOUR && code == SQLITE_OK && !*removed;
          length_s += TL_HOUR - TL_MINUTE) {
         int64_t count = 0;
-        int64_t oldest[2] = {0, 0}; /* run and period */
         code = query_whole(periods, COUNT, length_s, 0, &count, 1);
         const int64_t surplus = count - tl_periods_room(max_bytes, series);
         if (code != SQLITE_OK || surplus <= 0) {
             continue;
         }
         const int64_t at_once = rows / (series + 1) + 1;
-        code = query_whole(periods, OLDEST, length_s, 0, oldest, 2);
-        if (code == SQLITE_OK) {
-            sqlite3_stmt *prepared =
-                bind_whole(periods, REMOVE, length_s, oldest[0], oldest[1] + (surplus < at_once ? surplus : at_once));
-            code = end_statement(prepared, sqlite3_step(prepared));
-            *removed = code == SQLITE_OK;
-        }
+        sqlite3_stmt *prepared = bind_whole(periods, REMOVE, length_s, surplus < at_once ? surplus : at_once, 0);
+        code = end_statement(prepared, sqlite3_step(prepared));
+        *removed = code == SQLITE_OK;
     }
     return code;
 }

@@ -38,7 +38,7 @@
 
 enum { TL_PERIODS_SHARE = 8 }; /* minutes may fill this part of the file, and hours, too */
 
-/* Returns how many minutes, or hours, with `series` series have room in their share; at least 1. */
+/* Returns for how many minutes, or hours, of `series` series their share has room; at least 120. */
 int64_t tl_periods_room(int64_t max_bytes, int64_t series);
 
 typedef struct tl_periods tl_periods;

@@ -96,8 +96,7 @@ typedef enum statement {
     PAGE_SIZE,
     PAGE_COUNT,
     FREE_COUNT,
-    OLDEST_RUN,
-    OLDEST_IS_USED,
+    UNUSED_RUN,
     OLDEST_WITH_TICKS,
     FIRST_TICK,
     LAST_SAMPLE,
@@ -230,11 +229,11 @@ static const char *const sql_of[STATEMENTS] = {
     [PAGE_SIZE] = "PRAGMA page_size",
     [PAGE_COUNT] = "PRAGMA page_count",
     [FREE_COUNT] = "PRAGMA freelist_count",
-    [OLDEST_RUN] = "SELECT run FROM runs WHERE run <> ?1 ORDER BY run LIMIT 1",
-    [OLDEST_IS_USED] = "SELECT EXISTS (SELECT 1 FROM samples WHERE run = ?1)"
-                       " OR EXISTS (SELECT 1 FROM steps WHERE run = ?1) OR EXISTS (SELECT 1 FROM events WHERE run = ?1)"
-                       " OR EXISTS (SELECT 1 FROM periods WHERE run = ?1 AND length_s = 60)"
-                       " OR EXISTS (SELECT 1 FROM periods WHERE run = ?1 AND length_s = 3600)",
+    [UNUSED_RUN] = "SELECT run FROM runs r WHERE run <> ?1"
+                   " AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.run = r.run)"
+                   " AND NOT EXISTS (SELECT 1 FROM steps s WHERE s.run = r.run)"
+                   " AND NOT EXISTS (SELECT 1 FROM events s WHERE s.run = r.run)"
+                   " AND NOT EXISTS (SELECT 1 FROM periods s WHERE s.run = r.run AND length_s IN (60, 3600)) LIMIT 1",
     [OLDEST_WITH_TICKS] = "SELECT min(run) FROM (SELECT * FROM (SELECT run FROM samples ORDER BY run LIMIT 1)"
                           " UNION ALL SELECT * FROM (SELECT run FROM steps ORDER BY run LIMIT 1))",
     [FIRST_TICK] =
@@ -468,13 +467,11 @@ static int change_all(tl_recorder_database *database, statement first, statement
     return code;
 }
 
-/* Removes the oldest run if nothing of it is left. */
-static int remove_oldest_run(tl_recorder_database *database, bool *removed) {
+/* Removes a run of which nothing is left. */
+static int remove_unused_run(tl_recorder_database *database, bool *removed) {
     int64_t run = 0;
-    int64_t is_used = 1;
-    int code = query_number(database, OLDEST_RUN, database->run, 0, &run);
-    code = code == SQLITE_OK && run != 0 ? query_number(database, OLDEST_IS_USED, run, 1, &is_used) : code;
-    *removed = code == SQLITE_OK && is_used == 0;
+    int code = query_number(database, UNUSED_RUN, database->run, 0, &run);
+    *removed = code == SQLITE_OK && run != 0;
     return *removed ? change_all(database, ALL_SIGNALS, UNUSED_CONFIGURATIONS, run, 0) : code;
 }
 
@@ -509,7 +506,7 @@ static int remove_ticks(tl_recorder_database *database, bool *removed) {
 }
 
 /* Removes a little in one transaction. *removed is false if nothing remains that may be removed. */
-static int remove_some(tl_recorder_database *database, bool *removed) {
+static int remove_some(tl_recorder_database *database, bool looks_for_runs, bool *removed) {
     const tl_recorder_settings *settings = database->settings;
     const int64_t series = (int64_t)(settings->plant_count + settings->match_count + settings->adjust_count);
     int code = run_statement(database->statements[BEGIN]);
@@ -517,7 +514,7 @@ static int remove_some(tl_recorder_database *database, bool *removed) {
     if (code != SQLITE_OK) {
         return code;
     }
-    code = remove_oldest_run(database, removed);
+    code = looks_for_runs ? remove_unused_run(database, removed) : code;
     if (code == SQLITE_OK && !*removed) {
         code = tl_periods_remove(database->periods, settings->max_bytes, series, ROWS_AT_ONCE, removed);
     }
@@ -598,7 +595,7 @@ static int make_room(tl_recorder_database *database, size_t bytes) {
         if (code == SQLITE_OK && all > most && unused > 0) {
             code = shrink_file(database, all - most);
         } else if (code == SQLITE_OK && all - unused + needed > most) {
-            code = remove_some(database, &removed);
+            code = remove_some(database, i == 0, &removed); /* once: there may be many runs */
         } else {
             break;
         }
@@ -801,10 +798,7 @@ static int write_signals(tl_recorder_database *database, const tl_record_queue_s
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
-    int64_t killed = 0;
-    int code = query_number(database, KILLED_RUN, 0, 0, &killed);
-    code = code == SQLITE_OK && killed != 0 ? tl_periods_end(database->periods, killed) : code;
-    code = code == SQLITE_OK ? tl_recorder_database_end_killed(database) : code;
+    int code = tl_recorder_database_end_killed(database);
     code = code == SQLITE_OK ? write_names(database) : code;
     code = code == SQLITE_OK ? write_run(database, start, timed) : code;
     code = code == SQLITE_OK ? write_beginning(database, start, timed) : code;
@@ -839,7 +833,17 @@ int tl_recorder_database_resume_run(tl_recorder_database *database) {
 /* This process has the writer's lock, so the recorder of a run without an end was killed. The last
  * commit was at most one commit interval after the run's last step. */
 int tl_recorder_database_end_killed(tl_recorder_database *database) {
-    return run_statement(database->statements[END_KILLED]);
+    const bool is_alone = sqlite3_get_autocommit(database->connection) != 0;
+    int64_t killed = 0;
+    int code = is_alone ? run_statement(database->statements[BEGIN]) : SQLITE_OK;
+    code = code == SQLITE_OK ? query_number(database, KILLED_RUN, 0, 0, &killed) : code;
+    code = code == SQLITE_OK && killed != 0 ? tl_periods_end(database->periods, killed) : code;
+    code = code == SQLITE_OK ? run_statement(database->statements[END_KILLED]) : code;
+    code = code == SQLITE_OK && is_alone ? run_statement(database->statements[COMMIT]) : code;
+    if (is_alone) {
+        tl_recorder_database_rollback(database);
+    }
+    return code;
 }
 
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick) {
@@ -1095,6 +1099,7 @@ void tl_recorder_database_rollback(tl_recorder_database *database) {
     if (sqlite3_get_autocommit(database->connection) == 0) {
         (void)run_statement(database->statements[ROLLBACK]);
         database->utc = INT64_MIN; /* what was moved is not moved any more */
+        database->newest_step = database->newest_sample = -1;
         tl_periods_forget(database->periods);
     }
 }

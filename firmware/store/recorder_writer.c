@@ -506,9 +506,10 @@ static int64_t tick_at(const tl_recorder_writer *writer, tl_time instant) {
 /* Writes the entry. Drops it if it belongs to no open run or is invalid. */
 static int write_part(tl_recorder_writer *writer, bool *written) {
     /* A tick in the future is invalid. With the pairing "ahead" the last tick is one step early. */
-    bool is_of_the_future = writer->settings.plant.take != NULL && !writer->next.is_untimed &&
-                            writer->entry.kind == TL_ENTRY_SAMPLE &&
-                            writer->entry.sample.tick > tick_at(writer, tl_clock_now(NULL)) + 1;
+    bool is_of_the_future =
+        writer->settings.plant.take != NULL && !writer->next.is_untimed && writer->entry.kind != TL_ENTRY_TUNING &&
+        (writer->entry.kind == TL_ENTRY_SAMPLE ? writer->entry.sample.tick : writer->entry.record.step) >
+            tick_at(writer, tl_clock_now(NULL)) + 1;
     bool impossible = writer->next.has_ended || is_of_the_future;
     int code = SQLITE_OK;
     if (!impossible) {

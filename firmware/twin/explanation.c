@@ -70,9 +70,13 @@ tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t releas
 
 bool tl_explanation_is_sound(tl_explanation *explanation, size_t outputs) {
     const tl_score_result *result = &explanation->result;
+    const tl_explanation_window *window = &explanation->window;
     size_t count = explanation->count;
+    bool has_best = count > 0 && result->best < count && result->second < count;
     bool is_sound = count <= TL_EXPLANATION_MOST && (unsigned)result->verdict < TL_SCORE_VERDICTS &&
-                    (count == 0 || (result->best < count && result->second < count)) && result->apart_output < outputs;
+                    (has_best || (count == 0 && result->verdict == TL_SCORE_NOTHING)) &&
+                    result->apart_output < outputs && 0 <= window->mark && window->mark <= window->learn &&
+                    window->learn <= window->onset && window->onset <= window->end && window->end < INT64_MAX / 4;
     for (size_t i = 0; i < count && is_sound; i++) {
         tl_explained *one = &explanation->candidate[i];
         tl_clean_field(one->name, sizeof one->name);

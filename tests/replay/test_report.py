@@ -294,7 +294,7 @@ def test_a_live_run():
         "UPDATE outputs SET quality = 4 WHERE step BETWEEN 300 AND 360",
         *(f"DELETE FROM {table} WHERE step BETWEEN 800 AND 900" for table in ("steps", "outputs", "adjustments")),
         "INSERT INTO events (run, at, tick, severity, source, text) VALUES"
-        " (1, '2026-11-21T10:00:03.000Z', 300, 1, 'plant', 'plant.omega: no link')")
+        " (1, '2026-11-21T10:00:03.000Z', 300, 1, 'plant', 'plant.omega: no link, since 25:99 UTC')")
     data = data_of(path)
     measured, y = data["match"][0]["measured"], data["match"][0]["simulated"]
     expect(measured[300:361] == [None] * 61 and None not in measured[:300], "bad values are drawn")

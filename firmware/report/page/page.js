@@ -52,8 +52,11 @@
 
     // Replaces UTC in a text; `day`: the date of a time without date.
     function localText(text, day) {
-        return text.replace(/(?:(\d{4}-\d\d-\d\d) )?(\d\d:\d\d)(:\d\d)? UTC/g, (_, date, minutes, seconds = "") => {
+        return text.replace(/(?:(\d{4}-\d\d-\d\d) )?(\d\d:\d\d)(:\d\d)? UTC/g, (found, date, minutes, seconds = "") => {
             const at = Date.parse((date || day) + "T" + minutes + (seconds || ":00") + "Z");
+            if (Number.isNaN(at)) {
+                return found;
+            }
             const [localDay, time] = localTime(at).split(" ");
             return (date || localDay !== day ? localDay + " " : "") + time.slice(0, seconds ? 8 : 5) + " " + zoneAt(at);
         });

@@ -97,7 +97,7 @@ static void summarise(const int64_t *ticks, size_t count, bool reopens) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
     for (size_t i = 0; i < count; i++) {
-        TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, ticks[i], INT32_MAX));
+        TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, ticks[i], -1));
         if (reopens) {
             tl_periods_close(periods);
             TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
@@ -137,16 +137,57 @@ static void test_complete_minutes(void) {
     make_rows();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 85, INT32_MAX)); /* begins at 59.5 s */
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 85, -1)); /* begins at 59.5 s */
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM periods"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 86, INT32_MAX));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 86, -1));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT period) FROM periods"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5142, INT32_MAX)); /* begins at 3599.4 s */
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5142, -1)); /* begins at 3599.4 s */
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM v_hours"));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5143, INT32_MAX));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 5143, -1));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT time_s) FROM v_hours"));
     tl_periods_close(periods);
     (void)sqlite3_close(database);
+}
+
+/* Steps that never come do not stop the minutes, and an end is summarised in any case. */
+static void test_missing_steps(void) {
+    sqlite3 *database = NULL;
+    tl_periods *periods = NULL;
+    make_rows();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_database_open(bench.path, true, &database, &bench.error));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_open(database, &periods));
+    tl_sql_execute(bench.path, "UPDATE runs SET lead = 10");
+    const int64_t late = 2 * 10 + 428; /* 300 s */
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 0, 85 + late));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM periods"));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, tl_periods_until(periods, 1, 0, 86 + late));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(DISTINCT period) FROM periods"));
+    tl_periods_close(periods);
+    (void)sqlite3_close(database);
+}
+
+/* Numbers that the recorder does not write: nothing overflows, and nothing lasts for ever. */
+static void test_damaged_numbers(void) {
+    static const char *const damages[] = {
+        "UPDATE runs SET step_ns = 0",
+        "UPDATE runs SET step_ns = 4611686018427387904",
+        "UPDATE runs SET lead = 9223372036854775807",
+        "UPDATE steps SET step = 9223372036854775807 WHERE step = 22500",
+        "UPDATE steps SET step = 2305843009213693950 WHERE step = 22500",
+        "UPDATE steps SET step = 3294061441 WHERE step = 22500",
+        "UPDATE samples SET tick = 4611686018427387904 WHERE tick = 22500",
+        "INSERT INTO periods VALUES (60, 1, 9223372036854775807, 'plant', 0, 1, 1, 1, 1, 1)",
+        "INSERT INTO periods VALUES (60, 1, -5, 'plant', 0, 1, 1, 1, 1, 1)",
+        "INSERT INTO periods VALUES (60, 1, 3, 'plant', 0, 9223372036854775807, NULL, 1, 1, 1)",
+    };
+    for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
+        static const int64_t ticks[] = {86, 6999, 27000};
+        make_rows();
+        tl_sql_execute(bench.path, damages[i]);
+        summarise(ticks, 3, true);
+        summarise(ticks, 3, false);
+        tl_scratch_empty(&bench.scratch);
+    }
 }
 
 /* A run in safe hold has no steps. */
@@ -219,6 +260,8 @@ int main(void) {
     RUN_TEST(test_sums_in_pieces);
     RUN_TEST(test_sums_after_restarts);
     RUN_TEST(test_complete_minutes);
+    RUN_TEST(test_missing_steps);
+    RUN_TEST(test_damaged_numbers);
     RUN_TEST(test_safe_hold);
     RUN_TEST(test_a_killed_run);
     RUN_TEST(test_a_year);
