@@ -106,30 +106,6 @@ def test_a_replay_begins_as_its_run():
     expect([(one["start_s"], one["stop_s"]) for one in shown["runs"]] == [(start, stop)], f"{shown['runs']}")
 
 
-def test_a_database_without_the_columns():
-    """It is of an older program, which started at 0. It can be read unchanged, and gets the columns and views with the next recording."""
-    database = scratch() / "run.db"
-    run_well(["replay", bench("free", late=False), "--db", database])
-    with closing(sqlite3.connect(database)) as rows:
-        rows.execute("ALTER TABLE runs DROP COLUMN start_s")
-        rows.execute("ALTER TABLE runs DROP COLUMN stop_s")
-        rows.execute("DROP VIEW v_outputs")
-        rows.execute("ALTER TABLE outputs DROP COLUMN released")
-        rows.execute("ALTER TABLE steps DROP COLUMN release_age")
-        rows.commit()
-    late = bench("free", late=False, experiment=f'startTime="{LATE}"')
-    speed = replay_csv(late, "--recording", database)[MOTOR]
-    expect(speed == by_zero("free")[:len(speed)] and speed, "the replay does not begin at 0")
-    run_well(["show", database, "--csv", "outputs"])
-    run_well(["replay", late, "--db", database])
-    with closing(sqlite3.connect(database)) as rows:
-        expect(rows.execute("SELECT count(*) - count(released) FROM v_outputs").fetchone() == (rows.execute(
-            "SELECT count(*) FROM outputs").fetchone()[0],), "this twin is free, so no output was released")
-    expect(recorded(database)[0] == LATE, f"recorded: {recorded(database)}")
-    shown = json.loads(run_well(["show", database, "--json"]))
-    expect([one["start_s"] for one in shown["runs"]] == [0, LATE], f"{shown['runs']}")
-
-
 def test_an_fmu_that_ends_itself():
     """Our FMUs reject a step beyond the stop time that they are given."""
     for edits, experiment, parts in (
