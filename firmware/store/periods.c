@@ -12,7 +12,7 @@
 static const tl_time MINUTE_NS = TL_MINUTE * TL_SECOND;
 
 static const tl_time LONGEST_STEP = TL_HOUR * TL_SECOND;
-static const tl_time LATE = 5 * TL_MINUTE * TL_SECOND;
+static const tl_time LATE = 300 * TL_SECOND;
 
 enum { LEAST_ROOM = 120 };                                       /* minutes are kept until their hour is summarised */
 enum { MINUTES_PER_HOUR = TL_HOUR / TL_MINUTE, ROW_BYTES = 56 }; /* of a row, measured */
@@ -275,7 +275,7 @@ static int summarise(tl_periods *periods, int64_t tick) {
 
 int tl_periods_until(tl_periods *periods, int64_t run, int64_t step, int64_t sample) {
     int code = step < 0 && sample < 0 ? SQLITE_OK : begin_run(periods, run);
-    if (code != SQLITE_OK || periods->run != run) {
+    if (code != SQLITE_OK || periods->run != run || periods->step_ns <= 0) {
         return code;
     }
     /* Steps that are so late do not come any more. */
@@ -285,7 +285,7 @@ int tl_periods_until(tl_periods *periods, int64_t run, int64_t step, int64_t sam
 
 int tl_periods_end(tl_periods *periods, int64_t run) {
     int code = begin_run(periods, run);
-    if (code == SQLITE_OK && periods->run == run) {
+    if (code == SQLITE_OK && periods->run == run && periods->step_ns > 0) {
         code = summarise(periods, INT64_MAX);
         code = code == SQLITE_OK ? close_hour(periods) : code;
     }
