@@ -11,6 +11,7 @@
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/report/changes.h"
 #include "firmware/report/show.h"
 #include "firmware/store/history.h"
 #include "firmware/twin/twin_recorder.h"
@@ -54,10 +55,6 @@ static double to_seconds(const explain_verb *self, double step) {
     return step * tl_seconds(self->run->step);
 }
 
-static bool is_open(const tl_history_finding *finding) {
-    return strcmp(finding->row.state, "open") == 0;
-}
-
 /* The finding that the user wants, else the last open one, else the last one. NULL: none. */
 static const tl_history_finding *choose_finding(const explain_verb *self) {
     const tl_options *options = self->job->options;
@@ -65,8 +62,9 @@ static const tl_history_finding *choose_finding(const explain_verb *self) {
     for (size_t i = 0; i < self->finding_count; i++) {
         const tl_history_finding *one = &self->findings[i];
         bool is_of_run = options->run == 0 || one->run == (int64_t)options->run;
-        if (options->finding != 0 ? (uint64_t)one->row.number == options->finding
-                                  : is_of_run && (is_open(one) || chosen == NULL || !is_open(chosen))) {
+        if (options->finding != 0
+                ? (uint64_t)one->row.number == options->finding
+                : is_of_run && (tl_changes_is_open(&one->row) || chosen == NULL || !tl_changes_is_open(&chosen->row))) {
             chosen = one;
         }
     }
@@ -81,7 +79,7 @@ static const tl_history_finding *find_first(const explain_verb *self, const tl_h
     double least = to_seconds(self, (double)(self->job->order.explain.least + self->reaction));
     for (const tl_history_finding *one = last; one-- > self->findings;) {
         double onset = first->row.onset;
-        bool was_open = isfinite(one->row.gone) ? one->row.gone > onset : is_open(one);
+        bool was_open = isfinite(one->row.gone) ? one->row.gone > onset : tl_changes_is_open(&one->row);
         bool is_linked = one->run == last->run && (was_open || one->row.onset > onset - far) && one->row.onset > least;
         first = is_linked && one->row.onset < onset ? one : first;
     }
@@ -378,7 +376,7 @@ static void write_apart(const explain_verb *self, char text[SENTENCE]) {
 
 /* ---- page ---- */
 
-/* Calls `row` for the candidates in the order of rank: the fitted ones, the best first. */
+/* Lists the fitted candidates, the best first. */
 static void rank(const explain_verb *self, size_t order[TL_EXPLANATION_MOST], size_t *count) {
     const tl_explanation *all = &self->explanation;
     *count = 0;

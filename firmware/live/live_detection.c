@@ -162,11 +162,15 @@ static void learn_again(tl_live_detection *self) {
 
 /* What a user has accepted as normal (finding_notes.h). */
 static void accept_findings(tl_live_detection *self, tl_recorder_writer *writer) {
-    char text[64];
+    char text[TL_EVENT_TEXT];
     uint32_t number = 0;
     while (tl_recorder_writer_next_normal(writer, number, &number)) {
-        if (tl_change_detector_accept(self->detector, number)) {
-            (void)snprintf(text, sizeof text, "the level of finding %" PRIu32 " counts as normal from now on", number);
+        const tl_change_acceptance acceptance = tl_change_detector_accept(self->detector, number);
+        if (acceptance != TL_ACCEPTANCE_NONE) {
+            (void)snprintf(text, sizeof text, "the level of finding %" PRIu32 " %s", number,
+                           acceptance == TL_ACCEPTANCE_DONE
+                               ? "counts as normal from now on"
+                               : "is not known any more: if it returns, accept the new finding");
             report_notice(self, text);
             self->is_due = true;
         }

@@ -654,7 +654,9 @@ void tl_change_detector_sample(tl_change_detector *detector, const tl_sample *sa
     }
 }
 
-bool tl_change_detector_accept(tl_change_detector *detector, uint32_t number) {
+tl_change_acceptance tl_change_detector_accept(tl_change_detector *detector, uint32_t number) {
+    tl_finding *finding = finding_of(detector, number);
+    const bool was_open = finding != NULL && !finding->is_normal;
     bool is_known = false;
     for (size_t i = 0; i < detector->quantities; i++) {
         quantity *one = &detector->quantity[i];
@@ -664,15 +666,14 @@ bool tl_change_detector_accept(tl_change_detector *detector, uint32_t number) {
         }
         if (known != NULL) {
             *known = (known_level){0};
-            one->finding = one->finding == number ? 0 : one->finding;
             is_known = true;
         }
+        one->finding = one->finding == number ? 0 : one->finding;
     }
-    tl_finding *finding = is_known ? finding_of(detector, number) : NULL;
     if (finding != NULL) {
         finding->is_normal = true;
     }
-    return is_known;
+    return is_known ? TL_ACCEPTANCE_DONE : was_open ? TL_ACCEPTANCE_LATE : TL_ACCEPTANCE_NONE;
 }
 
 /* ---- results ---- */

@@ -74,9 +74,14 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
  * 1970 UTC. */
 void tl_change_detector_begin(tl_change_detector *detector, const tl_account *account, int64_t started);
 
-/* A user accepts the levels of a finding as normal: they give no finding from now on. Returns false
- * if the levels are not known, or accepted already. */
-bool tl_change_detector_accept(tl_change_detector *detector, uint32_t number);
+typedef enum tl_change_acceptance {
+    TL_ACCEPTANCE_NONE, /* there is no such finding, or it is normal already */
+    TL_ACCEPTANCE_DONE, /* its levels give no finding from now on */
+    TL_ACCEPTANCE_LATE  /* the finding is normal, but its level is forgotten after many others */
+} tl_change_acceptance;
+
+/* A user accepts the levels of a finding as normal. */
+tl_change_acceptance tl_change_detector_accept(tl_change_detector *detector, uint32_t number);
 
 /* The next finding has a number above `last`. `is_new`: so have those so far, because none of them
  * is stored. */

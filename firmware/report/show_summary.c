@@ -55,8 +55,7 @@ static bool find_state(const char *text, tl_lock_state *state) {
         }
     }
     *state = TL_LOCK_CORRECTED;
-    return strncmp(text, "locked, ", strlen("locked, ")) == 0 ||
-           strncmp(text, "tracking:", strlen("tracking:")) == 0; /* its name in earlier programs */
+    return strncmp(text, "locked, ", strlen("locked, ")) == 0; /* its name in earlier programs */
 }
 
 /* Counts the steps since the last change and before `until` that are within the range. */

@@ -109,7 +109,7 @@ static const char *const schema[] = {
     "  entries_lost INTEGER NOT NULL DEFAULT 0,"
     "  removed_before INTEGER,"
     "  lead INTEGER NOT NULL DEFAULT 0,"
-    "  start_s," /* NULL: the run is of an earlier program, and began at 0 */
+    "  start_s," /* NULL in a run without a twin */
     "  stop_s)",
 
     "CREATE TABLE signals ("
@@ -145,7 +145,7 @@ static const char *const schema[] = {
     "  predicted INTEGER," /* the recorder always writes these three */
     "  flags INTEGER,"
     "  held INTEGER,"
-    "  release_age INTEGER," /* NULL: the run is of an earlier program */
+    "  release_age INTEGER,"
     "  PRIMARY KEY (run, step)) WITHOUT ROWID",
 
     "CREATE TABLE outputs ("

@@ -46,7 +46,7 @@ typedef struct tl_history_run {
     uint32_t prediction;            /* T_P */
     uint32_t lead;                  /* step i was computed at tick i + lead */
     tl_pairing measurements;
-    tl_experiment experiment;              /* of the FMUs; zeros if it is not recorded: then they began at 0 */
+    tl_experiment experiment;              /* of the FMUs; zeros in safe hold */
     uint64_t samples, steps, events, lost; /* written; `lost`: not written */
     tl_resumption resumption;              /* without `start` and `started` */
     bool has_start;                        /* t_start is known, on the clock of `boot` */
@@ -82,8 +82,7 @@ typedef struct tl_history_tuning {
 /* Most tunings of a run; more are damage. */
 enum { TL_HISTORY_TUNINGS = 100000 };
 
-/* Returns the tunings of a run in the order of their ticks. Most runs have none. Old versions of
- * the program recorded none. */
+/* Returns the tunings of a run in the order of their ticks. Most runs have none. */
 tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
                              size_t *count, tl_error *error);
 
@@ -95,8 +94,7 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error);
 
-/* Returns the counts of all components at the last commit; the plant is the last component. Empty
- * for runs of programs that recorded no counts. */
+/* Returns the counts of all components at the last commit; the plant is the last component. */
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error);
 

@@ -427,9 +427,9 @@ static void test_a_normal_finding(void) {
     tl_change_detector_begin(detector, &account, 1);
     learn();
     run(DAY / 8, -2.0, 0.0, 1.0);
-    TEST_ASSERT_FALSE(tl_change_detector_accept(detector, 2));
-    TEST_ASSERT_TRUE(tl_change_detector_accept(detector, 1));
-    TEST_ASSERT_FALSE(tl_change_detector_accept(detector, 1));
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_NONE, tl_change_detector_accept(detector, 2));
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_DONE, tl_change_detector_accept(detector, 1));
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_NONE, tl_change_detector_accept(detector, 1));
     TEST_ASSERT_FALSE(tl_finding_is_open(get().finding));
     TEST_ASSERT_EQUAL_STRING("normal", tl_finding_state_name(get().finding));
     const size_t before = count;
@@ -443,6 +443,22 @@ static void test_a_normal_finding(void) {
     run(DAY / 8, -6.0, 0.0, 1.0);
     TEST_ASSERT_EQUAL_size_t(2, get().count);
     TEST_ASSERT_TRUE(tl_finding_is_open(&get().finding[1]));
+}
+
+/* After many other levels that of a finding is forgotten: it is normal all the same, once. */
+static void test_a_forgotten_level(void) {
+    tl_change_detector_begin(detector, &account, 1);
+    learn();
+    double size = 2.0;
+    for (int i = 0; i < 10; i++) {
+        run(DAY / 4, size, 0.0, 0.0);
+        run(DAY / 4, 0.0, 0.0, 0.0);
+        size *= i % 2 == 0 ? -1.0 : -3.0;
+    }
+    TEST_ASSERT_GREATER_THAN_size_t(8, get().count);
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_LATE, tl_change_detector_accept(detector, get().finding->number));
+    TEST_ASSERT_EQUAL_STRING("normal", tl_finding_state_name(get().finding));
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_NONE, tl_change_detector_accept(detector, get().finding->number));
 }
 
 /* A restart before a change has settled keeps it as one finding. */
@@ -554,6 +570,7 @@ int main(void) {
     RUN_TEST(test_many_findings);
     RUN_TEST(test_a_restart);
     RUN_TEST(test_a_normal_finding);
+    RUN_TEST(test_a_forgotten_level);
     RUN_TEST(test_a_restart_within_a_change);
     RUN_TEST(test_a_restart_while_learning);
     RUN_TEST(test_what_cannot_be_restored);

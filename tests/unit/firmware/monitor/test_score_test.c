@@ -6,6 +6,7 @@
 #include <unity.h>
 
 #include "firmware/monitor/score_test.h"
+#include "tests/support/random_numbers.h"
 
 enum { STEPS = 3000, OUTPUTS = 2, LEARN = 200, ONSET = 1200, SEEDS = 20 };
 
@@ -19,11 +20,11 @@ static double input[STEPS];
 static double predicted[STEPS * OUTPUTS], measured[STEPS * OUTPUTS], truth[STEPS * OUTPUTS];
 static tl_score_candidate candidate[COUNT];
 static tl_score_result result;
-static uint64_t random_state;
+static tl_test_random random_state;
 static int predictions, allowed; /* predictions until the test is to stop; 0: no limit */
 
 void setUp(void) {
-    random_state = 88172645463325252U;
+    random_state.state = 88172645463325252U;
     allowed = 0;
     predictions = 0;
 }
@@ -31,10 +32,7 @@ void setUp(void) {
 void tearDown(void) {}
 
 static double uniform(void) {
-    random_state ^= random_state << 13;
-    random_state ^= random_state >> 7;
-    random_state ^= random_state << 17;
-    return (double)(random_state >> 11) / 9007199254740992.0;
+    return tl_test_random_number(&random_state, 0.0, 1.0);
 }
 
 static double draw(void) {
@@ -83,7 +81,7 @@ static bool must_stop(void *context) {
 
 /* New commands; what was measured without noise is `truth`. */
 static void begin(uint64_t seed) {
-    random_state = seed * 2654435761U + 1;
+    random_state.state = seed;
     double u = 1.0;
     for (size_t i = 0; i < STEPS; i++) {
         u = i % 150 == 0 ? 0.5 + 1.5 * uniform() : u;

@@ -268,7 +268,7 @@ static void test_the_shares_of_the_lock(void) {
         "INSERT INTO events (run, at, tick, severity, source, text) SELECT 1, (SELECT max(at) FROM events), column1 + "
         "coalesce((SELECT lead FROM runs), 0), 1, column2, column3 FROM (VALUES (99, 'lock', 'locked: 100 %'), "
         "(400, 'lock', 'lost: far off'), (500, 'lock', 'reset: of step 500'), (600, 'twin', 'free: no'), "
-        "(800, 'lock', 'tracking: at a bound'), (1200, 'lock', 'locked: again'), (5000, 'lock', 'free: later'))");
+        "(800, 'lock', 'locked, corrected: at a bound'), (1200, 'lock', 'locked: again'), (5000, 'lock', 'free: later'))");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path));
     expect_line("in lock|75.0 %|corrected 25.0 %|lost 25.0 %");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
