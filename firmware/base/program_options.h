@@ -16,7 +16,7 @@
 #include "master/base/status.h"
 
 /* Most options of one verb; most values of an option that may be given several times. */
-enum { TL_OPTIONS_MOST = 64, TL_OPTION_LIST = 8 };
+enum { TL_OPTIONS_MOST = 80, TL_OPTION_LIST = 8 };
 
 /* A verb: the first word of the command line. */
 typedef struct tl_verb_row {

@@ -159,14 +159,16 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
                          "note. `twinlock show` lists the findings. Works during a run.",
                          "twinlock finding tank.db --acknowledge 3 --note \"filter is clogged, ordered\"\n"
                          "twinlock finding tank.db --normal 4 --note \"product B\""},
-    [TL_VERB_EXPLAIN] = {"explain", "DATABASE [options]", "database", "name the causes that explain a change",
-                         "Ranks what may have caused a change: each input and parameter of the FMUs, and each "
-                         "sensor. Repeats the recorded run up to the change, then runs the twin once more for each "
-                         "candidate, and compares with what was measured. The answer is a set: causes that the "
-                         "record cannot tell apart belong together. Only reads the database.",
-                         "twinlock explain tank.db\n"
-                         "twinlock explain tank.db --finding 3 --config /etc/twinlock/tank.json\n"
-                         "twinlock explain tank.db --foresee  # before anything has happened"},
+    [TL_VERB_EXPLAIN] =
+        {"explain", "DATABASE [options]", "database", "name the causes that explain a change",
+         "Ranks what may have caused a change: each input and parameter of the FMUs, and each "
+         "sensor. Repeats the recorded run up to the change, then runs the twin once more for each "
+         "candidate, and compares with what was measured. The answer is a set: causes that the "
+         "record cannot tell apart belong together. `run` does this by itself after a finding. Gives way "
+         "to all other processes.",
+         "twinlock explain tank.db\n"
+         "twinlock explain tank.db --finding 3 --config /etc/twinlock/tank.json\n"
+         "twinlock explain tank.db --foresee  # before anything has happened"},
     [TL_VERB_LEARN] = {"learn", "DATABASE", "database", "learn again what is normal",
                        "Removes what was learnt from a database, for example after a repair: the next run, or the "
                        "present one, learns again what is normal. Open findings become normal. Samples and "
@@ -223,6 +225,8 @@ static const tl_option OPTIONS[] = {
      .help = "instead, print how large each change must be to be noticed"},
     {EXPLAIN, "config", "CONFIG", tl_option_text, SETS(beside),
      .help = "where the configuration of the run was: its FMUs are searched from there; default: beside the database"},
+    {EXPLAIN, "save", NULL, tl_option_switch, SETS(save),
+     .help = "also store the sentence with the finding, for `twinlock show`; default: the database is only read"},
     {EXPLAIN, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
     {SHOW, "since", "TIME", read_since, SETS(since),
      .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "

@@ -92,6 +92,7 @@ typedef struct tl_options {
     uint64_t finding;   /* number, ≥ 1; 0: not given */
     const char *beside; /* --config: path of a configuration */
     bool foresee;
+    bool save; /* stores the explanation with the finding */
     const char *why;
     uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
     double shadow_s;    /* whole s; 0: not given, so 60 s */

@@ -22,6 +22,7 @@ static const struct {
     {TL_LIVE_IO, tl_io_role_run, NULL},
     {TL_LIVE_RECORDER, tl_recorder_role_run, NULL},
     {TL_LIVE_CONFIG_MANAGER, tl_config_manager_role_run, NULL},
+    {TL_LIVE_EXPLAINER, tl_explainer_role_run, NULL},
     {TL_WORKER, NULL, tl_worker_role_run},
 };
 

@@ -2,25 +2,31 @@
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
+#include <sys/resource.h>
 
 #include "firmware/base/json.h"
+#include "firmware/base/log.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/verb_job.h"
+#include "firmware/live/live_role.h"
 #include "firmware/monitor/change_storage.h"
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/process/role.h"
 #include "firmware/report/changes.h"
 #include "firmware/report/show.h"
+#include "firmware/store/finding_notes.h"
 #include "firmware/store/history.h"
 #include "firmware/twin/twin_recorder.h"
 
 enum {
-    ROWS = 8,          /* of the table, besides the set */
-    NAMED = 4,         /* further causes in the sentence */
-    NAME_WIDTH = 26,   /* columns of a name in a table */
-    GIVEN_SPREAD = 10, /* steps: spread of an onset that the user gives */
+    ROWS = 8,                   /* of the table, besides the set */
+    NAMED = 4,                  /* further causes in the sentence */
+    NAME_WIDTH = 26,            /* columns of a name in a table */
+    GIVEN_SPREAD = 10,          /* steps: spread of an onset that the user gives */
+    EXPLAINER_CALL_LIMIT = 600, /* s: in a live run, where the process gets the rest of the processor time */
     TEXT = 256
 };
 
@@ -183,6 +189,18 @@ static tl_status fill_order(explain_verb *self, const tl_history_finding *chosen
 }
 
 /* ---- the run again ---- */
+
+/* Begins as near before the mark as a checkpoint permits. */
+static tl_status choose_beginning(explain_verb *self, tl_error *error) {
+    tl_config *config = &self->job->config;
+    tl_explanation_window window;
+    const tl_explanation_order *order = &self->job->order.explain;
+    tl_status status = tl_explanation_plan(order, config->released_steps, order->least, &window, error);
+    int64_t shift = config->input_lookup.ticks < 0 ? config->input_lookup.ticks : 0;
+    int64_t before = window.mark - 1 + shift;
+    config->recording_follow = before > 1 ? before : 1;
+    return status;
+}
 
 static tl_status check_fmus(const explain_verb *self, tl_error *error) {
     char fmus[TL_SHA256_TEXT];
@@ -550,13 +568,46 @@ static tl_status print_json(const explain_verb *self, FILE *file, tl_error *erro
 
 /* ---- the verb ---- */
 
+/* Gives way to a run on the same box: for the processor, and if memory is short. The FMU process
+ * inherits both. */
+static void lower_priority(void) {
+    FILE *file = fopen("/proc/self/oom_score_adj", "w");
+    (void)setpriority(PRIO_PROCESS, 0, 19);
+    if (file != NULL) {
+        (void)fputs("1000", file);
+        (void)fclose(file);
+    }
+}
+
+static tl_status print_result(const explain_verb *self, FILE *file, tl_error *error) {
+    const tl_options *options = self->job->options;
+    if (options->json) {
+        return print_json(self, file, error);
+    }
+    tl_status status = options->foresee ? print_foreseen(self, file, error) : print_causes(self, file, error);
+    print_left_out(self, file);
+    return status;
+}
+
+static tl_status save_result(const explain_verb *self, tl_error *error) {
+    char text[SENTENCE];
+    write_sentence(self, text);
+    tl_log(TL_LOG_NOTICE, "finding %" PRId64 ": %s", self->finding, text);
+    return tl_finding_notes_explain(self->job->options->subject, self->finding, text, error);
+}
+
 static tl_status explain(explain_verb *self) {
     tl_verb_job *job = self->job;
     const tl_options *options = job->options;
     const char *text = NULL;
     const tl_history_finding *chosen = NULL;
+    lower_priority();
     tl_status status = tl_history_open(options->subject, &self->history, &job->error);
     status = status == TL_OK ? find_run(self, &chosen, &job->error) : status;
+    if (status == TL_OK && options->save && chosen == NULL) {
+        status = tl_fail(&job->error, TL_BAD_USAGE,
+                         "--save: stores the answer with a finding, not with --since or --foresee");
+    }
     status =
         status == TL_OK ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error) : status;
     if (status == TL_OK) {
@@ -571,31 +622,50 @@ static tl_status explain(explain_verb *self) {
         return tl_fail(&job->error, TL_BAD_DATA, "%s: compares no output with the plant, so nothing can be explained",
                        job->config.name);
     }
-    status = check_fmus(self, &job->error);
+    status = choose_beginning(self, &job->error);
+    status = status == TL_OK ? check_fmus(self, &job->error) : status;
     status =
         status == TL_OK ? tl_recording_open(options->subject, &job->config, &self->recording, &job->error) : status;
     status = status == TL_OK ? tl_verb_job_use_recording(job, self->recording) : status;
     status = status == TL_OK ? run_twin(self) : status;
-    if (status != TL_OK) {
-        return status;
-    }
-    if (options->json) {
-        return print_json(self, job->output, &job->error);
-    }
-    status = options->foresee ? print_foreseen(self, job->output, &job->error)
-                              : print_causes(self, job->output, &job->error);
-    print_left_out(self, job->output);
+    status = status == TL_OK && options->save ? save_result(self, &job->error) : status;
+    return status == TL_OK && job->output != NULL ? print_result(self, job->output, &job->error) : status;
+}
+
+static tl_status run_job(const tl_options *options, tl_verb_job *job) {
+    static explain_verb self; /* large */
+    job->options = options;
+    job->order = (tl_twin_job){.task = TL_TASK_EXPLAIN, .attached = TL_ATTACHED_NONE};
+    self.job = job;
+    tl_status status = explain(&self);
+    tl_recording_close(self.recording);
+    tl_history_close(self.history);
     return status;
 }
 
 int tl_verb_explain(const tl_options *options) {
-    static explain_verb self; /* large */
-    tl_verb_job job = {.options = options,
-                       .output = tl_output_claim(),
-                       .order = {.task = TL_TASK_EXPLAIN, .attached = TL_ATTACHED_NONE}};
-    self.job = &job;
-    tl_status status = explain(&self);
-    tl_recording_close(self.recording);
-    tl_history_close(self.history);
+    tl_verb_job job = {.output = tl_output_claim()};
+    return tl_verb_job_end(&job, run_job(options, &job));
+}
+
+/* A finding that cannot be explained is no failure of the run. */
+int tl_explainer_role_run(void) {
+    static tl_live_setup setup; /* large */
+    tl_verb_job job = {.output = NULL};
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_EXPLAINER, &setup);
+    if (status != TL_OK) {
+        return tl_exit_code(status);
+    }
+    const tl_options options = {.subject = setup.job.database,
+                                .beside = setup.config.path,
+                                .save = true,
+                                .unconfined = setup.job.unconfined,
+                                .call_limit_s = EXPLAINER_CALL_LIMIT};
+    tl_role_open_program();
+    status = run_job(&options, &job);
+    if (status != TL_OK && job.error.text[0] != '\0') {
+        tl_log(TL_LOG_NOTICE, "the finding could not be explained: %s", job.error.text);
+        job.error.text[0] = '\0';
+    }
     return tl_verb_job_end(&job, status);
 }

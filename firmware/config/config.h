@@ -204,7 +204,9 @@ typedef struct tl_config {
     int64_t record_max_bytes;
     tl_time record_commit;
     tl_time record_resume; /* ns; a run resumes an earlier one that ended at most this long ago; 0: never */
-    int64_t recording_run; /* run of a database; 0: the last one. The command sets it */
+    /* The command sets both. */
+    int64_t recording_run;    /* run of a database; 0: the last one */
+    int64_t recording_follow; /* not 0: follow u as recorded, from the newest checkpoint before this tick */
 
     double false_alarms_per_year; /* of findings (change_detector.h) */
     tl_time detect_learn;         /* ns; until changes are reported */

@@ -89,6 +89,7 @@ tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
                                        .writes = ONE(TL_LIVE_CONFIG_MANAGER_STATUS) |
                                                  ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | BOTH(TL_LIVE_TUNING) |
                                                  ONE(TL_LIVE_CANDIDATE)},
+        [TL_LIVE_IS_EXPLAINER] = {.reads = 0, .writes = 0},
         [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_SAMPLES) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_STATUS) |
                                       ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + slot) | ONE(TL_LIVE_RESUME + slot),
                              .writes = ONE(TL_LIVE_TWIN_STATUS + slot) | ONE(TL_LIVE_QUEUE + slot)},

@@ -140,6 +140,7 @@ typedef struct tl_live_recorder_status {
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
     uint32_t drained;                /* newest handover before which all is recorded (old queue empty) */
     uint32_t open_findings;          /* of the change detector */
+    uint32_t explanations;           /* number of explanations that were due (live_detection.h) */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_status;
@@ -231,6 +232,7 @@ typedef enum tl_live_kind {
     TL_LIVE_IS_IO,
     TL_LIVE_IS_RECORDER,
     TL_LIVE_IS_CONFIG_MANAGER,
+    TL_LIVE_IS_EXPLAINER, /* has no block */
     TL_LIVE_IS_TWIN
 } tl_live_kind;
 

@@ -9,6 +9,7 @@
 #include "firmware/base/os.h"
 #include "firmware/monitor/change_detector.h"
 #include "firmware/monitor/change_storage.h"
+#include "firmware/twin/explanation.h"
 
 /* Interval of storing: at most this, and at most a part of the learning time. */
 static const tl_time INTERVAL = 3600 * TL_SECOND;
@@ -28,12 +29,14 @@ struct tl_live_detection {
     tl_time stored;  /* when it was stored last */
     tl_time interval;
     tl_time accepted; /* when it was asked last what a user has accepted */
-    bool is_watched;  /* the present run has a twin */
-    bool is_stray;    /* the newest sample was of another run */
-    bool is_read;     /* what was learnt before was read, or there is nothing */
-    bool is_due;      /* a finding has changed */
-    bool is_new;      /* learning has begun at zero */
-    bool is_removed;  /* a user has removed it, and no row was stored since then */
+    double counted;   /* instant up to which explanations were counted, s since t_start */
+    uint32_t explanations;
+    bool is_watched; /* the present run has a twin */
+    bool is_stray;   /* the newest sample was of another run */
+    bool is_read;    /* what was learnt before was read, or there is nothing */
+    bool is_due;     /* a finding has changed */
+    bool is_new;     /* learning has begun at zero */
+    bool is_removed; /* a user has removed it, and no row was stored since then */
 };
 
 /* Findings are warnings; what follows needs no attention. */
@@ -72,6 +75,7 @@ static void begin_run(tl_live_detection *self, const tl_recorder_entry *entry) {
     self->run = entry->id;
     self->is_watched = !entry->start.holds;
     self->is_stray = false;
+    self->counted = 0.0;
     if (!self->is_watched) {
         return;
     }
@@ -212,6 +216,27 @@ uint32_t tl_live_detection_count_open(const tl_live_detection *self) {
         }
     }
     return open;
+}
+
+/* Only what the present run has recorded can be explained. A frozen signal explains itself. */
+uint32_t tl_live_detection_count_explanations(tl_live_detection *self) {
+    if (self->detector == NULL || !self->is_watched) {
+        return self->explanations;
+    }
+    const tl_changes changes = tl_change_detector_get(self->detector);
+    const double step = tl_seconds(self->config->step);
+    const double reaction = (double)tl_explanation_reaction(self->config->released_steps) * step;
+    const double now = (double)self->tick * step;
+    for (size_t i = 0; i < changes.count; i++) {
+        const tl_finding *finding = &changes.finding[i];
+        const double due[] = {finding->found + reaction, finding->onset + TL_EXPLANATION_AFTER * reaction};
+        bool is_usable = tl_finding_is_open(finding) && finding->kind != TL_FINDING_FREEZE && finding->onset > 0.0;
+        for (size_t k = 0; k < sizeof due / sizeof due[0] && is_usable; k++) {
+            self->explanations += self->counted < due[k] && due[k] <= now ? 1 : 0;
+        }
+    }
+    self->counted = now;
+    return self->explanations;
 }
 
 void tl_live_detection_close(tl_live_detection *self) {

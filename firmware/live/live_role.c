@@ -38,7 +38,7 @@ tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup) {
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
-    } else if (kind != TL_LIVE_IS_RECORDER) {
+    } else if (kind == TL_LIVE_IS_IO || kind == TL_LIVE_IS_CONFIG_MANAGER) {
         open_events(kind, setup);
     }
     return status;

@@ -21,6 +21,7 @@
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
 #define TL_LIVE_CONFIG_MANAGER "config manager"
+#define TL_LIVE_EXPLAINER "explainer"
 #define TL_LIVE_TWIN "twin"
 #define TL_LIVE_TWIN_SHADOW "twin, shadow"
 /* A handover changes one of the two titles above to the other. Reserves room for the longer one. */
@@ -36,21 +37,25 @@ int tl_recorder_role_run(void);
  * nothing more to do. */
 int tl_config_manager_role_run(void);
 
+/* Explains the last finding with the recorded ticks, at the lowest priority, and stores the answer
+ * with it (verb_explain.c). */
+int tl_explainer_role_run(void);
+
 /* Runs the FMUs and the real-time cycle. Entry of tl_twin_role_tasks: called in the process of the
  * twin after its confinement. Announces its exit code and returns it. */
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
 
-/* What io, recorder and config manager get from the supervisor. */
+/* What a process without FMUs gets from the supervisor. */
 typedef struct tl_live_setup {
     tl_block job_block;
     tl_live_job job;
     tl_config config;
     tl_block blocks[TL_LIVE_BLOCKS]; /* by block number; missing blocks are zeroed */
-    tl_record_queue queue;           /* for events; the recorder uses neither this nor `journal` */
+    tl_record_queue queue;           /* for events; only io and config manager use this and `journal` */
     tl_journal journal;
 } tl_live_setup;
 
-/* Called first in io, recorder and config manager. Sets up the log and the signal handlers, makes
+/* Called first in such a process. Sets up the log and the signal handlers, makes
  * the process end if its parent ends, and maps job and blocks. Errors are logged. */
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup);
 

@@ -21,7 +21,7 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/twin/twin_process.h"
 
-enum { TL_LOG_RELAY_PIPES = 3, TL_LOG_RELAY_LINES = 16, TL_LOG_RELAY_DEAD = 8 };
+enum { TL_LOG_RELAY_PIPES = 4, TL_LOG_RELAY_LINES = 16, TL_LOG_RELAY_DEAD = 8 };
 
 /* A line that was logged. */
 typedef struct tl_logged_line {

@@ -14,6 +14,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
+#include "firmware/live/child.h"
 #include "firmware/live/handover_control.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/log_relay.h"
@@ -21,6 +22,7 @@
 #include "firmware/live/supervisor.h"
 #include "firmware/live/twin_slots.h"
 #include "firmware/plant/live_plant.h"
+#include "firmware/process/private_folder.h"
 #include "firmware/process/role.h"
 #include "firmware/report/show.h"
 #include "firmware/report/summary.h"
@@ -51,6 +53,9 @@ typedef struct tl_process_tree {
     tl_log_relay log;
     int32_t realtime_thread; /* thread of the live twin with real-time priority; 0: none */
     int idle_limit;          /* open file that keeps the processor from long idle states; -1: none */
+    tl_child explainer;      /* pid 0: none */
+    tl_heartbeats ignored;   /* of the explainer, which has none */
+    uint32_t explanations;   /* number of explanations that were due at its last start */
     FILE *output;
     tl_time began;
 } tl_process_tree;
@@ -134,7 +139,7 @@ static void close_descriptors(const int descriptors[TL_ROLE_DESCRIPTORS]) {
 /* Starts a process without FMUs. `slot`: slot whose configuration it gets. Its output goes to a
  * pipe of the log relay. */
 static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot, tl_error *error) {
-    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER};
+    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER, TL_LIVE_EXPLAINER};
     char title[TL_ROLE_TITLE];
     tl_role_settings settings = {.title = title, .fallback = self->settings->run_role};
     int *descriptors = settings.descriptors;
@@ -407,6 +412,28 @@ static void update_priority(tl_process_tree *self) {
     }
 }
 
+/* Starts an explainer if one is due and none runs. At the end of the run it is killed: it stores
+ * only its complete answer. */
+static void update_explainer(tl_process_tree *self, bool ends) {
+    tl_child *explainer = &self->explainer;
+    tl_error error;
+    const uint32_t due =
+        is_recorded(self) ? __atomic_load_n(&recorder_status(self)->explanations, __ATOMIC_RELAXED) : 0;
+    if (explainer->pid != 0 && tl_child_has_ended(explainer)) {
+        tl_child_reap(explainer);
+    } else if (explainer->pid != 0 && ends) {
+        tl_child_kill(explainer, INT64_MAX, "killed: the run ends");
+    } else if (explainer->pid == 0 && !ends && due != self->explanations && tl_reaper_is_idle(&explainer->reaper)) {
+        self->explanations = due;
+        explainer->beats = &self->ignored;
+        tl_child_prepare(explainer);
+        explainer->pid = start_plain(self, TL_LIVE_IS_EXPLAINER, handover_words(self)->slot_index, &error);
+        if (explainer->pid == 0) {
+            tl_log(TL_LOG_NOTICE, "the finding is not explained: %s", error.text);
+        }
+    }
+}
+
 static void report_handover(void *context, const char *text) {
     tl_log(TL_LOG_NOTICE, "%s", text);
     put_event(context, TL_EVENT_INFO, "supervisor", text);
@@ -426,6 +453,7 @@ static void poll_orders(void *context, bool ends, tl_orders *orders) {
         tl_saved_states_stop(&self->states);
     }
     update_priority(self);
+    update_explainer(self, ends);
     orders->end = __atomic_load_n(&manager_status(self)->restart, __ATOMIC_ACQUIRE) != 0;
     orders->config_manager =
         self->listener >= 0 && (!self->was_manager_started || tl_control_has_connection(self->listener));
@@ -618,6 +646,10 @@ static void close_all(tl_process_tree *self) {
     }
     tl_log_relay_stop(&self->log);
     tl_saved_states_stop(&self->states);
+    if (self->explainer.killed) {
+        tl_private_folder_sweep("twin"); /* it could not remove its folders */
+    }
+    tl_reaper_stop(&self->explainer.reaper);
     if (self->listener >= 0) {
         (void)close(self->listener);
         (void)unlink(self->settings->control);

@@ -253,6 +253,8 @@ static void store_changes(recorder *self, bool at_end) {
     if (self->detection != NULL) {
         tl_live_detection_store(self->detection, self->writer, at_end);
         __atomic_store_n(&self->own->open_findings, tl_live_detection_count_open(self->detection), __ATOMIC_RELAXED);
+        __atomic_store_n(&self->own->explanations, tl_live_detection_count_explanations(self->detection),
+                         __ATOMIC_RELAXED);
     }
 }
 

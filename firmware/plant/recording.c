@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 
 #include "board/csv/csv.h"
+#include "firmware/base/identity.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
@@ -161,9 +162,41 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
                          recording->path, run->run);
 }
 
+/* Skips the ticks up to the newest checkpoint before the tick `before`. *found: there is one. */
+static tl_status skip_to_checkpoint(tl_recording *recording, const tl_history_run *run, int64_t before, bool *found,
+                                    tl_error *error) {
+    const tl_history_checkpoint *checkpoint = NULL;
+    char format[TL_IDENTITY_TEXT];
+    tl_identity_format(format);
+    tl_status status = tl_history_checkpoint_before(recording->history, run, before, &checkpoint, error);
+    *found = status == TL_OK && checkpoint != NULL && checkpoint->whole && checkpoint->size != 0 &&
+             checkpoint->tick + 1 >= run->removed_before && strcmp(checkpoint->format, format) == 0;
+    if (!*found) {
+        return status;
+    }
+    tl_history_ticks_end(recording->walk);
+    recording->walk = NULL;
+    recording->beginning = (tl_recording_beginning){
+        .run = run->run,
+        .tick = checkpoint->tick + 1,
+        .follows = true,
+        .resumption = {.from = TL_RESUMED_CHECKPOINT, .run = run->run, .tick = checkpoint->tick + 1},
+        .fmus = run->fmus,
+        .checkpoint = checkpoint,
+    };
+    return tl_history_ticks_begin(recording->history, run, checkpoint->tick + 1, &recording->walk, error);
+}
+
 /* Determines the state of the twin before the first tick. */
 static tl_status find_beginning(tl_recording *recording, const tl_history_run *run, int64_t first, tl_error *error) {
     bool resumed = run->resumption.from != TL_RESUMED_NOT;
+    bool found = false;
+    if (recording->config->recording_follow != 0 && recording->same_configuration) {
+        tl_status status = skip_to_checkpoint(recording, run, recording->config->recording_follow, &found, error);
+        if (status != TL_OK || found) {
+            return status;
+        }
+    }
     if (run->removed_before > 0 || (first != 0 && !resumed)) {
         return fail_without_start(recording, run, error);
     }
@@ -420,6 +453,7 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
      * Only the other ones are followed. */
     tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
                      (!read.has_step || read.step.outcome == TL_RESUMED);
+    tick->followed = tick->followed || (recording->config->recording_follow != 0 && repeat);
     memcpy(tick->u, read.u, sizeof tick->u);
     tick->caught_up = repeat && read.step.outcome == TL_CAUGHT_UP;
     tick->resets = repeat && (read.step.flags & TL_FLAG_RESET) != 0;

@@ -34,6 +34,7 @@ typedef struct tl_html_finding {
     long long number;
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
+    char explanation[1024]; /* "": none */
 } tl_html_finding;
 
 struct tl_html_report {
@@ -667,7 +668,8 @@ static void put_finding(const tl_html_finding *finding, FILE *file) {
     (void)fprintf(file, "<tr class=\"%s\" data-time=\"%.15g\"><td class=\"n\">%lld</td>",
                   finding->is_open ? "open" : "gone", finding->time, finding->number);
     put_within(file, "<td class=\"text\">", finding->text, "</td>");
-    put_within(file, "<td class=\"text\">", finding->cause, "</td></tr>\n");
+    put_within(file, "<td class=\"text\">", finding->cause, "");
+    put_within(file, finding->explanation[0] != '\0' ? "<p>" : "", finding->explanation, "</td></tr>\n");
 }
 
 static void put_changes(const page_data *page) {
@@ -931,9 +933,11 @@ void tl_html_report_set_verdict(tl_html_report *report, const tl_run_detection *
     tl_changes_write_verdict(detection, open, gone, report->verdict);
 }
 
-void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started) {
+void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started,
+                                const char *explanation) {
     tl_html_finding *finding = &report->findings[report->finding_count++ % TL_FINDINGS];
     tl_changes_write_finding(row, now, started, finding->text, finding->cause);
+    (void)snprintf(finding->explanation, sizeof finding->explanation, "%s", explanation != NULL ? explanation : "");
     finding->number = row->number;
     finding->is_open = tl_changes_is_open(row);
     finding->time = report->settings.live ? (double)started + row->onset * 1e3 : row->onset;

@@ -107,10 +107,11 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event);
 
 /* Add what has changed; the newest TL_FINDINGS findings are listed. `now`: s since t_start, for the
- * form of the times. `started`: t_start, ms since 1970 UTC; 0: a replay. Without either the page
- * has no section of changes. */
+ * form of the times. `started`: t_start, ms since 1970 UTC; 0: a replay. `explanation`: answer of
+ * `twinlock explain`; NULL: none. Without either the page has no section of changes. */
 void tl_html_report_set_verdict(tl_html_report *report, const tl_run_detection *detection, size_t open, size_t gone);
-void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started);
+void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *row, double now, int64_t started,
+                                const char *explanation);
 
 /* Adds the trend of the adjusted variables, in the order of the settings; it must outlive the
  * report. */

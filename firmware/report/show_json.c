@@ -174,6 +174,8 @@ static tl_status add_changes(tl_json_writer *json, const tl_show_request *reques
         tl_json_add_text(json, "acknowledged_at", finding->acknowledged_at);
         tl_json_add_text(json, "acknowledged_by", finding->acknowledged_by);
         tl_json_add_text(json, "note", finding->note);
+        tl_json_add_text(json, "explained_at", finding->explained_at);
+        tl_json_add_text(json, "explanation", finding->explanation);
         tl_json_close(json);
     }
     tl_json_close(json);

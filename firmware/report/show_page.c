@@ -522,6 +522,11 @@ static void print_finding(const show_page *page, const tl_history_finding *findi
     if (cause[0] != '\0') {
         (void)fprintf(page->file, "       cause: %s\n", clean_line(page, cause));
     }
+    if (finding->explanation != NULL) {
+        char line[TEXT + 16];
+        (void)snprintf(line, sizeof line, "explanation: %s", clean_line(page, finding->explanation));
+        tl_wrapped_print(page->file, line, 7, 7);
+    }
     if (strcmp(finding->row.state, "normal") == 0) {
         (void)fputs("       accepted: learnt as normal since then\n", page->file);
     }

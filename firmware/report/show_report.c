@@ -97,7 +97,7 @@ static tl_status add_changes(const recorded_run *run, tl_error *error) {
     for (size_t i = 0; status == TL_OK && i < changes.count; i++) {
         const tl_history_finding *finding = &changes.finding[i];
         tl_html_report_add_finding(run->report, &finding->row, tl_show_now(run->request->run, finding),
-                                   finding->started);
+                                   finding->started, finding->explanation);
     }
     return status;
 }

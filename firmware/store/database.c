@@ -60,7 +60,9 @@
     "  state TEXT NOT NULL,"                                                                                           \
     "  acknowledged_at TEXT,"                                                                                          \
     "  acknowledged_by TEXT,"                                                                                          \
-    "  note TEXT)"
+    "  note TEXT,"                                                                                                     \
+    "  explained_at TEXT,"                                                                                             \
+    "  explanation TEXT)"
 
 /* clang-format off: it cannot break literals around a macro */
 /* Instant of a live run, `seconds` since t_start: UTC, and seconds since 1970; NULL in a replay. */

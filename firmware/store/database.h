@@ -87,7 +87,7 @@ int64_t tl_database_size(sqlite3 *database, int which);
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
-    TL_DATABASE_VERSION = 7,                 /* SQLite's user_version */
+    TL_DATABASE_VERSION = 8,                 /* SQLite's user_version */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };

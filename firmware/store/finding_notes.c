@@ -1,4 +1,4 @@
-/* What a user does with findings: see finding_notes.h. */
+/* Notes on findings: see finding_notes.h. */
 #include "firmware/store/finding_notes.h"
 
 #include <sqlite3.h>
@@ -45,10 +45,9 @@ static tl_status check_finding(sqlite3 *database, const char *path, int64_t find
     return status;
 }
 
-tl_status tl_finding_notes_write(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
-                                 tl_error *error) {
-    static const char sql[] = "UPDATE findings SET acknowledged_at = ?2, acknowledged_by = ?3, note = ?4,"
-                              " state = CASE ?5 WHEN 1 THEN 'normal' ELSE state END WHERE finding = ?1";
+/* Writes the row of a finding: ?2 is the present time, then `values`. */
+static tl_status update_finding(const char *path, int64_t finding, bool accepts, const char *sql,
+                                const char *const values[2], tl_error *error) {
     sqlite3 *database = NULL;
     sqlite3_stmt *statement = NULL;
     char now[TL_UTC_TEXT];
@@ -59,15 +58,28 @@ tl_status tl_finding_notes_write(const char *path, int64_t finding, const char *
     if (status == TL_OK) {
         (void)sqlite3_bind_int64(statement, 1, finding);
         (void)sqlite3_bind_text(statement, 2, now, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(statement, 3, who, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(statement, 4, note, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_int(statement, 5, accepts ? 1 : 0);
+        (void)sqlite3_bind_text(statement, 3, values[0], -1, SQLITE_STATIC);
+        (void)sqlite3_bind_text(statement, 4, values[1], -1, SQLITE_STATIC);
         int code = sqlite3_step(statement);
         status = code == SQLITE_DONE ? TL_OK : tl_database_fail(database, code, error);
     }
     (void)sqlite3_finalize(statement);
     (void)sqlite3_close(database);
     return status;
+}
+
+#define ACKNOWLEDGE "UPDATE findings SET acknowledged_at = ?2, acknowledged_by = ?3, note = ?4"
+
+tl_status tl_finding_notes_write(const char *path, int64_t finding, const char *who, const char *note, bool accepts,
+                                 tl_error *error) {
+    const char *sql = accepts ? ACKNOWLEDGE ", state = 'normal' WHERE finding = ?1" : ACKNOWLEDGE " WHERE finding = ?1";
+    return update_finding(path, finding, accepts, sql, (const char *const[2]){who, note}, error);
+}
+
+tl_status tl_finding_notes_explain(const char *path, int64_t finding, const char *text, tl_error *error) {
+    return update_finding(path, finding, false,
+                          "UPDATE findings SET explained_at = ?2, explanation = ?3 WHERE finding = ?1",
+                          (const char *const[2]){text, NULL}, error);
 }
 
 tl_status tl_finding_notes_forget(const char *path, tl_error *error) {

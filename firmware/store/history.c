@@ -499,6 +499,8 @@ static void read_finding(tl_history *history, const tl_history_run *run, table_r
     finding->acknowledged_at = take_utc_or_null(history, row);
     finding->acknowledged_by = take_text_or_null(history, row, NAME_MOST);
     finding->note = take_text_or_null(history, row, NAME_MOST);
+    finding->explained_at = take_utc_or_null(history, row);
+    finding->explanation = take_text_or_null(history, row, NAME_MOST);
     row->right = row->right && fabs(finding->row.onset) < LONGEST_INSTANT && fabs(finding->row.found) < LONGEST_INSTANT;
     if (row->right && onset_at != NULL && tl_utc_parse(onset_at, &at)) {
         finding->started = at - (int64_t)(finding->row.onset * 1e3);
@@ -509,7 +511,7 @@ tl_status tl_history_findings(tl_history *history, const tl_history_run *run, co
                               size_t *count, tl_error *error) {
     static const row_list list = {
         "SELECT finding, run, kind, subject, variable, says, unit, onset_s, onset_spread_s, found_s, gone_s, size, size_spread,"
-        " percent, also, cause, state, onset_at, acknowledged_at, acknowledged_by, note FROM findings WHERE run = ?1 OR (onset_at IS NOT NULL AND"
+        " percent, also, cause, state, onset_at, acknowledged_at, acknowledged_by, note, explained_at, explanation FROM findings WHERE run = ?1 OR (onset_at IS NOT NULL AND"
         " (SELECT verb FROM runs WHERE run = ?1) <> 'replay') ORDER BY finding",
         "findings", TL_HISTORY_FINDINGS, sizeof(tl_history_finding), read_finding};
     void *items = NULL;

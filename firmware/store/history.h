@@ -106,6 +106,8 @@ typedef struct tl_history_finding {
     const char *acknowledged_at; /* UTC; NULL: not yet, and the next ones, too */
     const char *acknowledged_by;
     const char *note;
+    const char *explained_at; /* UTC; NULL: not yet, and the next one, too */
+    const char *explanation;  /* answer of `twinlock explain` */
 } tl_history_finding;
 
 /* Most findings of a database; more are damage. */

@@ -160,9 +160,12 @@ static const char *const sql_of[STATEMENTS] = {
                      " UNION ALL SELECT -1, -1, ?3, ?4, '', '', '') ORDER BY run DESC, tick DESC LIMIT 1",
     [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?2",
     [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
-    /* Keeps the two newest, and those from which the run was resumed. */
-    [OLD_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1"
+    /* Keeps the two newest, the first of every 65,536 ticks if it is small (twinlock explain begins
+     * there), and those from which the run was resumed. */
+    [OLD_CHECKPOINTS] = "DELETE FROM checkpoints AS c WHERE run = ?1"
                         " AND tick NOT IN (SELECT tick FROM checkpoints WHERE run = ?1 ORDER BY tick DESC LIMIT 2)"
+                        " AND (length(bytes) > 1000000 OR EXISTS (SELECT 1 FROM checkpoints AS e WHERE e.run = ?1"
+                        " AND e.tick < c.tick AND e.tick >> 16 = c.tick >> 16))"
                         " AND tick >= (SELECT coalesce(resumed_tick, 0) FROM beginnings WHERE run = ?1)",
     [SAMPLE] = "INSERT OR REPLACE INTO samples (run, tick, signal, value, quality, stamp_ns)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",

@@ -1,6 +1,7 @@
 /* FMU process: see twin_role.h. */
 #include "firmware/twin/twin_role.h"
 
+#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -253,6 +254,9 @@ static tl_status start_role(role *self, tl_confine_facts *facts, tl_error *error
         tl_process_limits_permit(RLIMIT_NICE, NICE_0);
     } else if (status == TL_OK) {
         status = open_channel(self, error);
+    }
+    if (status == TL_OK && self->job.task == TL_TASK_EXPLAIN) { /* must never delay a live run */
+        (void)sched_setscheduler(0, SCHED_IDLE, &(struct sched_param){.sched_priority = 0});
     }
     if (status == TL_OK && !self->job.holds) {
         status = tl_assembly_open(&self->assembly, error);

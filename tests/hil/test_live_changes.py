@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
 """A live run finds a change of the plant. What is normal, it knows from a replay into the same database. The finding survives
 a recorder that dies and a restart, and ends when the plant is as before."""
+import contextlib
 import csv
 import json
 import os
 import random
+import re
 import signal
+import sqlite3
 import time
 
 from live_test import Program, check_database, end_well, free_port, member, number, query, wait_until
@@ -60,7 +63,7 @@ class Bench:
         lock = {**COMMON, "plant": {"q": {"modbus": {**signal_of, "address": 0}, "csv": {"column": "q"}},
                                     "level": {"modbus": {**signal_of, "address": 2}, "csv": {"column": "level"}}},
                 "sources": {"device": {"modbus_tcp": {"host": "127.0.0.1", "port": self.port, "period_s": 0.005, "timeout_s": 0.5}}},
-                "connect": CONNECT, "record": {"file": "twin.db", "max_mb": 100, "commit_s": 0.1, "resume_s": 0},
+                "connect": CONNECT, "record": {"file": "twin.db", "max_mb": 100, "commit_s": 0.1, "resume_s": 1},
                 "detect": {"learn_s": LEARN_S},
                 "synchronise": {"adjust": {"first.u": {"step": 0.1, "min": 0, "max": 4}}, "horizon": {"prediction": 30},
                                 "match": {"second.y": {"to": "plant.level", "tolerance": 0.03}}}}
@@ -107,18 +110,52 @@ def test_a_change_of_the_plant():
     expect_nothing_learned(bench)
 
 
+def expect_explained(bench, live):
+    """The run explains the finding itself."""
+    wait_until(lambda: number(bench.database, "SELECT count(explanation) FROM findings"), "an explanation", live.log)
+    finding = shown(bench.database)["findings"][0]
+    size = re.search(r"first\.u gain ([-+.0-9]+) ", finding["explanation"])
+    expect(size, finding)
+    at_most(abs(float(size[1]) + 15), 1, "error of the explained size, %")
+    expect(finding["explained_at"] > finding["found_at"], finding)
+    live.wait_for("finding 1|first.u gain")
+    expect_line(run_well(["show", bench.database]), "explanation:|first.u")
+
+
+def expect_same_from_checkpoint(bench, checkpoint):
+    """If the ticks up to a checkpoint were removed, the answer is the same; without the checkpoint there is an error."""
+    copy = bench.folder / "copy.db"
+    with contextlib.closing(sqlite3.connect(bench.database)) as database, contextlib.closing(sqlite3.connect(copy)) as other, other:
+        database.backup(other)
+        other.execute("DELETE FROM checkpoints")
+        other.execute("INSERT INTO checkpoints VALUES (?, ?, ?, ?, ?)", checkpoint)
+        other.execute("DELETE FROM samples WHERE tick <= ?", checkpoint[1:2])
+        other.execute("DELETE FROM steps WHERE step <= ?", checkpoint[1:2])
+        other.execute("UPDATE runs SET removed_before = ? + 1", checkpoint[1:2])
+    whole, part = (json.loads(run_well(["explain", path, "--json"])) for path in (bench.database, copy))
+    expect(whole["verdict"] == "found" and part == whole, f"{whole['text']} but {part['text']}")
+    with contextlib.closing(sqlite3.connect(copy)) as other, other:
+        other.execute("DELETE FROM checkpoints")
+    code, _, log = run(["explain", copy])
+    expect(code == 65, code)
+    expect_line(log, "no start|removed")
+
+
 def expect_a_change(bench, began):
     with Program("run", bench.twin(), "--json", "--status") as live:
         live.wait_for("lock|locked")
-        time.sleep(LEFT_OUT + 3)
+        time.sleep(13)
+        checkpoint, = query(bench.database, "SELECT * FROM checkpoints WHERE tick > 0 ORDER BY tick LIMIT 1")
+        time.sleep(LEFT_OUT - 10)
         os.kill(member(live, "recorder"), signal.SIGKILL)  # the next one continues
         expect(bench.states() == [], "found in a healthy plant")
         expect_found(bench, live, began + BREAKS)
         live.wait_for("locked|1 change")
-        time.sleep(5)
+        expect_explained(bench, live)
         told, log = end_well(live, signal.SIGTERM)
         expect([finding["state"] for finding in told["findings"]] == ["open"], f"the summary has: {told['findings']}")
         expect_no_line(log, "learning begins at zero")
+    expect_same_from_checkpoint(bench, checkpoint)
     found = shown(bench.database)
     expect(found["detection"]["state"] == "watching", found["detection"])
     expect([finding["state"] for finding in found["findings"]] == ["open"], f"not one open finding: {found['findings']}")

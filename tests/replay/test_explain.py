@@ -182,6 +182,26 @@ def test_page():
     expect(hashlib.sha256(database.read_bytes()).hexdigest() == before, "the database was changed")
 
 
+def test_save():
+    """The sentence is stored with the finding if the user wants it, and is shown."""
+    database = recorded(Vessels(), ("gain", "q", -0.1))
+    run_well(["explain", database])
+    finding = json.loads(run_well(["show", database, "--json"]))["findings"][0]
+    expect(finding["explanation"] is None and finding["explained_at"] is None, finding)
+    told = explained(database, "--save")
+    finding = json.loads(run_well(["show", database, "--json"]))["findings"][0]
+    expect(finding["explanation"] == told["text"] and re.fullmatch(r"20..-..-..T..:..:..\....Z", finding["explained_at"]), finding)
+    page = run_well(["show", database])
+    report = scratch() / "report.html"
+    run_well(["show", database, "--report", report])
+    expect_line(page, "explanation:|first.u gain")
+    at_most(max(len(line) for line in page.splitlines() if line.startswith(" " * 7)), 80, "columns")
+    expect_line(report.read_text(encoding="utf-8"), "first.u gain|explains it")
+    code, _, err = run(["explain", database, "--save", "--since", "4000"])
+    expect(code == BAD_USAGE, code)
+    expect_line(err, "--save")
+
+
 def test_foresee():
     """A change of twice the size that is noticed within R is named; R is 600 steps."""
     quiet = recorded(Vessels(), ("none", "", 0))

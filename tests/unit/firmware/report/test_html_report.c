@@ -130,17 +130,17 @@ static void test_changes(void) {
     TEST_ASSERT_EQUAL_size_t(0, count("id=\"changes\""));
     free(page);
     tl_html_report_set_verdict(report, &detection, 1, 1);
-    tl_html_report_add_finding(report, &finding, 0.0, 0);
+    tl_html_report_add_finding(report, &finding, 0.0, 0, NULL);
     finding.number = 4;
     finding.gone = 70;
     finding.cause = "plant";
     finding.state = "gone";
-    tl_html_report_add_finding(report, &finding, 0.0, 0);
+    tl_html_report_add_finding(report, &finding, 0.0, 0, "pump < −10 %");
     write_page();
     expect_once("id=\"changes\"");
     expect_once("<tr class=\"open\" data-time=\"12.5\"><td class=\"n\">3</td><td class=\"text\">motor.&lt;d&gt;: ");
     expect_once("<tr class=\"gone\" data-time=\"12.5\"><td class=\"n\">4</td>");
-    expect_once("plant, not one sensor");
+    expect_once("plant, not one sensor<p>pump &lt; −10 %</td>");
 }
 
 static void test_the_curves(void) {

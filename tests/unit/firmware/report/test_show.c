@@ -606,7 +606,7 @@ static void test_another_format(void) {
     record_known("replay");
     tl_sql_execute(path, "PRAGMA user_version = 4");
     TEST_ASSERT_EQUAL_INT(65, SHOW(path));
-    expect_error("run.db|format 4|format 7|twinlock");
+    expect_error("run.db|format 4|format 8|twinlock");
     TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(path, "PRAGMA user_version"));
 }
 

@@ -238,7 +238,7 @@ static void expect_format_refused(const char *sql, const char *parts) {
 
 static void test_another_format(void) {
     expect_format_refused("PRAGMA user_version = 4", "run.db|format 4");
-    expect_format_refused("PRAGMA user_version = 8", "run.db|format 8");
+    expect_format_refused("PRAGMA user_version = 9", "run.db|format 9");
 }
 
 static void test_a_file_without_our_tables(void) {
