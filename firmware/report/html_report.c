@@ -54,6 +54,7 @@ struct tl_html_report {
 typedef struct page_data {
     const tl_html_report *report;
     const tl_run_figures *figures;
+    const tl_lock_tally *lock;
     const char *ended;
     FILE *file;
 } page_data;
@@ -449,23 +450,19 @@ static void put_deviation_tile(const tl_html_report *report, const tl_run_figure
     end_tile(file);
 }
 
-/* With an event horizon, u is constant between searches. So the searches of strokes are counted,
- * not the steps. */
-static void put_lock_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
-    const uint64_t *outcomes = figures->outcomes;
-    uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
-    bool strokes = outcomes[TL_HELD] > 0;
-    uint64_t all =
-        strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded - outcomes[TL_RESUMED];
-    begin_tile(file, strokes ? "Strokes within tolerance" : "Steps within tolerance");
-    if (report->settings.adjust_count == 0) {
-        (void)fputs("–</p><p class=\"sub\">not synchronised", file);
+/* The lock monitor judges strokes if there is an event horizon. */
+static void put_lock_tile(const tl_html_report *report, const tl_run_figures *figures, const tl_lock_tally *lock,
+                          FILE *file) {
+    const uint64_t total = tl_lock_tally_total(lock);
+    begin_tile(file, "In lock");
+    if (report->settings.adjust_count == 0 || total == 0) {
+        (void)fprintf(file, "–</p><p class=\"sub\">%s",
+                      report->settings.adjust_count == 0 ? "not synchronised" : "not known");
     } else {
-        double share = all == 0 ? 0.0 : 100.0 * (double)in / (double)all;
-        (void)fprintf(file, "%.4g <small>%%</small></p><p class=\"sub\">", share);
-        tl_html_put_count(file, in);
-        (void)fputs(" of ", file);
-        tl_html_put_count(file, all);
+        (void)fprintf(file, "%.1f <small>%%</small></p><p class=\"sub\">of ", tl_lock_tally_percent(lock));
+        tl_html_put_count(file, total);
+        (void)fprintf(file, " %s, at the end %s", figures->outcomes[TL_HELD] > 0 ? "strokes" : "steps",
+                      tl_lock_state_name(lock->state));
     }
     end_tile(file);
 }
@@ -631,7 +628,7 @@ static void put_figures(const page_data *page) {
     FILE *file = page->file;
     (void)fputs("<section id=\"figures\">\n<h2>Key figures</h2>\n<div class=\"tiles\">\n", file);
     put_deviation_tile(report, figures, file);
-    put_lock_tile(report, figures, file);
+    put_lock_tile(report, figures, page->lock, file);
     put_executions_tile(figures, file);
     put_time_tile(report, figures, file);
     (void)fputs("</div>\n<div class=\"tables\">\n", file);
@@ -793,8 +790,9 @@ static void fill_placeholder(const page_data *page, const char *name, size_t len
     (void)fprintf(page->file, "{{%.*s}}", (int)length, name);
 }
 
-void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file) {
-    const page_data page = {report, figures, ended, file};
+void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const tl_lock_tally *lock,
+                          const char *ended, FILE *file) {
+    const page_data page = {report, figures, lock, ended, file};
     const char *at = (const char *)tl_html_frame.bytes;
     const char *end = at + tl_html_frame.size;
     for (const char *open; (open = memmem(at, (size_t)(end - at), "{{", 2)) != NULL;) {

@@ -111,7 +111,7 @@ static tl_status write_page(const recorded_run *run, const char *path, tl_error 
     }
     const tl_history_run *recorded = run->request->run;
     const char *ended = recorded->ended == NULL ? "running, or killed" : recorded->ended_reason;
-    tl_html_report_write(run->report, &run->summary.figures, ended, file.file);
+    tl_html_report_write(run->report, &run->summary.figures, &run->summary.lock, ended, file.file);
     return tl_new_file_keep(&file, error);
 }
 

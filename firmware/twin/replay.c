@@ -61,7 +61,7 @@ tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summ
         tl_html_report_add_finding(report->page, &changes->finding[i], 0.0, 0, NULL);
     }
     tl_run_figures_take_account(&figures, report->account);
-    tl_html_report_write(report->page, &figures, ended, report->file.file);
+    tl_html_report_write(report->page, &figures, &summary->lock, ended, report->file.file);
     return tl_new_file_keep(&report->file, error);
 }
 

@@ -15,6 +15,7 @@ static tl_recorder_signal adjust[TL_MAX_ADJUST];
 static double tolerance[TL_MAX_MATCH];
 static tl_html_settings settings;
 static tl_run_figures figures;
+static tl_lock_tally lock;
 static const char *ended;
 static tl_html_report *report;
 static tl_error error;
@@ -46,6 +47,7 @@ void setUp(void) {
         .tolerance = tolerance,
     };
     figures = (tl_run_figures){.ledger = {{.name = "motor"}}, .ledger_count = 1};
+    lock = (tl_lock_tally){.state = TL_LOCK_FREE};
     ended = "end of recording";
     report = NULL;
     page = NULL;
@@ -62,7 +64,7 @@ static void create(void) {
 
 static void write_page(void) {
     FILE *file = open_memstream(&page, &size);
-    tl_html_report_write(report, &figures, ended, file);
+    tl_html_report_write(report, &figures, &lock, ended, file);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
@@ -141,6 +143,20 @@ static void test_changes(void) {
     expect_once("<tr class=\"open\" data-time=\"12.5\"><td class=\"n\">3</td><td class=\"text\">motor.&lt;d&gt;: ");
     expect_once("<tr class=\"gone\" data-time=\"12.5\"><td class=\"n\">4</td>");
     expect_once("plant, not one sensor<p>pump &lt; −10 %</td>");
+}
+
+/* The lock monitor's judgement, not that of the search. */
+static void test_lock(void) {
+    create();
+    write_page();
+    expect_once("In lock</p><p class=\"big\">–</p><p class=\"sub\">not known</p>");
+    free(page);
+    lock = (tl_lock_tally){.state = TL_LOCK_CORRECTED,
+                           .steps = {[TL_LOCK_LOCKED] = 2000, [TL_LOCK_CORRECTED] = 998, [TL_LOCK_LOST] = 2}};
+    figures.outcomes[TL_BEST_SO_FAR] = 3000;
+    write_page();
+    expect_once("99.9 <small>%</small>");
+    expect_once(" steps, at the end corrected</p>");
 }
 
 static void test_the_curves(void) {
@@ -292,6 +308,7 @@ static void test_a_page_is_bounded(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_all_placeholders_are_filled);
+    RUN_TEST(test_lock);
     RUN_TEST(test_the_curves);
     RUN_TEST(test_a_released_twin);
     RUN_TEST(test_changes);
