@@ -11,7 +11,7 @@ import signal
 import sqlite3
 import time
 
-from live_test import Program, check_database, end_well, free_port, member, number, query, wait_until
+from live_test import Program, check_database, end_well, free_port, member, number, query, stop, wait_until
 from twinlock_test import at_most, expect, expect_line, expect_no_line, main, merge, run, run_well, scratch
 
 STEP, NORMAL_S, LEARN_S = 0.01, 600, 300
@@ -181,6 +181,24 @@ def expect_a_change(bench, began):
         live.wait_for("removed|learning begins at zero")
         expect(shown(bench.database)["detection"]["learnt_s"] < 10, "not learnt again")
         end_well(live, signal.SIGTERM)
+
+
+def test_end_during_an_explanation():
+    """A run does not wait for its explainer, and stores no part of an answer."""
+    bench = Bench()
+    bench.learn()
+    with bench.play(100, 3, [(LEFT_OUT + 5, 100)]) as plant:
+        plant.wait_for("by Modbus TCP")
+        with Program("run", bench.twin(), "--json", "--status") as live:
+            live.wait_for("lock|locked")
+            live.wait_for("finding|first.u|since|UTC")
+            explainer = member(live, "explainer")
+            stop(explainer)
+            _, log = end_well(live, signal.SIGTERM)
+            expect_no_line(log, "error")
+            expect(not os.path.exists(f"/proc/{explainer}"), "the explainer still runs")
+    check_database(bench.database)
+    expect(number(bench.database, "SELECT count(explanation) FROM findings") == 0, "half an answer was stored")
 
 
 def expect_nothing_learned(bench):
