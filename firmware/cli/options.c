@@ -267,6 +267,8 @@ static const tl_option OPTIONS[] = {
      .expected = "seconds > 0 and below 1e9, for example 14"},
     {RUN, "status", NULL, tl_option_switch, SETS(status),
      .help = "print a status line each second; default: on a terminal only"},
+    {RUN, "follow", NULL, tl_option_switch, SETS(follow),
+     .help = "print the state as a JSON line each second; the summary goes to standard error"},
     {RUN, "supervise", NULL, tl_option_switch, SETS(supervise), .alone = true,
      .help = "restart the twin if it hangs or dies; after five failures "
              "record without a twin (safe hold); notify systemd"},

@@ -63,6 +63,7 @@ typedef struct tl_options {
     double duration_s;   /* s; 0: as configured */
     double require_lock; /* least share of the steps in lock, percent; 0: one step in lock is enough */
     bool status;
+    bool follow;
     bool supervise;
     const char *state;    /* path of a folder */
     const char *control;  /* path of a socket */

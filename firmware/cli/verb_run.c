@@ -52,6 +52,7 @@ static int run(const tl_options *options, const tl_config *config, const char *r
         .verbose = options->verbose,
         .json = options->json,
         .status = options->status,
+        .follow = options->follow,
         .unconfined = options->unconfined || tl_config_is_unconfined(config),
         .memory_limit = options->memory_limit_mib * 1024 * 1024,
         .require_lock = options->require_lock,

@@ -47,6 +47,10 @@ static void read_status(const tl_live_twin_status *twin, tl_run_status *status) 
         tl_clean_field(output->unit, sizeof output->unit);
         status->pairs += output->pairs;
     }
+    status->corrections = status->corrections < TL_MAX_ADJUST ? status->corrections : TL_MAX_ADJUST;
+    for (size_t i = 0; i < status->corrections; i++) {
+        tl_clean_field(status->correction[i].name, sizeof status->correction[i].name);
+    }
     status->failure[0] = '\0';
     status->twin_failures = twin->number > twin->first ? twin->number - twin->first : 0;
     status->twin_alive = twin->holds == 0 && tl_heartbeats_is_ready(&twin->beats) &&

@@ -14,6 +14,7 @@
  * Thread:  the main thread of its process; FMUs and cycle have another one.
  */
 #include <inttypes.h>
+#include <math.h>
 #include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -235,8 +236,10 @@ static void request_realtime(live_twin *self, bool is_realtime) {
 
 /* ---- status ---- */
 
-/* For the config manager and clients, which show and compare them. */
-static void publish_status(live_twin *self, tl_run_status *published, const tl_metrics *match) {
+/* For the config manager and clients, which show and compare them. `record`: the newest; NULL: none
+ * yet. */
+static void publish_status(live_twin *self, tl_run_status *published, const tl_metrics *match,
+                           const tl_record *record) {
     published->outputs = (uint32_t)self->config->match_count;
     for (size_t i = 0; i < self->config->match_count; i++) {
         tl_run_output *output = &published->output[i];
@@ -245,6 +248,8 @@ static void publish_status(live_twin *self, tl_run_status *published, const tl_m
         output->pairs = match[i].pairs;
         output->sum_of_squares = match[i].sum_of_squares;
         output->tolerance = self->config->match[i].weight > 0.0 ? self->config->match[i].tolerance : 0.0;
+        output->y = record != NULL ? record->y[i] : (double)NAN;
+        output->measured = record != NULL && record->measured_quality[i] == TL_GOOD ? record->measured[i] : (double)NAN;
     }
     tl_latest_publish(&self->live_status->figures, published, sizeof *published);
 }
@@ -254,7 +259,7 @@ static void show_recorded(void *context, const tl_run_status *status, const tl_m
     tl_run_status published = *status;
     published.phase = TL_RUN_RECORDED;
     published.ticks = (uint64_t)status->tick;
-    publish_status(context, &published, match);
+    publish_status(context, &published, match, NULL);
 }
 
 /* Live, or while missed ticks are caught up. */
@@ -273,6 +278,7 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
         .executions = status->executions,
         .timed_out = status->timed_out,
         .used = status->used,
+        .late = status->late,
         .plant_is_shut = !is_plant_open(self),
         .lock = status->lock,
         .lock_before = status->lock_before,
@@ -281,7 +287,14 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
     uint32_t open = recorder != NULL ? __atomic_load_n(&recorder->open_findings, __ATOMIC_RELAXED) : 0;
     tl_status_line_write(self->config, status, open, line);
     tl_heartbeats_set_status(&self->live_status->beats, line);
-    publish_status(self, &published, status->match);
+    published.corrections = (uint32_t)self->config->adjust_count;
+    for (size_t i = 0; i < self->config->adjust_count; i++) {
+        tl_run_correction *correction = &published.correction[i];
+        (void)snprintf(correction->name, sizeof correction->name, "%s", self->config->adjust[i].variable);
+        correction->count = status->adjust[i].count;
+        correction->sum = status->adjust[i].correction_sum;
+    }
+    publish_status(self, &published, status->match, &status->record);
 }
 
 /* ---- resume ---- */

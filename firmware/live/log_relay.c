@@ -116,7 +116,7 @@ static void *relay_lines(void *context) {
         for (int i = 0; i < TL_LOG_RELAY_PIPES; i++) {
             watched[1 + i] = (struct pollfd){.fd = self->sources[i].relay.descriptor, .events = POLLIN};
         }
-        const bool draws = self->terminal || self->status;
+        const bool draws = self->terminal || self->status || self->follow != NULL;
         bool is_ready = poll(watched, 1 + TL_LOG_RELAY_PIPES, draws ? TERMINAL_MS : -1) > 0;
         uint64_t count = 0;
         for (int i = 0; is_ready && i < TL_LOG_RELAY_PIPES; i++) {
@@ -130,6 +130,9 @@ static void *relay_lines(void *context) {
             clear_dead(self);
         }
         draw_status(self);
+        if (self->follow != NULL) {
+            tl_follow_poll(self->follow);
+        }
     }
     return NULL;
 }
@@ -161,8 +164,10 @@ int tl_log_relay_pipe(const tl_log_relay *self, unsigned which) {
     return input.fd;
 }
 
-tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_error *error) {
-    *self = (tl_log_relay){.beats = beats, .status = status, .terminal = isatty(STDERR_FILENO) == 1};
+tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_follow *follow,
+                             tl_error *error) {
+    *self = (tl_log_relay){
+        .beats = beats, .status = status, .terminal = follow == NULL && isatty(STDERR_FILENO) == 1, .follow = follow};
     int failure = open_pipes(self) ? tl_side_thread_start(&self->thread, STACK, relay_lines, self) : errno;
     self->runs = failure == 0;
     return self->runs

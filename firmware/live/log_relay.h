@@ -3,8 +3,8 @@
  *
  * Purpose:  io, recorder and config manager print into pipes; this thread logs each line. So only
  *           the supervisor uses the terminal, and the status line never mixes with other lines. The
- *           thread also closes ended processes of twins (tl_twin_process_close()), because that may
- *           block.
+ *           thread also writes the lines of `run --follow`, and closes ended processes of twins
+ *           (tl_twin_process_close()), because that may block.
  * Repeats:  a restarted process may print the same lines as its predecessor. From the third process
  *           on, each such line is logged once a minute, with a count of the repeats.
  * Priority: the thread has ordinary priority, even if the supervisor has real-time priority.
@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "firmware/base/relay.h"
+#include "firmware/live/follow.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/twin/twin_process.h"
 
@@ -52,12 +53,15 @@ typedef struct tl_log_relay {
     tl_log_source sources[TL_LOG_RELAY_PIPES];
     tl_twin_process *dead[TL_LOG_RELAY_DEAD]; /* the thread closes them */
     tl_time drawn;
+    tl_follow *follow; /* NULL: none */
 } tl_log_relay;
 
 /* Opens the pipes and starts the thread. `beats`: of the first twin. `status`: draws a
- * status line also if standard error is no terminal.
+ * status line also if standard error is no terminal. `follow`: polled by the thread, which then
+ * draws no status line on a terminal; NULL: none.
  * Errors: TL_TRY_AGAIN; then tl_log_relay_stop() is still allowed. */
-tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_error *error);
+tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_follow *follow,
+                             tl_error *error);
 
 /* Returns the write end of the pipe for a process that is about to start. `which`: its kind, below
  * TL_LOG_RELAY_PIPES (tl_live_kind). The previous process of this kind must have ended. The relay

@@ -51,12 +51,14 @@ typedef struct tl_process_tree {
     bool had_twin;            /* a twin process has ended */
     tl_record_queue queue;    /* of the supervisor */
     tl_log_relay log;
+    tl_follow follow;
     int32_t realtime_thread; /* thread of the live twin with real-time priority; 0: none */
     int idle_limit;          /* open file that keeps the processor from long idle states; -1: none */
     tl_child explainer;      /* pid 0: none */
     tl_heartbeats ignored;   /* of the explainer, which has none */
     uint32_t explanations;   /* number of explanations that were due at its last start */
     FILE *output;
+    int standard_output; /* descriptor */
     tl_time began;
 } tl_process_tree;
 
@@ -540,7 +542,14 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                               .report = report_handover};
         tl_log(TL_LOG_NOTICE, "%s", settings->running);
         put_event(self, TL_EVENT_INFO, "retune", settings->running);
-        status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status, error);
+        self->follow = (tl_follow){.output = self->standard_output,
+                                   .host = {.twins = {self->slots[0].live_status, self->slots[1].live_status},
+                                            .recorder = self->control.recorder,
+                                            .handover_block = self->control.handover_block,
+                                            .step = self->config.step}};
+        self->output = settings->follow ? stderr : self->output; /* of the summary */
+        status = tl_log_relay_start(&self->log, &live_slot(self)->live_status->beats, settings->status,
+                                    settings->follow ? &self->follow : NULL, error);
     }
     return status;
 }
@@ -641,6 +650,7 @@ static int run_members(tl_process_tree *self) {
 }
 
 static void close_all(tl_process_tree *self) {
+    (void)dup2(self->standard_output, STDOUT_FILENO); /* for the next run, if there is one */
     if (self->idle_limit >= 0) {
         (void)close(self->idle_limit);
     }
@@ -707,6 +717,7 @@ int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tre
     self.settings = settings;
     self.began = tl_clock_now(NULL);
     self.output = tl_output_claim();
+    self.standard_output = fileno(self.output);
     self.job.unsupervised = !settings->supervised;
     self.job.unconfined = settings->unconfined;
     self.job.duration = settings->duration;

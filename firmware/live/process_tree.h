@@ -21,6 +21,7 @@ typedef struct tl_process_tree_settings {
     bool verbose;                    /* also prints step outcomes, FMU executions and mean squared errors */
     bool json;                       /* prints the summary as JSON at the end */
     bool status;                     /* shows a status line also if standard error is no terminal */
+    bool follow;                     /* prints JSON lines (follow.h); the summary goes to standard error */
     bool unconfined;                 /* FMUs have all rights of the user */
     uint64_t memory_limit;           /* of an FMU process, bytes; 0: half of the machine's (confine.h) */
     double require_lock;             /* least % of steps in lock, else exit code 3; 0: once is enough */

@@ -25,7 +25,15 @@ typedef struct tl_run_output {
     uint64_t pairs;                /* number of pairs of y and ŷ */
     double sum_of_squares;         /* of y − ŷ over all pairs, in the square of `unit` */
     double tolerance;              /* present value, in `unit`; 0: the output is compared, but not matched */
+    double y, measured;            /* newest, in `unit`; NaN: not finite; `measured`: not good */
 } tl_run_output;
+
+/* The correction Δu of an adjusted variable. */
+typedef struct tl_run_correction {
+    char name[TL_RUN_OUTPUT_NAME]; /* "motor.M_w", truncated */
+    uint64_t count;                /* committed steps with a u */
+    double sum;                    /* of Δu over them, in the variable's unit */
+} tl_run_correction;
 
 typedef enum tl_run_phase {
     TL_RUN_BEGINS,   /* FMUs are being loaded, or the steps of an earlier run are repeated */
@@ -35,11 +43,12 @@ typedef enum tl_run_phase {
 
 /* Small enough for tl_latest. */
 typedef struct tl_run_status {
-    uint32_t phase;   /* a tl_run_phase */
-    uint32_t outputs; /* number of valid entries of `output` */
-    int64_t tick;     /* newest tick; with recorded samples: number of ticks done */
-    int64_t last;     /* with recorded samples: number of ticks that are known so far */
-    uint64_t ticks;   /* steps + skipped */
+    uint32_t phase;       /* a tl_run_phase */
+    uint32_t outputs;     /* number of valid entries of `output` */
+    uint32_t corrections; /* likewise of `correction` */
+    int64_t tick;         /* newest tick; with recorded samples: number of ticks done */
+    int64_t last;         /* with recorded samples: number of ticks that are known so far */
+    uint64_t ticks;       /* steps + skipped */
     uint64_t steps;
     uint64_t skipped;
     uint64_t gaps; /* number of gaps, of one or more skipped ticks */
@@ -48,10 +57,12 @@ typedef struct tl_run_status {
     uint64_t executions;
     uint64_t timed_out; /* steps whose search was ended by the time limit */
     tl_time used;       /* computing time of all steps, ns */
+    tl_time late;       /* how much later than due the ticks of all steps began, ns */
     tl_lock_tally lock; /* free until the first window has ended */
     tl_lock_tally
         lock_before;        /* the same with the tolerances of the version that a probation may restore; else zeroed */
     uint32_t plant_is_shut; /* 1: io has not opened its sources yet; no bool: it is untrusted */
+    tl_run_correction correction[TL_MAX_ADJUST];
     tl_run_output output[TL_MAX_MATCH];
     /* set by the reader: */
     bool twin_alive;

@@ -43,6 +43,19 @@ static const tl_time TRIAL_LIMIT = 180 * TL_SECOND;
 
 /* ---- the run and its versions ---- */
 
+void tl_activation_view_write(const tl_activation_view *view, tl_control_state *state) {
+    const tl_run_status *figures = &view->figures;
+    const char *lock = view->holds ? "hold" : !figures->twin_alive ? "" : tl_lock_state_name(figures->lock.state);
+    (void)snprintf(state->lock, sizeof state->lock, "%s", lock);
+    state->step_s = view->step_s;
+    state->ticks = figures->ticks;
+    state->steps = figures->steps;
+    state->skipped = figures->skipped;
+    state->deadline_misses = figures->deadline_misses;
+    state->in_lock = tl_lock_tally_percent(&figures->lock);
+    (void)snprintf(state->line, sizeof state->line, "%s", view->line);
+}
+
 static const tl_version *active_of(const tl_activation *self) {
     return tl_versions_active(self->settings.versions);
 }

@@ -44,6 +44,9 @@ typedef struct tl_activation_view {
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
+/* Writes the members of `state` from `lock` on. */
+void tl_activation_view_write(const tl_activation_view *view, tl_control_state *state);
+
 typedef enum tl_activation_answer {
     TL_ACTIVATION_WAITS,   /* no result yet: the twin has not answered, or the handover is not finished */
     TL_ACTIVATION_STARTED, /* the twin uses the tuning (all later twins too), or the new twin has taken over */

@@ -76,17 +76,7 @@ static void send_state(tl_config_manager *self, client_slot *client) {
     state->version = active->number;
     state->step = (uint32_t)self->activation.step;
     state->left_s = tl_activation_remaining_s(&self->activation);
-    const char *lock = view.holds                 ? "hold"
-                       : !view.figures.twin_alive ? ""
-                                                  : tl_lock_state_name(view.figures.lock.state);
-    (void)snprintf(state->lock, sizeof state->lock, "%s", lock);
-    state->step_s = view.step_s;
-    state->ticks = view.figures.ticks;
-    state->steps = view.figures.steps;
-    state->skipped = view.figures.skipped;
-    state->deadline_misses = view.figures.deadline_misses;
-    state->in_lock = tl_lock_tally_percent(&view.figures.lock);
-    (void)snprintf(state->line, sizeof state->line, "%s", view.line);
+    tl_activation_view_write(&view, state);
     (void)tl_control_send(&client->peer, &reply, NULL);
     finish_request(self, client, TL_CONTROL_DONE, "");
 }

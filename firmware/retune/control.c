@@ -20,6 +20,24 @@
 
 /* ---- names ---- */
 
+/* A text that a process with FMUs may have written. */
+static void add_cleaned(tl_json_writer *json, const char *key, const char *text, size_t room) {
+    char clean[4 * sizeof((tl_control_state *)0)->line];
+    (void)tl_clean_text(text, strnlen(text, room), clean, sizeof clean);
+    tl_json_add_text(json, key, clean);
+}
+
+void tl_control_add_figures(tl_json_writer *json, const tl_control_state *state) {
+    add_cleaned(json, "lock", state->lock, sizeof state->lock);
+    tl_json_add_number(json, "step_s", state->step_s);
+    tl_json_add_count(json, "ticks", state->ticks);
+    tl_json_add_count(json, "steps", state->steps);
+    tl_json_add_count(json, "skipped", state->skipped);
+    tl_json_add_count(json, "deadline_misses", state->deadline_misses);
+    tl_json_add_number(json, "in_lock", state->in_lock);
+    add_cleaned(json, "line", state->line, sizeof state->line);
+}
+
 const char *tl_control_step_name(tl_control_step step) {
     static const char *const names[TL_CONTROL_STEPS] = {
         [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",

@@ -11,6 +11,7 @@
 
 #include "firmware/base/change.h"
 #include "firmware/base/identity.h"
+#include "firmware/base/json.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
@@ -212,6 +213,9 @@ enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
 /* Returns the exit code of a client program, such as `twinlock reload`, for this result. */
 int tl_control_exit_code(tl_control_result result);
+
+/* Adds the members of a state from `lock` on to an open object. */
+void tl_control_add_figures(tl_json_writer *json, const tl_control_state *state);
 
 /* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: value found, value expected". */
 void tl_control_log_problem(const char *subject, const tl_control_problem *problem);

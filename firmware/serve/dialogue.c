@@ -31,14 +31,7 @@ static void add_state(tl_json_writer *json, const tl_control_state *state) {
     tl_json_add_count(json, "version", state->version);
     add_text(json, "step", tl_control_step_name((tl_control_step)state->step));
     tl_json_add_count(json, "left_s", state->left_s);
-    add_text(json, "lock", state->lock);
-    tl_json_add_number(json, "step_s", state->step_s);
-    tl_json_add_count(json, "ticks", state->ticks);
-    tl_json_add_count(json, "steps", state->steps);
-    tl_json_add_count(json, "skipped", state->skipped);
-    tl_json_add_count(json, "deadline_misses", state->deadline_misses);
-    tl_json_add_number(json, "in_lock", state->in_lock);
-    add_text(json, "line", state->line);
+    tl_control_add_figures(json, state);
 }
 
 static void add_version(tl_json_writer *json, const tl_control_version *version) {

@@ -210,7 +210,7 @@ static void reset_counts(tl_cycle *cycle) {
     cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
     cycle->first_step = cycle->next_tick - (int64_t)facts.lead;
     cycle->shown.executions = 0;
-    cycle->shown.used = 0;
+    cycle->shown.used = cycle->shown.late = 0;
     memset(cycle->shown.match, 0, sizeof cycle->shown.match);
 }
 
@@ -367,6 +367,7 @@ static void publish_status(tl_cycle *cycle) {
     shown->timed_out = cycle->summary.figures.time_limited;
     shown->lock = cycle->recovery.lock_monitor.tally;
     shown->lock_before = cycle->second.tally;
+    memcpy(shown->adjust, cycle->summary.figures.adjust, sizeof shown->adjust);
     size_t matches = cycle->settings.assembly->config.match_count;
     tl_latest_publish(&cycle->published, shown, offsetof(tl_cycle_status, match) + matches * sizeof *shown->match);
 }
@@ -579,6 +580,7 @@ static void run_cycle(void *context) {
             .now = tl_clock_now,
         };
         if (!is_stopped(cycle) && budget.started >= instant) {
+            cycle->shown.late += budget.started - instant;
             cycle->status = catch_up(cycle, &budget);
             tl_fmu_guard_tick(config->step >= LONG_STEP);
             publish_status(cycle);

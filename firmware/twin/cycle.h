@@ -107,11 +107,12 @@ typedef struct tl_cycle_status {
     uint64_t evaluations;
     uint64_t executions;
     uint64_t timed_out;        /* steps whose search was cut short by the time budget */
-    tl_time used;              /* ns in all steps */
+    tl_time used, late;        /* ns in all steps; by which their ticks began late */
     bool ended;                /* the configured duration is over, or the twin failed */
     tl_record record;          /* the newest record */
     tl_lock_tally lock;        /* state "free" until the lock monitor has decided */
     tl_lock_tally lock_before; /* the same with the lock tolerances of the version that a probation may roll back to */
+    tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_metrics match[TL_MAX_MATCH]; /* one per matched output; the last member, because only these are published */
 } tl_cycle_status;
 

@@ -13,7 +13,7 @@ static tl_log_relay relay;
 void setUp(void) {
     tl_error error;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_log_relay_start(&relay, &beats, false, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_log_relay_start(&relay, &beats, false, NULL, &error));
 }
 
 void tearDown(void) {}
