@@ -101,6 +101,13 @@ typedef struct tl_config_words {
     const char *words;
 } tl_config_words;
 
+/* Limits of the correction Δu of an adjusted variable, in its unit. */
+typedef struct tl_config_alarm {
+    size_t adjust;       /* index of the variable */
+    double above, below; /* ±infinity: no limit */
+    tl_time lasts;       /* ns over which Δu is averaged */
+} tl_config_alarm;
+
 /* `emulate`: values that `twinlock plant` serves when it simulates the true plant with FMUs. */
 typedef struct tl_config_emulated {
     const char *where;
@@ -213,6 +220,8 @@ typedef struct tl_config {
     tl_time detect_cycle;         /* longest recurring cycle of the plant, ns; 0: not known */
     tl_config_words *says;
     size_t says_count;
+    tl_config_alarm *alarms;
+    size_t alarm_count;
 
     int realtime_priority; /* SCHED_FIFO priority; 0: ordinary scheduling */
     bool realtime_lock_memory;

@@ -21,6 +21,8 @@ static const tl_config_map COLUMNS = {.need = TL_CONFIG_REQUIRED,
 static const tl_config_map WORDS = {.most = TL_MAX_SIGNALS + TL_MAX_ADJUST,
                                     .example = "{\"tank.pump\": \"feed pump\", \"plant.level\": \"level of tank 1\"}"};
 
+static const tl_config_map ALARMS = {.most = TL_MAX_ADJUST, .example = "{\"tank.pump\": {\"above\": 0.3}}"};
+
 void tl_config_read_recording(tl_config_object *root, tl_config *config) {
     tl_config_object object;
     config->recording_time_column = "time";
@@ -82,6 +84,38 @@ static void read_words(const tl_config_object *map, const cJSON *item, size_t in
     }
 }
 
+static void read_alarm(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.3"};
+    static const tl_config_number time = {.above = true, .maximum = TL_CONFIG_LONGEST_S, .example = "60"};
+    static const char *const example = "{\"above\": 0.3, \"below\": -0.3, \"for_s\": 60}";
+    const words_context *self = context;
+    const tl_config *config = self->config;
+    tl_config_alarm *alarm = &config->alarms[index];
+    tl_config_object entry;
+    double lasts_s = 60;
+    *alarm = (tl_config_alarm){.above = HUGE_VAL, .below = -HUGE_VAL};
+    while (alarm->adjust < config->adjust_count && strcmp(config->adjust[alarm->adjust].variable, item->string) != 0) {
+        alarm->adjust++;
+    }
+    if (self->is_sound && alarm->adjust == config->adjust_count) {
+        tl_config_wrong(map, item->string, "a name that is not adjusted", "an adjusted variable", "\"tank.pump\"");
+    }
+    bool is_object = tl_config_entry(map, item, example, &entry);
+    bool has_above = tl_config_get_number(&entry, "above", &any, &alarm->above);
+    bool has_below = tl_config_get_number(&entry, "below", &any, &alarm->below);
+    (void)tl_config_get_number(&entry, "for_s", &time, &lasts_s);
+    alarm->lasts = tl_config_duration(lasts_s);
+    tl_config_done(&entry);
+    if (is_object && !cJSON_HasObjectItem(item, "above") && !cJSON_HasObjectItem(item, "below")) {
+        tl_config_wrong(map, item->string, NULL, "above, below, or both", example);
+    }
+    if (has_above && has_below && alarm->above <= alarm->below) {
+        char expected[64];
+        (void)snprintf(expected, sizeof expected, "more than below, which is %.15g", alarm->below);
+        tl_config_wrong(&entry, "above", NULL, expected, NULL);
+    }
+}
+
 void tl_config_read_detect(tl_config_object *root, tl_config *config) {
     static const tl_config_number learn = {.minimum = 60, .maximum = TL_CONFIG_LONGEST_S, .example = "86400"};
     static const tl_config_number promise = {.minimum = 1e-3, .maximum = 1e6, .example = "1"};
@@ -98,6 +132,9 @@ void tl_config_read_detect(tl_config_object *root, tl_config *config) {
     config->says = tl_config_take_entries(&object, "says", &WORDS, sizeof *config->says, &map, &config->says_count);
     words_context context = {.config = config, .is_sound = root->reader->report->count == 0};
     tl_config_each(&map, read_words, &context);
+    config->alarms =
+        tl_config_take_entries(&object, "alarm", &ALARMS, sizeof *config->alarms, &map, &config->alarm_count);
+    tl_config_each(&map, read_alarm, &context);
     config->detect_learn = tl_config_duration(learn_s);
     config->detect_cycle = cycle_s > 0.0 ? tl_config_duration(cycle_s) : 0;
     tl_config_done(&object);

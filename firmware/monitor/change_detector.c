@@ -8,6 +8,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/monitor/change_series.h"
+#include "firmware/monitor/limit_window.h"
 
 enum {
     STARTS = 64,         /* releases that are remembered */
@@ -45,6 +46,9 @@ static const double OFF = 3.0;
 /* If there is no tolerance; and a limit, because the process of the FMUs may tell any step. */
 static const double LEAST = 1e-9;
 static const double MOST = 1e9;
+
+/* A correction that is outside its limits again within this many windows: the same finding. */
+static const double RETURNS = 10.0;
 
 static const double YEAR = 365.25 * 86400.0; /* s */
 
@@ -104,9 +108,10 @@ struct tl_change_detector {
     void *context;
     int64_t tick; /* of the newest sample or step */
     detector_state state;
-    recorded_release releases[STARTS]; /* release n lies at n % STARTS */
-    uint64_t release;                  /* number of the newest one; 0: none yet */
-    uint64_t unknown;                  /* steps in a row without any value */
+    recorded_release releases[STARTS];      /* release n lies at n % STARTS */
+    uint64_t release;                       /* number of the newest one; 0: none yet */
+    uint64_t unknown;                       /* steps in a row without any value */
+    tl_limit_window windows[TL_MAX_ADJUST]; /* of the configuration's alarms; not stored */
     size_t quantities;
     quantity quantity[];
 };
@@ -256,6 +261,10 @@ static void set_size(const tl_change_series *series, tl_finding *finding) {
     finding->percent = 100.0 * series->share;
 }
 
+static bool is_change(const tl_finding *finding) {
+    return finding->kind == TL_FINDING_STEP || finding->kind == TL_FINDING_DRIFT;
+}
+
 /* True if the finding makes this quantity move, too. The released twin has no correction, so an
  * output shows the change of a correction again with each set point. A correction follows an output
  * that is matched. */
@@ -273,7 +282,7 @@ static bool is_part_of(const tl_change_detector *detector, const tl_finding *fin
     double reach = finding->onset_spread + seconds_of(detector, series->onset_spread + release);
     double onset = seconds_of(detector, series->onset);
     double late = finding->found + seconds_of(detector, 2.0 * series->block + release);
-    return finding->kind != TL_FINDING_FREEZE && tl_finding_is_open(finding) &&
+    return is_change(finding) && tl_finding_is_open(finding) &&
            (moves(detector, finding, one) || fabs(onset - finding->onset) <= reach ||
             seconds_of(detector, (double)detector->state.last) <= late);
 }
@@ -318,7 +327,7 @@ static bool is_end_of(const tl_change_detector *detector, const tl_finding *find
                       const tl_change_series *series) {
     const tracked *by = &detector->state.tracked[finding - detector->state.finding];
     double reach = seconds_of(detector, series->onset_spread + series->block + detector->config->released_steps);
-    return finding->is_gone && finding->kind != TL_FINDING_FREEZE && one != &detector->quantity[by->quantity] &&
+    return finding->is_gone && is_change(finding) && one != &detector->quantity[by->quantity] &&
            fabs(seconds_of(detector, series->onset) - finding->gone) <= reach;
 }
 
@@ -382,7 +391,9 @@ static void end_finding(tl_change_detector *detector, tl_finding *finding, doubl
         quantity *one = &detector->quantity[i];
         one->finding = one->finding == finding->number ? 0 : one->finding;
     }
-    report(detector, finding, TL_FINDING_ENDED);
+    if (finding->kind != TL_FINDING_LIMIT || !finding->is_normal) {
+        report(detector, finding, TL_FINDING_ENDED);
+    }
 }
 
 /* Smaller changes are watched, but not reported. */
@@ -520,7 +531,7 @@ static void decide_cause(const tl_change_detector *detector, tl_finding *finding
 static void decide_causes(tl_change_detector *detector) {
     for (size_t i = 0; i < detector->state.count; i++) {
         tl_finding *finding = &detector->state.finding[i];
-        if (finding->kind != TL_FINDING_FREEZE && !finding->is_decided) {
+        if (is_change(finding) && !finding->is_decided) {
             decide_cause(detector, finding);
             if (finding->cause != TL_FINDING_NO_CAUSE) {
                 report(detector, finding, TL_FINDING_FURTHER);
@@ -566,6 +577,7 @@ static void interrupt_all(tl_change_detector *detector) {
             tl_change_series_interrupt(&detector->quantity[i].series[bank]);
         }
     }
+    memset(detector->windows, 0, sizeof detector->windows);
 }
 
 static void interrupt_series(tl_change_detector *detector) {
@@ -587,6 +599,79 @@ static void leave_out_gap(tl_change_detector *detector, const tl_record *record)
     detector->unknown = is_known ? 0 : detector->unknown + 1;
 }
 
+/* ---- limits ---- */
+
+/* The newest finding about the limits of a variable that still lasts, or was within them for a
+ * short time only; else NULL. */
+static tl_finding *find_limit(tl_change_detector *detector, const tl_config_alarm *alarm, double now) {
+    for (size_t i = detector->state.count; i > 0; i--) {
+        tl_finding *finding = &detector->state.finding[i - 1];
+        if (finding->kind == TL_FINDING_LIMIT && finding->index == alarm->adjust) {
+            bool is_near = now - finding->gone <= RETURNS * tl_seconds(alarm->lasts);
+            return !finding->is_gone || is_near ? finding : NULL;
+        }
+    }
+    return NULL;
+}
+
+static void take_outside(tl_change_detector *detector, tl_finding *finding, const tl_limit_window *window,
+                         const tl_config_alarm *alarm) {
+    bool is_new = finding == NULL;
+    if (is_new) {
+        finding = add_finding(detector);
+        finding->kind = TL_FINDING_LIMIT;
+        finding->is_decided = true; /* there is no cause */
+        finding->onset = seconds_of(detector, (double)window->onset);
+        finding->onset_spread = seconds_of(detector, (double)window->spread);
+        finding->found = seconds_of(detector, (double)detector->state.last);
+        finding->size = window->size;
+        finding->size_spread = finding->percent = (double)NAN;
+        name_finding(detector, &detector->quantity[alarm->adjust], finding);
+    }
+    bool returns = finding->is_gone;
+    bool has_grown = fabs(window->whole) > GROWN * fabs(finding->size) || window->whole * finding->size < 0.0;
+    finding->is_gone = false;
+    finding->size = has_grown || returns ? window->whole : finding->size;
+    if ((is_new || returns || has_grown) && !finding->is_normal) {
+        report(detector, finding, is_new ? TL_FINDING_FOUND : TL_FINDING_FURTHER);
+    }
+}
+
+static void watch_limits(tl_change_detector *detector, const tl_record *record) {
+    double now = seconds_of(detector, (double)detector->state.last);
+    for (size_t i = 0; i < detector->config->alarm_count; i++) {
+        const tl_config_alarm *alarm = &detector->config->alarms[i];
+        tl_limit_window *window = &detector->windows[i];
+        double ignored;
+        double value = value_of(detector, &detector->quantity[alarm->adjust], record, &ignored);
+        tl_limit_side side =
+            isfinite(value) ? tl_limit_window_add(window, alarm, detector->config->step, detector->state.last, value)
+                            : TL_LIMIT_UNKNOWN;
+        tl_finding *finding = side != TL_LIMIT_UNKNOWN ? find_limit(detector, alarm, now) : NULL;
+        if (side == TL_LIMIT_OUTSIDE) {
+            take_outside(detector, finding, window, alarm);
+        } else if (finding != NULL && !finding->is_gone) {
+            end_finding(detector, finding, now);
+        }
+    }
+}
+
+/* A variable whose alarm was removed from the configuration is within its limits. */
+static void end_removed_limits(tl_change_detector *detector) {
+    for (size_t i = 0; i < detector->state.count; i++) {
+        tl_finding *finding = &detector->state.finding[i];
+        bool is_watched = finding->kind != TL_FINDING_LIMIT || finding->is_gone;
+        for (size_t k = 0; k < detector->config->alarm_count; k++) {
+            is_watched = is_watched || detector->config->alarms[k].adjust == finding->index;
+        }
+        if (!is_watched) {
+            end_finding(detector, finding, seconds_of(detector, (double)detector->state.last));
+        }
+    }
+}
+
+/* ---- steps and samples ---- */
+
 void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_RESUMED || record->step <= detector->state.last) {
         return;
@@ -600,6 +685,7 @@ void tl_change_detector_step(tl_change_detector *detector, int64_t tick, const t
     detector->tick = tick;
     detector->state.last = record->step;
     add_release(detector, record);
+    watch_limits(detector, record);
     if (detector->state.left_out > 0) {
         detector->state.left_out--;
         return;
@@ -766,7 +852,7 @@ static bool is_sound(const tl_change_detector *detector, const detector_state *s
     for (size_t i = 0; right && i < state->count; i++) {
         const tl_finding *finding = &state->finding[i];
         const tracked *by = &state->tracked[i];
-        right = (unsigned)finding->kind <= TL_FINDING_FREEZE && (unsigned)finding->subject <= TL_FINDING_SIGNAL &&
+        right = (unsigned)finding->kind <= TL_FINDING_LIMIT && (unsigned)finding->subject <= TL_FINDING_SIGNAL &&
                 (unsigned)finding->cause <= TL_FINDING_PLANT && finding->index < limits[finding->subject] &&
                 is_flag(&finding->is_gone) && is_flag(&finding->is_normal) && is_flag(&finding->is_decided) &&
                 isfinite(finding->onset) && isfinite(finding->found) && isfinite(finding->gone) &&
@@ -855,6 +941,7 @@ void tl_change_detector_begin(tl_change_detector *detector, const tl_account *ac
     detector->release = 0;
     interrupt_series(detector);
     detector->state.left_out = continues ? left_out : detector->state.left_out;
+    end_removed_limits(detector);
 }
 
 void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last, bool is_new) {

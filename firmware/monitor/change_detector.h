@@ -23,6 +23,9 @@
  *           deviations count. One: its sensor, or an input that acts on it alone. Several: the
  *           plant. None, or only one output in all: not known.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
+ * Limits:   a correction outside the user's limits is a finding of its own, also while learning. It
+ *           is gone when the correction is within them again (limit_window.h), or the limits were
+ *           removed. Outside again within ten windows: the same finding.
  * Stored:   about 30 kB for each quantity, so that a restarted process continues. A block length of
  *           which fewer than 32 blocks were learnt starts again.
  * Learning: each block length needs 256 blocks at least, so that of the cycle reports later.
@@ -50,7 +53,8 @@ typedef enum tl_finding_turn {
     TL_FINDING_ENDED    /* it is gone */
 } tl_finding_turn;
 
-/* Called within tl_change_detector_step() and _sample(), with the tick at which it is known. */
+/* Called within tl_change_detector_step(), _sample() and _begin(), with the tick at which it is
+ * known. */
 typedef void tl_change_report(void *context, int64_t tick, const tl_finding *finding, tl_finding_turn turn);
 
 /* `config` and `context` must outlive the detector. `report` may be NULL. Returns NULL if memory is

@@ -111,7 +111,7 @@ bool tl_change_storage_read(const tl_run_finding *row, tl_finding *finding) {
                             .size_spread = row->size_spread,
                             .percent = row->percent};
     while (strcmp(row->kind, tl_finding_kind_name(finding->kind)) != 0) {
-        if (finding->kind == TL_FINDING_FREEZE) {
+        if (finding->kind == TL_FINDING_LIMIT) {
             return false;
         }
         finding->kind++;

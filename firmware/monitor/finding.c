@@ -9,8 +9,10 @@
 #include "firmware/monitor/lock_tally.h"
 
 const char *tl_finding_kind_name(tl_finding_kind kind) {
-    static const char *const names[] = {
-        [TL_FINDING_STEP] = "step", [TL_FINDING_DRIFT] = "drift", [TL_FINDING_FREEZE] = "freeze"};
+    static const char *const names[] = {[TL_FINDING_STEP] = "step",
+                                        [TL_FINDING_DRIFT] = "drift",
+                                        [TL_FINDING_FREEZE] = "freeze",
+                                        [TL_FINDING_LIMIT] = "limit"};
     return names[kind];
 }
 
@@ -43,9 +45,9 @@ static void write_size(const tl_finding *finding, char *text, size_t size) {
     if (finding->kind == TL_FINDING_FREEZE) {
         (void)snprintf(text, size, "plant.%s: frozen", finding->variable);
     } else if (finding->subject == TL_FINDING_CORRECTION) {
-        (void)snprintf(text, size, "%s: correction %s%+.3g%s%s%s", finding->variable,
+        (void)snprintf(text, size, "%s: correction %s%+.3g%s%s%s%s", finding->variable,
                        finding->kind == TL_FINDING_DRIFT ? "drifts, now " : "", finding->size, space, finding->unit,
-                       percent);
+                       percent, finding->kind == TL_FINDING_LIMIT ? ", outside its limits" : "");
     } else {
         (void)snprintf(text, size, "plant.%s: %s%+.3g%s%s%s against the model", finding->variable,
                        finding->kind == TL_FINDING_DRIFT ? "drifts, now " : "", finding->size, space, finding->unit,

@@ -16,9 +16,10 @@
 enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 416, TL_FINDINGS = 64 };
 
 typedef enum tl_finding_kind {
-    TL_FINDING_STEP,  /* a lasting change of the mean */
-    TL_FINDING_DRIFT, /* it has changed further in the same direction */
-    TL_FINDING_FREEZE /* a signal repeats one value (frozen.h) */
+    TL_FINDING_STEP,   /* a lasting change of the mean */
+    TL_FINDING_DRIFT,  /* it has changed further in the same direction */
+    TL_FINDING_FREEZE, /* a signal repeats one value (frozen.h) */
+    TL_FINDING_LIMIT   /* a correction is outside the user's limits (limit_window.h) */
 } tl_finding_kind;
 
 /* What has changed. */
@@ -66,8 +67,8 @@ typedef struct tl_changes {
 /* Returns true if it is neither gone nor accepted as normal. */
 bool tl_finding_is_open(const tl_finding *finding);
 
-/* Names for JSON: "step", "drift", "freeze"; "correction", "output", "signal"; "open", "gone",
- * "normal". */
+/* Names for JSON: "step", "drift", "freeze", "limit"; "correction", "output", "signal"; "open",
+ * "gone", "normal". */
 const char *tl_finding_kind_name(tl_finding_kind kind);
 const char *tl_finding_subject_name(tl_finding_subject subject);
 const char *tl_finding_state_name(const tl_finding *finding);

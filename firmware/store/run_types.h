@@ -95,7 +95,7 @@ typedef struct tl_recorder_known {
  * UTF-8, names as in JSON. */
 typedef struct tl_run_finding {
     int64_t number;       /* 1, 2, … in a database */
-    const char *kind;     /* "step", "drift", "freeze" */
+    const char *kind;     /* "step", "drift", "freeze", "limit" */
     const char *subject;  /* "correction", "output", "signal" */
     const char *variable; /* of an output or a signal: of the plant, without "plant." */
     const char *says;     /* the user's words for the variable; "": none */

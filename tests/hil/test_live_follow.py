@@ -20,8 +20,9 @@ DROPPED = 3  # lines
 class Bench:
     """The two vessels of config/vessels, played by Modbus, and a configuration of their twin."""
 
-    def __init__(self):
-        self.config = edited_config(VESSELS / "live.json", {"sources": {"device": {"modbus_tcp": {"port": free_port()}}}})
+    def __init__(self, alarm=None):
+        self.config = edited_config(VESSELS / "live.json", {"sources": {"device": {"modbus_tcp": {"port": free_port()}}},
+                                                            "detect": {"alarm": alarm or {}}})
         self.database = self.config.parent / "twin.db"
 
     def __enter__(self):
@@ -128,25 +129,28 @@ def test_a_socket_without_a_reader():
 
 
 def test_supervised():
-    """The lines continue over a killed twin, and over a restart of the whole run by a reload."""
+    """The lines continue over a killed twin, and over a restart of the whole run by a reload. The finding of an alarm stays one."""
     place = scratch() / "control"
-    with Bench() as bench, Supervised(bench.config, "--follow", "--control", place) as live:
+    with Bench({"first.u": {"above": -1, "for_s": 0.5}}) as bench, Supervised(bench.config, "--follow", "--control", place) as live:
         def wait_for(condition, what):
             while not condition(line := json.loads(live.process.stdout.readline())):
                 pass
             print(f"    {what}: {line['line']}")
             return line
-        before = wait_for(lambda line: line["is_in_lock"] and line["steps"] > 200, "in lock")
+        before = wait_for(lambda line: line["is_in_lock"] and line["steps"] > 200 and line["open_findings"] == 1, "in lock")
         os.kill(live.child(), signal.SIGKILL)
         again = wait_for(lambda line: line["steps"] < before["steps"] and line["is_in_lock"], "again")
         expect(again["corrections"].keys() == before["corrections"].keys(), f"{again}")
         changed = write_config(merge(read_config(bench.config), {"name": "two other vessels"}))
         run_well(["reload", changed, "--control", place, "--restart"])
         wait_for(lambda line: line["lock"] == "", "restarted")
-        wait_for(lambda line: line["is_in_lock"], "in lock")
+        wait_for(lambda line: line["is_in_lock"] and line["open_findings"] == 1, "in lock")
         live.signal(signal.SIGTERM)
         code, _, log = live.end()
         expect(code == 0, log)
+        found = query(bench.database, "SELECT kind, variable, state FROM findings")
+        expect(found == [("limit", "first.u", "open")], f"{found}")
+        expect_line(log, "warning|first.u|limits")
 
 
 if __name__ == "__main__":

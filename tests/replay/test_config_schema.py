@@ -276,7 +276,9 @@ def beyond_schema(document):
             and (solvers[0] is None or solvers[0] != solvers[1])
             and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted)
             and all(is_approved_in_bounds(one) for one in adjusted)
-            and all(is_watched(document, name) for name in document.get("detect", {}).get("says", {})))
+            and all(is_watched(document, name) for name in document.get("detect", {}).get("says", {}))
+            and all(name in synchronise.get("adjust", {}) and limit.get("below", float("-inf")) < limit.get("above", float("inf"))
+                    for name, limit in document.get("detect", {}).get("alarm", {}).items()))
 
 
 # ---- the two verdicts ----

@@ -69,6 +69,15 @@ static void test_root(void) {
     TEST_ASSERT_FALSE(config->rests);
     TEST_ASSERT_EQUAL_INT64(3600 * TL_SECOND, config->detect_learn);
     TEST_ASSERT_EQUAL_INT64(40 * TL_SECOND, config->detect_cycle);
+    TEST_ASSERT_EQUAL_size_t(2, config->alarm_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->alarms[0].adjust);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, config->alarms[0].above);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, config->alarms[0].below);
+    TEST_ASSERT_EQUAL_INT64(90 * TL_SECOND, config->alarms[0].lasts);
+    TEST_ASSERT_EQUAL_size_t(2, config->alarms[1].adjust);
+    TEST_ASSERT_EQUAL_DOUBLE(HUGE_VAL, config->alarms[1].above);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.75, config->alarms[1].below);
+    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->alarms[1].lasts);
     TEST_ASSERT_EQUAL_DOUBLE(2.5, config->false_alarms_per_year);
     TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
     TEST_ASSERT_FALSE(config->realtime_lock_memory);
@@ -616,6 +625,7 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->record_resume);
     TEST_ASSERT_EQUAL_INT64(86400 * TL_SECOND, config->detect_learn);
     TEST_ASSERT_EQUAL_INT64(0, config->detect_cycle);
+    TEST_ASSERT_EQUAL_size_t(0, config->alarm_count);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->false_alarms_per_year);
     TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
     TEST_ASSERT_TRUE(config->realtime_lock_memory);

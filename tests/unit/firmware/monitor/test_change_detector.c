@@ -461,6 +461,115 @@ static void test_a_forgotten_level(void) {
     TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_NONE, tl_change_detector_accept(detector, get().finding->number));
 }
 
+/* ---- limits that the user names ---- */
+
+static tl_config_alarm alarms[] = {{.adjust = 0, .above = 3.0, .below = -3.0, .lasts = 160 * TL_SECOND}};
+
+static void use_limits(void) {
+    alarms[0].above = 3.0;
+    config.alarms = alarms;
+    config.alarm_count = 1;
+}
+
+/* No learning is needed. One finding while it lasts. */
+static void test_a_limit(void) {
+    use_limits();
+    run(1000, 2.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(0, count);
+    run(1000, -4.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, count);
+    expect_told(0, TL_FINDING_FOUND, "tank.pump");
+    const tl_finding *finding = get().finding;
+    TEST_ASSERT_EQUAL_STRING("limit", tl_finding_kind_name(finding->kind));
+    TEST_ASSERT_EQUAL_STRING("%", finding->unit);
+    TEST_ASSERT_TRUE(tl_finding_is_open(finding));
+    TEST_ASSERT_DOUBLE_WITHIN(10.0, 1000.0, finding->onset);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 6.0, finding->onset_spread);
+    TEST_ASSERT_DOUBLE_WITHIN(10.0, 1140.0, finding->found);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, -4.0, finding->size);
+    TEST_ASSERT_TRUE(isnan(finding->percent));
+    TEST_ASSERT_FALSE(get().detection.is_ready);
+    run(1000, -9.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(2, count); /* it has grown */
+    expect_told(1, TL_FINDING_FURTHER, "tank.pump");
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, -8.5, get().finding->size);
+    run(500, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(3, count);
+    expect_told(2, TL_FINDING_ENDED, "tank.pump");
+    TEST_ASSERT_DOUBLE_WITHIN(60.0, 3100.0, get().finding->gone);
+    run(500, 4.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(1, get().count); /* it returns soon, on the other side */
+    expect_told(3, TL_FINDING_FURTHER, "tank.pump");
+    TEST_ASSERT_TRUE(get().finding->size > 1.0);
+    run(3000, 0.0, 0.0, 0.0);
+    run(500, 4.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count); /* it returns late */
+    expect_told(5, TL_FINDING_FOUND, "tank.pump");
+}
+
+/* A change of the same variable is another finding, and neither disturbs the other. */
+static void test_a_limit_and_a_change(void) {
+    use_limits();
+    learn();
+    run(DAY / 8, -6.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_LIMIT, get().finding[0].kind);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_STEP, get().finding[1].kind);
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_NO_CAUSE, get().finding[0].cause);
+    run(DAY / 8, 0.0, 0.0, 0.0);
+    TEST_ASSERT_TRUE(get().finding[0].is_gone && get().finding[1].is_gone);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+}
+
+static void test_a_limit_without_values(void) {
+    use_limits();
+    run(1000, -4.0, 0.0, 0.0);
+    for (int i = 0; i < 1000; i++) { /* the correction is not known: nothing ends */
+        record.outcome = TL_FREE_RUN;
+        record.u[0] = record.nominal[0];
+        tl_change_detector_step(detector, record.step + LEAD, &record);
+        record.step++;
+    }
+    TEST_ASSERT_TRUE(tl_finding_is_open(get().finding));
+    TEST_ASSERT_EQUAL_size_t(1, count);
+}
+
+/* Other limits keep what was learnt, and the finding. Without limits it is gone. */
+static void test_other_limits(void) {
+    use_limits();
+    tl_change_detector_begin(detector, &account, 1);
+    learn();
+    run(1000, -4.0, 0.0, 0.0);
+    alarms[0].above = 5.0;
+    TEST_ASSERT_TRUE(restart(1 + 1000 * 2 * (int64_t)DAY));
+    TEST_ASSERT_TRUE(get().detection.is_ready);
+    run(1000, -4.0, 0.0, 0.0);
+    TEST_ASSERT_TRUE(tl_finding_is_open(get().finding));
+    TEST_ASSERT_EQUAL_INT(TL_FINDING_LIMIT, get().finding->kind);
+    const size_t before = count;
+    config.alarm_count = 0;
+    TEST_ASSERT_TRUE(restart(1 + 1000 * 3 * (int64_t)DAY));
+    TEST_ASSERT_TRUE(get().detection.is_ready);
+    TEST_ASSERT_EQUAL_size_t(before + 1, count);
+    expect_told(before, TL_FINDING_ENDED, "tank.pump");
+    TEST_ASSERT_TRUE(get().finding->is_gone);
+}
+
+/* A user has accepted it: it is not reported while it lasts. */
+static void test_a_normal_limit(void) {
+    use_limits();
+    run(1000, -4.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_LATE, tl_change_detector_accept(detector, 1));
+    run(1000, -9.0, 0.0, 0.0);
+    run(1000, 0.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_STRING("normal", tl_finding_state_name(get().finding));
+    TEST_ASSERT_EQUAL_size_t(1, count);
+    run(3000, 0.0, 0.0, 0.0);
+    run(1000, -4.0, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_size_t(2, get().count);
+    expect_told(1, TL_FINDING_FOUND, "tank.pump");
+}
+
 /* A restart before a change has settled keeps it as one finding. */
 static void test_a_restart_within_a_change(void) {
     tl_change_detector_begin(detector, &account, 1);
@@ -540,6 +649,10 @@ static void test_sentences(void) {
     finding.cause = TL_FINDING_PLANT;
     tl_finding_write_cause(&finding, text);
     TL_EXPECT_PARTS("the plant", text);
+    finding = (tl_finding){
+        .kind = TL_FINDING_LIMIT, .variable = "tank.pump", .unit = "%", .size = -4.0, .percent = (double)NAN};
+    tl_finding_write(&finding, 0.0, 0, text);
+    TL_EXPECT_PARTS("tank.pump|-4 %|limits|since t = 0 s", text);
     finding = (tl_finding){.subject = TL_FINDING_SIGNAL, .kind = TL_FINDING_FREEZE, .variable = "level", .onset = 10};
     tl_finding_write(&finding, 20.0, 1764388800000, text);
     TL_EXPECT_PARTS("plant.level|frozen|since|UTC", text);
@@ -571,6 +684,11 @@ int main(void) {
     RUN_TEST(test_a_restart);
     RUN_TEST(test_a_normal_finding);
     RUN_TEST(test_a_forgotten_level);
+    RUN_TEST(test_a_limit);
+    RUN_TEST(test_a_limit_and_a_change);
+    RUN_TEST(test_a_limit_without_values);
+    RUN_TEST(test_other_limits);
+    RUN_TEST(test_a_normal_limit);
     RUN_TEST(test_a_restart_within_a_change);
     RUN_TEST(test_a_restart_while_learning);
     RUN_TEST(test_what_cannot_be_restored);
