@@ -20,7 +20,9 @@
  *            - if the FMU is rolled back by replay (rollback/fmu_replay.h): notes its inputs.
  *          A caller uses the table as it would use the FMU's own functions.
  * Owner:   the caller provides the memory of a guard and must not move it before
- *          tl_fmu_guard_close(). The guard owns the instances created through it, and their states.
+ *          tl_fmu_guard_close(). The master decides when a state is saved, restored and freed
+ *          (master/fmi/component.h); the guard executes this. The memory of a state belongs to the
+ *          FMU (its own states) or to the guard (copies of memory, replay).
  * Thread:  the thread that calls the FMUs.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_GUARD_H
@@ -45,8 +47,9 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard);
 /* Fills the table for callers. `own`: the functions of the FMU, which its binary exports. */
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
 
-/* Frees what the guard owns. Use no instance afterwards. Memory of instances that still exist is
- * freed without a call of the FMU. A zeroed guard is allowed. */
+/* Frees what the guard owns: wrappers of instances, and its copies. States of the FMU's own must
+ * have been freed before (tl_component_forget()). Use no instance afterwards. Memory of instances
+ * that still exist is freed without a call of the FMU. A zeroed guard is allowed. */
 void tl_fmu_guard_close(tl_fmu_guard *guard);
 
 /* Restores process state that any FMU may have changed, and logs each kind of change once per

@@ -29,10 +29,10 @@
  *           Any other end is a failure. It is reported, with the FMU and its function if a call was
  *           running.
  * Restart:  the twin restarts at once after the first failure. Then the pause doubles with each
- *           failure that is not forgiven (restarts.h), from 0.25 s up to 8 s. io and recorder
- *           restart without limit: after at most 0.25 s if they were ready before, else with the
- *           same doubling pauses. If fork fails, that is no failure of the twin; the start is
- *           retried with the same pauses.
+ *           failure that is not forgiven (restarts.h): 0.25 s, 0.5 s, 1 s, and 2 s before safe
+ *           hold. io and recorder restart without limit: after at most 0.25 s if they were ready
+ *           before, else with doubling pauses up to 8 s. If fork fails, that is no failure of the
+ *           twin; the start is retried with the same pauses.
  * Log:      a restart loop logs at most one line per minute, with the number of failures since the
  *           line before.
  * Hold:     after a restart loop of the twin (restarts.h), the supervisor starts a twin process in

@@ -1,8 +1,9 @@
 /* Plant input: makes one sample with qualities per tick from the posted readings.
  *
- * Purpose:     the only code that checks a value of the plant: finite, in range, fresh. Live
- *              sources (plant_reader.h) and recordings (recording.h) both post into its sample
- *              buffers, so that a replay checks as a live run does.
+ * Purpose:     the only code that checks single readings: finite, in range, fresh. frozen.h marks
+ *              signals that repeat one value. Live sources (plant_reader.h) and recordings
+ *              (recording.h) both post into its sample buffers, so that a replay checks as a live
+ *              run does.
  * Conditioned: if a signal has a condition, its readings are conditioned before the look-up, each
  *              one once as it comes.
  * Between:     tl_plant_lookup decides the value between two readings (plant_input.c).

@@ -20,10 +20,10 @@
  *          FMU then catches up from a node above, as with TL_KEEP_OUTPUTS. One handle is reserved
  *          for the committed instant, which must have a state.
  * Failure: after a failed step the FMU is at no node; the next execution starts with a restore.
- * Thread:  the twin's. Memory: the arena, at start-up. State handles belong to the FMU: at most one
- *          per node and never more than `states`. With TL_KEEP_STATES the usual number, at most
- *          256, is created at start-up; others are created when needed, and kept. With TL_KEEP_NONE
- *          one is created.
+ * Thread:  the twin's. Memory: the arena, at start-up. State handles: at most one per node and
+ *          never more than `states`; owner: fmi/component.h. With TL_KEEP_STATES
+ *          the usual number, at most 256, is created at start-up; others are created when needed,
+ *          and kept. With TL_KEEP_NONE one is created.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H

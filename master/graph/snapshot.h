@@ -44,7 +44,7 @@ uint64_t tl_state_room_bytes(const tl_state_room *rooms, size_t count);
  *          handles.
  * Errors:  TL_FMU_FAILED or TL_FMU_FATAL from the first FMU that failed. Those after it were not
  *          called, and the components are at different instants.
- * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
+ * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */
 
 typedef struct tl_snapshot {

@@ -3,7 +3,7 @@
  *
  * Purpose: one interface for NLopt's solvers and our own. The caller evaluates J, keeps the best
  *          point and stops the solver if J is good enough or the budget is spent.
- * Add one: write a file with a tl_optimiser_class and add a line to optimiser.c.
+ * Add one: docs/add-a-solver.md.
  * Thread:  the twin's. Allocation: our code allocates nothing after create. NLopt allocates small
  *          blocks: a constant number per search (BOBYQA, L-BFGS), or at most about one per
  *          evaluation (Nelder-Mead, Sbplx).

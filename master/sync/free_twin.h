@@ -139,7 +139,7 @@ void tl_free_run_check_archive(tl_free_run_check *free_run_check, tl_archive *ar
  *          No other count includes these executions.
  * States:  three of each FMU: of the free-running twin, of the prediction, and the twin's own.
  * Not for: FMUs that are rolled back by replay. Each rollback would repeat the whole run.
- * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
+ * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */
 
 /* Fields are private, except `counts`. Zeroed: there is no free-running twin. */

@@ -16,7 +16,7 @@
  *          predicts well, and decides whether u rests. A released twin affects the twin only by a
  *          measured delay (plan.measure).
  * Source:  not the dissertation.
- * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
+ * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */
 #ifndef TL_MASTER_SYNC_RELEASED_TWIN_H
 #define TL_MASTER_SYNC_RELEASED_TWIN_H

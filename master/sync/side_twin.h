@@ -6,7 +6,7 @@
  * Use:     tl_exchange_take() first, then tl_side_twin_step() and tl_snapshot_take() for each saved
  *          state, then tl_exchange_return(). No count of the twin includes these executions.
  * Not for: FMUs that are rolled back by replay. Each rollback would repeat the whole run.
- * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
+ * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */
 #ifndef TL_MASTER_SYNC_SIDE_TWIN_H
 #define TL_MASTER_SYNC_SIDE_TWIN_H
