@@ -21,12 +21,12 @@
  */
 
 /* Returns the real standard output as a new stream, and redirects file descriptor 1 to standard
- * error. If that fails, returns stdout and redirects nothing. */
+ * error. If no new stream can be opened, returns stdout and redirects nothing. */
 FILE *tl_output_claim(void);
 
-/* Call it after the last output; it flushes `output` and leaves it open. Returns `status`. But if
- * `status` is TL_OK or TL_NOT_LOCKED and a write has failed, it logs an error and returns
- * TL_TRY_AGAIN. */
+/* Call it after the last output; it flushes `output` and leaves it open. If a write failed and
+ * `status` is TL_OK or TL_NOT_LOCKED, logs an error and returns TL_TRY_AGAIN. Otherwise returns
+ * `status`, which reports an earlier failure or none. */
 tl_status tl_output_finish(FILE *output, tl_status status);
 
 /* ---- Progress of long work: one line on a terminal, redrawn a few times a second; nothing if

@@ -81,19 +81,19 @@ tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, c
     return status;
 }
 
-tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *page) {
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *results) {
     return (tl_twin_child_settings){
         .job = &job->order,
         .config = &job->config,
-        .page = page,
+        .results = results,
         .print_page = tl_check_page_print,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
         .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,
     };
 }
 
-tl_status tl_verb_job_start(tl_verb_job *job, FILE *page) {
-    const tl_twin_child_settings settings = tl_verb_job_settings(job, page);
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *results) {
+    const tl_twin_child_settings settings = tl_verb_job_settings(job, results);
     return tl_twin_child_start(&settings, &job->child, &job->error);
 }
 

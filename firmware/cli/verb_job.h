@@ -1,7 +1,7 @@
 /* Command (verb) that needs FMUs: its configuration and its FMU process (twin_child.h).
  *
- * Purpose: the common part of check, replay and plant. The process of the command owns files,
- *          sockets and the terminal. The FMUs run in another process, the FMU process.
+ * Purpose: the common part of check, replay, plant and explain. The process of the command owns
+ *          files, sockets and the terminal. The FMUs run in another process, the FMU process.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_CLI_VERB_JOB_H
@@ -25,31 +25,32 @@ typedef struct tl_verb_job {
     tl_error error; /* why the verb fails; "": the reason was logged */
 } tl_verb_job;
 
-/* Installs the signal handlers and reads the configuration: the file `path`, or `text` if it is not
- * NULL. Then relative names start at the folder of `path`. Problems are logged. Before the call,
- * the caller sets job->options, and the task in job->order. */
+/* Installs the signal handlers. Reads the configuration from `text` if it is not NULL, else from
+ * the file `path`. Relative file names are resolved against the folder of `path`. Problems are
+ * logged. Before the call, the caller sets job->options, and the task in job->order. */
 tl_status tl_verb_job_read(tl_verb_job *job, const char *path, const char *text);
 
-/* Takes time, tunings and the beginning of a recorded run for the FMU process. Errors: those of
+/* Copies start time, tunings and start state of the recorded run into job->order. Errors: those of
  * tl_replay_check(), in job->error. The recording must outlive the start of the process. */
 tl_status tl_verb_job_use_recording(tl_verb_job *job, const tl_recording *recording);
 
 /* Checks the output file `path` that the command-line option `option` names. It must not be a file
- * that this run also reads or writes: the configuration, an FMU, `recording`, the database or the
- * file of --csv. `path` or `recording` NULL: there is no such file. Errors: TL_BAD_USAGE. */
+ * that this command also reads or writes: the configuration, an FMU, `recording`, the database or
+ * the file of --csv. `path` or `recording` NULL: there is no such file. Errors: TL_BAD_USAGE. */
 tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, const char *path, const char *recording,
                                    tl_error *error);
 
-/* Starts the FMU process. `page`: stream for the results of a check (check_page.h), else NULL.
+/* Starts the FMU process. `results`: stream for the results of `check` (check_page.h), else NULL.
  * Errors: TL_TRY_AGAIN, with the reason in job->error. */
-tl_status tl_verb_job_start(tl_verb_job *job, FILE *page);
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *results);
 
-/* Returns the settings of an FMU process for this configuration. `page`: as for
+/* Returns the settings of an FMU process for this configuration. `results`: as for
  * tl_verb_job_start(). */
-tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *page);
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *results);
 
 /* Ends the FMU process, if there is one, and frees everything. Logs job->error, and an error if the
- * process failed at its end. Returns the exit code for `status`. */
+ * process failed at its end. Returns the exit code for `status`; if that is TL_OK or TL_NOT_LOCKED
+ * and the FMU process or the output failed, the code of that failure. */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);
 
 #endif

@@ -26,9 +26,9 @@
  */
 
 enum {
-    TL_ELF_SEGMENTS = 64,       /* most program headers of a file; usual: about ten */
-    TL_ELF_ENTRIES = 4096,      /* most entries of its dynamic section; usual: about thirty */
-    TL_ELF_VERSIONS = 16 * 1024 /* most needed or defined symbol versions, and most names of them */
+    TL_ELF_SEGMENTS = 64,       /* maximum number of program headers; typical: 10 */
+    TL_ELF_ENTRIES = 4096,      /* maximum number of entries of the dynamic section; typical: 30 */
+    TL_ELF_VERSIONS = 16 * 1024 /* maximum number of needed or defined symbol versions, and of their names */
 };
 
 /* The part of the file that holds `size` bytes of memory from `address` on. */
@@ -38,7 +38,7 @@ typedef struct tl_elf_segment {
     uint64_t size;
 } tl_elf_segment;
 
-/* Fields are private, except those that are marked as public. */
+/* Fields are private, unless marked as public. */
 typedef struct tl_elf_file {
     uint8_t *bytes;
     size_t size;
@@ -50,7 +50,7 @@ typedef struct tl_elf_file {
     size_t strings;     /* offset of the string table */
     size_t strings_size;
     size_t symbols; /* offset of the symbol table */
-    size_t symbol_count;
+    size_t symbol_count; /* public */
 } tl_elf_file;
 
 /* Opens a library of `size` bytes. `bytes` must outlive `file`. Returns false if this is not a
@@ -60,7 +60,7 @@ bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size);
 typedef enum tl_elf_kind {
     TL_ELF_NEEDED,  /* a library that is loaded with this one */
     TL_ELF_NAME,    /* its own name (SONAME) */
-    TL_ELF_VERSION, /* name of a library in a version table: the library that the versions belong to, or its own name */
+    TL_ELF_VERSION, /* library name in a version table: the needed library (verneed), or this library (verdef) */
     TL_ELF_OTHER    /* not a library: a symbol, a version or a path */
 } tl_elf_kind;
 
@@ -140,15 +140,17 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  *          second FMU that needs libtable.so silently gets that of the first FMU, with its
  *          variables. C++ also has symbols that are unique in the process. Both are changed in the
  *          files of the later FMU before the loader reads them.
- * Unchanged: the first FMU of the process, names that no other FMU uses, and libraries of the
- *            system. Compiler libraries inside an FMU stay shared too; they are recognised by name
- *            (libc, libm, libgcc_s, libstdc++, libgfortran and similar).
+ * Unchanged: the first FMU of the process, names that no earlier FMU has loaded, and libraries of
+ *            the system. Libraries inside an FMU that must exist once per process stay shared too;
+ *            they are recognised by name (libc, libm, libgcc_s, libstdc++, libgfortran and
+ *            similar).
  * Method:  a renamed library exists twice in the FMU's folder, under both names, so that it can
  *          still be opened by its old path.
  * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path stays shared.
- *          A warning is logged if an FMU uses dlopen() and another FMU has one of its libraries.
- * Owner:   the process. The loader never forgets a library, so the folders of all FMUs are
- *          remembered until the process ends.
+ *          A warning is logged if an FMU uses dlopen() and an earlier FMU contains a library of the
+ *          same name.
+ * Owner:   the process. FMU libraries are never unloaded (RTLD_NODELETE), so the folders of all
+ *          FMUs are remembered until the process ends.
  * Thread:  the thread that calls the FMUs.
  */
 

@@ -1,23 +1,24 @@
-/* Handover control: the supervisor's part of a handover. Executes the config manager's orders and
- * writes the handover block (tl_handover).
+/* Handover control: the supervisor's part of a handover. Executes the requests of the config
+ * manager and writes the handover block (tl_handover).
  *
  * Purpose: decides which slot has the live twin, and whether the other slot has a shadow. Decides
  *          when the two swap, and which of the two record queues the recorder reads. The supervisor
  *          executes these decisions (tl_orders).
- * Orders:  one after the other. An order for a shadow waits for three conditions: the slot's
- *          previous twin has ended, the live twin is ready, and the recorder is not behind. It is
- *          rejected after TL_HANDOVER_CONTROL_PATIENCE (30 s). All other orders are executed or
- *          rejected at once. The handover block reports the reason.
+ * Orders:  requests of the config manager, one after the other. While a handover is announced,
+ *          requests wait. A request for a shadow waits for three conditions: the slot's previous
+ *          twin has ended, the live twin is ready, and the recorder is not behind. It is rejected
+ *          after TL_HANDOVER_CONTROL_PATIENCE (30 s). All other requests are executed or rejected
+ *          at once. The handover block reports the reason.
  * Hold:    in safe hold there is no shadow, and no handover.
- * Handover: it is announced for a later tick. It is done when the live twin has reported that it
- *           has handed over, or has died. A live twin that has not reported this within
- *           tl_handover_ahead() after that tick is killed. If all processes end before that tick,
- *           there is no handover.
+ * Handover: the handover block announces it to both twins for a tick at least tl_handover_ahead()
+ *           later. It is done when the live twin has reported that it has handed over, or has died.
+ *           A live twin that has not reported this within tl_handover_ahead() after that tick is
+ *           killed. If the run is being stopped before that tick, the handover is dropped.
  * Recorder: after a handover the recorder is behind until it has written the old record queue to
  *           the end. Then a new recorder is started for the other queue. A recorder may be two
  *           handovers behind.
- * Trust:   orders and status blocks come from other processes: numbers are bounded, and each value
- *          is read once.
+ * Trust:   requests and status blocks come from other processes: numbers are bounded, and each
+ *          value is read once.
  * Memory:  the caller owns all blocks that the object points to.
  * Errors:  the handover block reports them.
  * Thread:  the supervisor's; only it writes the handover block.
@@ -35,12 +36,12 @@
 /* The caller sets the first fields and zeroes the rest. */
 typedef struct tl_handover_control {
     tl_handover *handover_block;
-    tl_twin_slot *slots; /* TL_TWIN_SLOTS; the run's own configuration is loaded into the first */
+    tl_twin_slot *slots; /* TL_TWIN_SLOTS; slot 0 starts with the configuration of the command line */
     const tl_live_config_manager_status *orders;
     const tl_block *candidate;
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     tl_time step;                            /* of the run, ns; it does not change */
-    bool unconfined;                         /* permits FMUs with all rights of the user, if a configuration has them */
+    bool unconfined;                         /* permits components with `unconfined`: FMUs with all rights of the user */
     void *context;
     void (*report)(void *context, const char *text); /* reports a handover: log and event */
     bool holds;                                      /* safe hold; set by the caller, also later */
@@ -48,22 +49,22 @@ typedef struct tl_handover_control {
     bool wants_shadow;
     uint32_t done;               /* newest completed handover; the handover block may be one ahead */
     tl_time until;               /* ns; the live twin is killed if it has not handed over by then */
-    uint32_t waiting;            /* number of the waiting order */
+    uint32_t waiting;            /* number of the waiting request */
     tl_time since;               /* ns; start of its wait */
     uint32_t recorder_slot;      /* slot whose record queue is read */
     uint32_t recorder_handovers; /* number of the handover with which that recorder's twin went live */
 } tl_handover_control;
 
-/* Called in each loop of the supervisor. Executes orders of the config manager and handovers. Sets
- * `orders`: what the supervisor has to do. `now`: ns, monotonic clock. `ends`: all processes are
+/* Called in each loop of the supervisor. Executes requests of the config manager and handovers.
+ * Sets `orders`: what the supervisor must do. `now`: ns, monotonic clock. `ends`: all processes are
  * ending. */
-void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders);
+void tl_handover_control_poll(tl_handover_control *control, tl_time now, bool ends, tl_orders *orders);
 
 /* Reports that the shadow has ended, or could not be started. */
-void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason);
+void tl_handover_control_note_end_of_shadow(tl_handover_control *control, const char *reason);
 
 /* Called before a recorder is started. Moves `recorder_slot` and `recorder_handovers` to the other
  * queue if the old one is fully recorded. */
-void tl_handover_control_begin_recorder(tl_handover_control *change);
+void tl_handover_control_begin_recorder(tl_handover_control *control);
 
 #endif

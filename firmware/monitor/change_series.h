@@ -1,34 +1,41 @@
 /* Change detection in one series of numbers.
  *
- * Purpose:   learns how a series behaves, and then finds lasting changes of its mean. The series is
- *            a correction Δu, or the error of a released twin (change_detector.h).
- * Block:     `block` values are averaged. A block counts if at least half of its values are known.
- * Learning:  until `learn` blocks have counted, and further until four times as many. The fit is
- *            renewed each time the number of blocks has doubled: the median, an autoregressive
- *            model of order 8 around it, and the deviation of its innovations from their median.
- *            Memory is fixed: sums and histograms. While all blocks are still kept, the fit and
- *            the sums of the test are computed from all of them again.
- * Test:      each innovation, in deviations, is clipped at ±5. Two cumulative sums follow, one for
- *            each direction, with an allowance of 0.5. A sum above the threshold is a change.
- * Threshold: the larger of two values, at least 10. First, 1.5 times the largest sum while
- *            learning. Second, the sum that is exceeded `rate` times in a block, by an exponential
- *            tail of the peaks.
- * Normal:    a range of lasting levels, means of 16 blocks: those while learning, and half the
- *            width of their range more on both sides. A user may accept further ranges. A lasting
- *            level outside of them is a change, too. So products that were made while learning are
- *            normal.
- * Onset:     the split of the newest block means into two means with the least squared error.
- * After:     the change is estimated for twice as long as the detection took, at least 16 blocks:
- *            as a constant, and as a part of a reference (û of a correction, ŷ of an output). The
- *            one with the smaller squared error counts. If the level is not normal, the series is
- *            off. The series is then watched around the level, so that a lasting change is found
- *            once. The estimate is renewed whenever the time since the onset has doubled. If the
- *            series changes again, it is first tried on all blocks since the onset. The series is
- *            off until its level is normal, and would not be so with the change on top.
+ * Purpose:   fits an autoregressive model and a normal range, and then finds lasting changes of the
+ *            mean. The series is a correction Δu, or the error of a released twin
+ *            (change_detector.h). Each value has a reference: û for a correction, ŷ for an output.
+ * Block:     mean of `block` values. A block in which less than half of the values are known is
+ *            dropped.
+ * Learning:  blocks 1 to `learn` are only learnt. Blocks up to 4 · `learn` are learnt and tested;
+ *            then the fit is final. While the series is off, or a change is not settled, nothing is
+ *            learnt. The fit is renewed each time the number of blocks has doubled: the median, an
+ *            autoregressive model of order 8 around it, and the deviation of its innovations
+ *            (robust standard deviation, from their median). It is computed from sums and
+ *            histograms; as long as all blocks are kept, from all blocks again.
+ * Test:      each innovation is divided by the deviation and clipped to ±5. Two CUSUM sums, one up
+ *            and one down, add it minus 0.5, and do not go below 0. If a sum exceeds the threshold,
+ *            a change is found.
+ * Threshold: the larger of two values, at least 10 deviations. First, 1.5 times the largest sum
+ *            while learning. Second, the sum that false alarms exceed with the frequency `rate` per
+ *            block; it is extrapolated with an exponential tail of the peaks.
+ * Normal:    a lasting level is the mean of 16 blocks. Normal are the levels while learning,
+ *            extended by half of their range on both sides. A user may accept further ranges. A
+ *            lasting level outside of them is a change, too. So the levels of all products that
+ *            were made while learning are normal.
+ * Onset:     the split of the newest blocks into two parts, each with a constant mean, that has the
+ *            least squared error. If the sum was last zero before the split, the onset is the
+ *            middle between the two instants.
+ * After:     the change is estimated over twice the time of the detection, at least 16 blocks: as
+ *            an offset, and as a gain on the reference. The fit with the smaller squared error is
+ *            used. If the level is not normal, the series is *off* (has left its normal levels).
+ *            The tests then use this level as zero, so that one change is found once. The estimate
+ *            is renewed whenever the time since the onset has doubled, until TL_SERIES_KEPT / 2
+ *            blocks. If another change is found, the estimate over all blocks since the first onset
+ *            is tried first; if it explains both, they are one change. The series is no longer off
+ *            if its level is normal, and the level minus the change is not normal.
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
  * Memory:    plain data of the caller, about 32 kB, without pointers. The first TL_SERIES_STORED
- *            bytes can be stored; to continue, a series does not need the blocks behind them.
+ *            bytes can be stored. The arrays after them are not needed to continue.
  * Thread:    one thread at a time.
  */
 #ifndef TL_FIRMWARE_MONITOR_CHANGE_SERIES_H
@@ -81,37 +88,38 @@ typedef struct tl_series_change {
 
 /* Fields are private, except the results. */
 typedef struct tl_change_series {
-    uint32_t block; /* values in a block, ≥ 1 */
-    uint64_t learn; /* blocks until changes are reported */
-    double rate;    /* expected false alarms in a block */
-    double least;   /* least deviation of a block mean */
-    double sum;     /* of the present block: values and references */
-    double reference_sum;
+    uint32_t block;       /* values in a block, ≥ 1 */
+    uint64_t learn;       /* blocks until changes are reported */
+    double rate;          /* expected false alarms per block */
+    double least;         /* lower limit of each standard deviation, > 0, in the unit of the series */
+    double sum;           /* of the values of the present block */
+    double reference_sum; /* of their references */
     uint32_t values;
     uint32_t known;
     tl_series_fit fit;
-    tl_series_change change;   /* around which is watched */
-    double cumulative[2];      /* sums in deviations: up, down */
-    double peak[2];            /* largest values since they were zero */
-    uint64_t zero[2];          /* number of the block at which they were zero last */
+    tl_series_change change;   /* level that the tests use as zero */
+    double cumulative[2];      /* CUSUM sums, in deviations: up, down */
+    double peak[2];            /* largest value of each sum since it was zero */
+    uint64_t zero[2];          /* number of the block at which each sum was zero last */
     tl_series_histogram peaks; /* of both, while learning */
     uint64_t tested;           /* blocks in `peaks` */
-    double largest;            /* sum while learning */
+    double largest;            /* largest sum while learning */
     double threshold;
     uint64_t number;    /* blocks so far */
     uint64_t first;     /* the oldest usable one */
-    uint64_t refines;   /* block at which its estimate is renewed; 0: never */
-    double lasting_sum; /* of the present lasting level: blocks, and `change` at them */
+    uint64_t refines;   /* block at which the estimate of the change is renewed; 0: never */
+    double lasting_sum; /* over the blocks of the present lasting level: of their means, and of `change` */
     double lasting_change;
     uint64_t lasting;                   /* its blocks */
     double normal[TL_SERIES_RANGES][2]; /* lowest and highest normal level: learnt; accepted by a user */
     uint64_t ranges;                    /* their number; 0: nothing was learnt */
-    uint64_t opened;                    /* block from which on the estimate holds; only if is_off */
-    uint64_t begins;                    /* block with which the last change begins */
-    uint64_t settles;                   /* block at which it is known; 0: it is */
-    double onset, onset_spread;  /* results, of the last change: index of a value, and half the width of its range */
-    double size, size_spread;    /* mean distance from the learnt median since the change; standard error */
-    double share;                /* size as a part of the reference, with sign; NaN: the reference is about 0 */
+    uint64_t opened;                    /* first block of the estimate; only if is_off */
+    uint64_t begins;                    /* first block of the last change */
+    uint64_t settles;                   /* block at which the estimate is settled; 0: no estimate is pending */
+    double onset, onset_spread; /* results, of the last change: index of a value, and half the width of its range */
+    double size, size_spread;   /* mean distance from the learnt median since the change; standard error */
+    double
+        share; /* size as a fraction of the reference, with sign; with a fitted gain: the gain. NaN: the reference is about 0 */
     bool is_off;                 /* the series has left its normal levels */
     bool is_same;                /* after SETTLED: no new change, only a better estimate of the one before */
     double kept[TL_SERIES_KEPT]; /* block n lies at n % TL_SERIES_KEPT */
@@ -121,7 +129,7 @@ typedef struct tl_change_series {
 
 #define TL_SERIES_STORED offsetof(tl_change_series, kept)
 
-/* Starts a series that has learnt nothing. `learn`: at least 256 is used. `least`: > 0. */
+/* Starts a series that has learnt nothing. `learn`: at least 256 blocks are used. */
 void tl_change_series_init(tl_change_series *series, uint32_t block, uint64_t learn, double rate, double least);
 
 /* Adds the value with this index, and its reference; indices increase. NaN: not known. */

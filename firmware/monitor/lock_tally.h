@@ -14,10 +14,10 @@
 #include "master/base/signal.h"
 
 typedef enum tl_lock_state {
-    TL_LOCK_FREE,      /* the error is not known: nothing is adjusted, or no matched signal is good */
+    TL_LOCK_FREE,      /* no statement: nothing is adjusted, or no matched signal is good */
     TL_LOCK_LOCKED,    /* simulated and measured outputs agree within tolerance */
     TL_LOCK_CORRECTED, /* as locked, but only because of the corrections (lock_monitor.h) */
-    TL_LOCK_DEGRADED,  /* as locked as far as known: a signal of the plant is bad, or a rollback was not exact */
+    TL_LOCK_DEGRADED,  /* within tolerance, but uncertain: a plant signal is bad, or a rollback was not exact */
     TL_LOCK_LOST       /* simulated and measured outputs do not agree */
 } tl_lock_state;
 
@@ -32,12 +32,12 @@ typedef enum tl_lock_reason {
 
 enum { TL_LOCK_VARIABLE = 64, TL_LOCK_UNIT = 24, TL_LOCK_CLAUSE = 192, TL_LOCK_INSTANT = 64 };
 
-/* Why a twin in lock is corrected, and since when. Zeroed: it is not. Texts are cut. */
+/* Reason and start of state CORRECTED. Zeroed in other states. Long texts are truncated. */
 typedef struct tl_lock_standing {
     tl_lock_reason reason;
-    char variable[TL_LOCK_VARIABLE]; /* adjusted; RELEASED: matched */
+    char variable[TL_LOCK_VARIABLE]; /* name of the adjusted variable; RELEASED: of the matched output */
     char unit[TL_LOCK_UNIT];         /* of `value`; "": none */
-    double value;                    /* mean u − û; BOUND: u; RELEASED: rms error */
+    double value;                    /* mean u − û; if BOUND: u; if RELEASED: rms error of the output */
     double since_s;                  /* beginning of the corrected period, s since the start of the run */
     double now_s;                    /* newest step, likewise */
     int64_t started;                 /* start of the run in UTC, ms; 0: a replay, which has no calendar time */
@@ -50,7 +50,7 @@ typedef struct tl_lock_tally {
     uint64_t windows;               /* windows that were assessed; 0: the run was shorter than one */
     uint64_t changes;               /* number of changes of the state */
     uint64_t losses;                /* number of changes to lost */
-    uint64_t ran_away;              /* steps in which an output or J ran away (lock_monitor.h) */
+    uint64_t ran_away;              /* steps in which an output or J diverged (limit: lock_monitor.h) */
     tl_lock_standing standing;      /* in state CORRECTED; else zeroed */
 } tl_lock_tally;
 
@@ -81,20 +81,21 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
  * come from another process: the result is 0 if they cannot be true. */
 int64_t tl_lock_utc(double instant_s, int64_t started);
 
-/* Writes an instant: "05:00:06 UTC", on another day than `now_s` "2026-11-28 05:00 UTC"; in a
- * replay "t = 18006 s". `is_event`: both, because `show` reads t. */
+/* Writes an instant: "05:00:06 UTC", or "2026-11-28 05:00 UTC" if `now_s` is on another day; in a
+ * replay "t = 18006 s". If `is_event`, a live run has UTC and t, because `show` reads t. */
 void tl_lock_instant_write(double instant_s, double now_s, int64_t started, bool is_event, char text[TL_LOCK_INSTANT]);
 
 /* Writes the state with its reason: "locked, corrected: heater.Q +5 W since 05:00:06 UTC". For
- * RELEASED: "locked, but 3.2 degC off without corrections since …". `is_event`: see above; also the
- * output. The text is empty without a reason. */
+ * RELEASED: "locked, but 3.2 degC off without corrections since …". If `is_event`, the text also
+ *           contains t and, for RELEASED, the name of the output. The text is empty without a
+ *           reason. */
 void tl_lock_standing_write(const tl_lock_standing *standing, bool is_event, char text[TL_LOCK_CLAUSE]);
 
-/* Writes the line of configuration that approves a correction; empty for another reason. */
+/* Writes the advice with the key that approves a correction; empty for another reason. */
 void tl_lock_standing_write_remedy(const tl_lock_standing *standing, char text[TL_LOCK_CLAUSE]);
 
-/* Reads the text of an event. Returns false for another text; then the reason is NONE. Sets neither
- * `now_s` nor `started`. */
+/* Reads the text of an event. Returns false for another text; then the reason is NONE. `now_s` and
+ * `started` become 0. */
 bool tl_lock_standing_parse(const char *text, tl_lock_standing *standing);
 
 /* Writes the text that follows "in lock" in the summary, without a full stop. `unit` of the counts:
@@ -102,7 +103,7 @@ bool tl_lock_standing_parse(const char *text, tl_lock_standing *standing);
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
 /* Returns true if at least `percent` of the steps were locked or corrected. With `percent` 0, it
- * returns true if the twin was ever in lock and nothing ran away. */
+ * returns true if the twin was ever in lock and nothing diverged. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

@@ -1,4 +1,5 @@
-/* State of the process that an FMU may change: rounding, locale, current folder, signals.
+/* Saves and restores process state that an FMU can change by accident: rounding mode, locale,
+ * current folder, signal handlers.
  *
  * Thread:  the thread that calls the FMU.
  */
@@ -41,11 +42,12 @@ static inline void tl_fp_control_set(uint64_t control) {
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Returns true if the control bits equal *control. It does not read the SSE bits, because on some
- * processors that takes longer than a step of a small FMU. Instead, one addition of four values
- * detects changed rounding and flushed denormals: each sum rounds to its first value. If there is
- * no difference, the SSE bits are written: this takes a tenth of the time and disables traps. If
- * there is one, returns false and restores nothing. */
+/* Checks the control bits. `control`: the saved bits, with round-to-nearest and denormals. Does not
+ * read the SSE bits, because on some processors that takes longer than a step of a small FMU.
+ * Instead, four additions in one instruction detect another rounding mode and flushed denormals. If
+ * they and the x87 control word show no difference, writes the SSE bits of *control and returns
+ * true: writing takes a tenth of the time of reading, and disables traps. Otherwise returns false
+ * and changes nothing. */
 static inline bool tl_fp_control_holds(const uint64_t *control) {
     static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
     static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};
@@ -115,10 +117,10 @@ static inline bool tl_fp_control_holds(const uint64_t *control) {
  *          current folder, relative file names are wrong. This module restores the state that was
  *          saved before an FMU was called.
  * Covers:  of the thread: floating-point control bits, locale, signal mask, scheduling, processors
- *          and timer slack. Of the process: locale, the signal handlers of the program, current
- *          folder, umask and limits. A lowered hard limit can only be raised with privileges. A
- *          change that the kernel does not undo, such as a processor that was switched off, is
- *          accepted and not reported.
+ *          and timer slack. Of the process: locale (except LC_CTYPE), the signal handlers of the
+ *          program, current folder, umask and limits. Without privileges, a lowered hard limit
+ *          stays lowered; it is reported once. Other changes that the kernel does not undo, such as
+ *          a processor that was switched off, are accepted and not reported.
  * Left alone: handlers of all other signals, timers, environment, open files.
  * Thread:  the FMU thread. tl_host_state_handle() may only be called while no FMU is being called.
  */
@@ -139,25 +141,27 @@ typedef enum tl_host_change {
 
 enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16 };
 
-/* Saves the current state, which tl_host_state_put_back() restores. Call it in the FMU thread,
- * before that calls FMUs. Only the first call in the process saves the folder and the umask. */
+/* Saves the current state for tl_host_state_restore(). Call it in the FMU thread, before the first
+ * call of an FMU. Only the first call in the process saves the folder and the umask. */
 void tl_host_state_keep(void);
 
 /* Restores what differs from the saved state and returns the changes as bits of tl_host_change.
- * Returns 0 if no state was saved. Costs about 34 system calls. */
+ * Returns 0 if no state was saved. Makes about 34 system calls if nothing has changed. */
 unsigned tl_host_state_put_back(void);
 
-/* As tl_host_state_put_back(), with at most three system calls: restores the floating-point control
- * bits and the locale, and in turn one other kind, one handler and one limit. TL_HOST_STATE_TURNS
- * calls restore all. */
+/* As tl_host_state_restore(), for a part of the state: the floating-point control bits, the locale,
+ * and one further kind, one signal handler and one limit. The next call takes the next kind,
+ * handler and limit; TL_HOST_STATE_TURNS calls restore all. Makes at most three system calls if
+ * nothing has changed. */
 unsigned tl_host_state_put_back_next(void);
 
 /* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had
  * replaced ours. */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
-/* Installs a handler of the program like sigaction(). From now on tl_host_state_put_back() restores
- * it; at most 12 signals. `displaced` may be NULL. Returns 0, or -1 with errno. */
+/* Installs a handler of the program like sigaction(). From now on tl_host_state_restore() restores
+ * it. Handlers of more than 12 signals are installed, but not restored. `displaced` may be NULL.
+ * Returns 0, or -1 with errno. */
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
 /* Lists the changes in words, for example "the locale and the umask". */

@@ -1,4 +1,5 @@
-/* Findings in JSON and as sentences, of a replay and of a database.
+/* Formats findings (detected lasting changes, finding.h) as JSON and as sentences, for replays and
+ * databases.
  *
  * Thread:  one thread.
  */
@@ -13,17 +14,18 @@
 #include "firmware/monitor/finding.h"
 #include "firmware/store/run_types.h"
 
-/* A finding may also be gone, or accepted as normal. */
+/* Returns true if the finding is open. Other states: gone, or accepted as normal. */
 bool tl_changes_is_open(const tl_run_finding *row);
 
 /* Returns how many findings are in a state, for example "open". */
 size_t tl_changes_count(const tl_run_changes *changes, const char *state);
 
-/* Returns false for a short run, which says nothing about changes. */
+/* Returns false if there is no finding and the run had less than 4 % of the learning time. */
 bool tl_changes_are_known(const tl_run_changes *changes);
 
-/* Adds an object to an array, and leaves it open for more. `started`: t_start, ms since 1970 UTC;
- * 0: a replay. Then the object has no calendar times. */
+/* Adds the finding as an object to the current array. The caller may add keys, and must close the
+ * object. `started`: t_start, ms since 1970 UTC; 0: a replay. Then the object has no calendar
+ * times. */
 void tl_changes_add_finding(tl_json_writer *json, const tl_run_finding *row, int64_t started);
 
 /* Adds the state of the detector as an object. */

@@ -1,12 +1,13 @@
-/* Config manager: answers requests at a plant's control socket, and executes configuration changes,
- * one at a time.
+/* Config manager: answers requests at the control socket of a run, and executes configuration
+ *                 changes, one at a time.
  *
- * Purpose: the process runs on demand. The supervisor starts it at the start of a run and when a
- *          client connects. It ends after 10 s without work, unless a version is on probation.
- * Trust:   it parses no configuration and loads no FMU; workers do both (worker.h). It trusts the
- *          right that a client claims, because only root, the plant's own user and members of the
- *          socket's group can connect.
- * Waiting: for clients and workers together, at most TL_CONFIG_MANAGER_POLL.
+ * Lifetime: the process runs on demand. The supervisor starts it at the start of a run, and again
+ *           when a client connects. It ends after 10 s without a client and without a change in
+ *           progress, unless a version is on probation.
+ * Trust:   it parses no configuration and loads no FMU; workers do both (worker.h). It accepts the
+ *          access right (`--right`) that a client claims, because only root, the user of the run
+ *          and members of the socket's group can connect.
+ * Waiting: tl_config_manager_work() waits at most TL_CONFIG_MANAGER_POLL (50 ms).
  * Thread:  one, the main thread of its process.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONFIG_MANAGER_H
@@ -23,9 +24,9 @@
 
 typedef struct tl_config_manager tl_config_manager;
 
-/* Starts with a listening `socket` (control.h), which remains the caller's. `state`: the folder
- * that contains versions/. Copies `settings` and sets versions, refusals, reply and listener in the
- * copy. Errors: TL_TRY_AGAIN; TL_BAD_DATA if the path of the folder is too long. */
+/* Starts the config manager. `socket`: a listening socket (control.h); the caller owns it. `state`:
+ * the folder that contains versions/. Copies `settings`; its fields versions, refusals, reply and
+ * listener are ignored. Errors: TL_TRY_AGAIN; TL_BAD_DATA if the path of the folder is too long. */
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **manager, tl_error *error);
 

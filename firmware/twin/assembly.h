@@ -22,16 +22,16 @@ typedef struct tl_assembly_file {
     bool is_there;
     const char *path;               /* as found; if not found: where it was searched first */
     int descriptor;                 /* -1: none */
-    char other[TL_OTHER_CASE_TEXT]; /* if not found: what exists instead */
+    char other[TL_OTHER_CASE_TEXT]; /* if not found, but with other letter case: the end of the message; else "" */
     char **libraries;               /* absolute paths, or bare names; an element is NULL if its path is too long */
 } tl_assembly_file;
 
 typedef struct tl_assembly {
     tl_config config;
     tl_problems problems;
-    tl_fmu *fmus; /* one per component; components with the same Python FMU share one */
+    tl_fmu *fmus; /* one per component; components with the same Python FMU (its model is Python code) share one */
     size_t fmu_count;
-    bool shares_memory; /* several components in Python are rolled back together */
+    bool shares_memory; /* several Python FMUs are rolled back together */
     tl_plan plan;
     tl_plan_component *components; /* of the plan */
     tl_plan_signal *signals;
@@ -41,8 +41,8 @@ typedef struct tl_assembly {
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
     bool may_rerun;             /* set before the build: as in tl_plan */
-    tl_recording_time recorded; /* set before the build: time of the replayed recording, or the end of the run */
-    tl_tuning tuning;           /* as configured */
+    tl_recording_time recorded; /* set before the build: start, stop and length of the replayed recording; zeroed: unknown */
+    tl_tuning tuning;           /* at the time of the build; tl_assembly_retune() does not change it */
     tl_arena arena;             /* for all arrays above and for `files` */
     tl_assembly_file *files;    /* one per component; NULL: not opened yet */
 } tl_assembly;
@@ -58,8 +58,8 @@ enum { TL_ASSEMBLY_NAME = 64 };
  * first problem; `component` is the name of its component, or "" if it belongs to none. */
 tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error);
 
-/* Copies the component's name with which the sentence begins, if a colon follows it (as in messages
- * about failed calls). Otherwise `component` stays unchanged. */
+/* If `sentence` begins with a component's name and a colon (as messages about failed calls do),
+ * copies that name to `component`. Otherwise leaves `component` unchanged. */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
 /* Returns the FMU of a component. Call it after the FMUs were loaded. */
@@ -85,8 +85,8 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);
  * that its other readers see them. */
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error);
 
-/* Destroys the twin and builds it again with the configured tuning. Call it only after a successful
- * build. Logs problems. */
+/* Destroys the twin and builds it again with the tuning of the first build (`tuning`), without
+ * later retunes. Call it only after a successful build. Logs problems. */
 tl_status tl_assembly_rebuild(tl_assembly *assembly);
 
 /* Frees everything. A zeroed assembly is allowed. */
@@ -95,17 +95,16 @@ void tl_assembly_free(tl_assembly *assembly);
 /* ---- Paths that the FMUs of a configuration may read, in addition to the system paths that every
  * program needs.
  *
- * Purpose: a confined process can read only listed files. The list has three sources.
- *          The configuration: the libraries, the `reads` of a component, and texts in `set` that
- *          are file names.
- *          The environment: the folders in which loader, Python and locales search. Only absolute
- *          paths count. A home, a parent of a home, or a top folder such as /opt is ignored.
- *          An installation of Python: the files that it loads.
+ * Purpose: a confined process can read only listed files. The list has three sources. The
+ *          configuration: the libraries, the `reads` of a component, and texts in `set` that are
+ *          file names. The environment: the folders that the dynamic loader, Python and the C
+ *          library (locales) search. Only absolute paths count. A home, a parent of a home, or a
+ *          top folder such as /opt is ignored. An installation of Python: the files that it loads.
  * Owner:   the list owns its texts until tl_readable_paths_free().
  * Thread:  one thread.
  */
 
-enum { TL_TWIN_READABLE = 256 }; /* further ones are left out */
+enum { TL_TWIN_READABLE = 256 }; /* further paths are ignored without a message */
 
 /* Environment variable with the home of the user who started the program. HOME is another folder in
  * a process with FMUs. */
@@ -119,8 +118,8 @@ typedef struct tl_readable_paths {
 
 /* Fills the list. Call it before the process is confined, for an assembly whose libraries were
  * searched (tl_assembly_open()). */
-void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *places);
+void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *paths);
 
-void tl_readable_paths_free(tl_readable_paths *places);
+void tl_readable_paths_free(tl_readable_paths *paths);
 
 #endif

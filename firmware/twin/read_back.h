@@ -4,12 +4,12 @@
  * Purpose: the FMU process writes its states and the expected results
  *          (master/twin/twin_read_back.h) into a shared block. Its parent starts a second process
  *          with the same FMUs. That process loads one component after the other and writes the
- *          results into the same block. If it ends during one component, the next process continues
- *          with the following one.
- * Trust:   both processes run the same FMUs. The parent reads nothing in the block; it only reports
- *          how a process ended.
+ *          results into the same block. If that process ends while it loads a component, the parent
+ *          starts another one for the remaining components.
+ * Trust:   both processes run the same FMUs, which can write to the block. So the parent does not
+ *          read it, and only uses the exit status of the process.
  * Thread:  the FMU thread, in either process.
- * Errors:  a failed test is a finding, not an error.
+ * Errors:  a failed test is an outcome, not an error.
  */
 #ifndef TL_FIRMWARE_TWIN_READ_BACK_H
 #define TL_FIRMWARE_TWIN_READ_BACK_H
@@ -31,7 +31,7 @@ typedef enum tl_read_back_finding {
     TL_READ_BACK_ENDS,       /* the process that loads it ended, or was killed because loading took too long */
     TL_READ_BACK_IS_REFUSED, /* loading the state, or a step after it, failed */
     TL_READ_BACK_IS_OTHER,   /* after loading, the same inputs give other values */
-    TL_READ_BACK_NOT_FOUND   /* a rollback fails already in the process that saved: serialisation is not the cause */
+    TL_READ_BACK_NOT_FOUND   /* a rollback in the saving process already differs or fails, so another process cannot be tested */
 } tl_read_back_finding;
 
 /* Of one component. */
@@ -47,22 +47,23 @@ typedef struct tl_read_back_report {
     tl_read_back_component of[TL_RECORDER_COMPONENTS];
 } tl_read_back_report;
 
-/* Request to the parent: `ask` starts another process and returns when that has ended. TL_OK: it
- * ended as expected; else the error says how it ended. */
+/* Request to the parent: `start_reader` starts another process and returns when that has ended.
+ * TL_OK: it ended as expected; else the error says how it ended. */
 typedef struct tl_read_back_host {
     tl_status (*ask)(void *context, tl_error *error);
     void *context;
     void *block; /* TL_READ_BACK_BYTES bytes */
 } tl_read_back_host;
 
-/* Runs the test between two ticks, for a twin that has begun; the twin is unchanged afterwards.
- * `host` NULL: no other process is started. */
+/* Runs the test in the FMU process, between two ticks, for a twin that has begun; the twin is
+ * unchanged afterwards. If `host` is NULL or the twin cannot save its state, nothing is tested
+ * (`is_tried` false). */
 void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report);
 
-/* Returns true if another process cannot resume from such a state. */
+/* Returns true if a checkpoint of a component with this outcome cannot be used. */
 bool tl_read_back_is_useless(tl_read_back_finding finding);
 
-/* Text for a bad finding, for example "ends the process that loads it". */
+/* Text for a bad outcome, for example "ends the process that loads it". */
 const char *tl_read_back_text(tl_read_back_finding finding);
 
 /* Runs in the second process, whose twin is built: loads the states and writes the results. Errors:

@@ -23,12 +23,12 @@ typedef enum tl_status {
     TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
     TL_FMU_FAILED,  /* an FMU returned an error */
     TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: none of its functions may be called again */
-    TL_TRY_AGAIN,   /* a resource is not available now: disk, memory, lock, port */
+    TL_TRY_AGAIN,   /* a resource is not available now: disk, memory, file lock, port */
     TL_INTERRUPTED, /* the user or the system asked to stop */
     TL_NOT_LOCKED   /* all was done, but the twin was not in lock as required */
 } tl_status;
 
-enum { TL_ERROR_TEXT = 512 };
+enum { TL_ERROR_TEXT = 512 }; /* bytes */
 
 /* One failure. `text` is one sentence in English, without a full stop and without a newline. */
 typedef struct tl_error {
@@ -40,8 +40,9 @@ typedef struct tl_error {
  * tl_fail(…)`. */
 tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Collects every problem of one configuration. `add` is called once per problem; `where` is the
- * JSON path of the item ("connect[2][0]"), or "". Both texts are valid only during the call. */
+/* Collects every problem of one configuration. `add` is called once per problem and may be NULL;
+ * `where` is the JSON path of the item ("connect[2][0]"), or "". Both texts are valid only during
+ * the call. */
 typedef struct tl_report {
     void (*add)(void *context, tl_status status, const char *where, const char *text);
     void *context;

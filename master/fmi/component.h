@@ -6,10 +6,10 @@
  * Status:  fmi2OK and fmi2Warning are success. fmi2Discard, fmi2Pending and fmi2Error are
  *          TL_FMU_FAILED: a saved state may be restored and the FMU used again. fmi2Fatal is
  *          TL_FMU_FATAL: no function of the FMU is called any more.
- * Owner:  the graph places components; ports and their values are in the graph's arena. The caller
+ * Owner:   the graph places components; ports and their values are in the graph's arena. The caller
  *          decides when a state is saved, restored and freed, and must free every handle
- *          (tl_component_forget()). The memory of a state belongs to the FMU or to the guard in front
- *          of it.
+ *          (tl_component_forget()). The memory of a state belongs to the FMU or to the guard in
+ *          front of it.
  * Thread:  one thread at a time.
  */
 #ifndef TL_MASTER_FMI_COMPONENT_H

@@ -3,7 +3,7 @@
  * Purpose: component.c calls an FMU through it. The module that loads the binary (firmware) fills
  *          it, so that the master needs neither files nor dlopen.
  * Owner:   the module that filled it; it must outlive every instance.
- * Source:  FMI 2.0.4, section 2.1 and 4.2.
+ * Source:  FMI 2.0.4, sections 2.1 and 4.2.
  */
 #ifndef TL_MASTER_FMI_FMI2_H
 #define TL_MASTER_FMI_FMI2_H
@@ -24,18 +24,18 @@ typedef struct tl_fmi2_step {
     fmi2Boolean final; /* no state from before `now` will be restored */
 } tl_fmi2_step;
 
-/* Where a step of many instances has ended. */
+/* Where a step of many instances (below: of the array `components`) has stopped. */
 typedef struct tl_fmi2_end {
     size_t stepped;    /* instances that have made their step */
-    fmi2Status status; /* of the next one; fmi2OK: it was not called */
-    unsigned done;     /* number of the call with this status, 0 … 2 */
+    fmi2Status status; /* of instance number `stepped`, which failed; fmi2OK: it was not called */
+    unsigned done;     /* the call that returned `status`: 0 set, 1 step, 2 get */
 } tl_fmi2_end;
 
 /* Not part of FMI: fmi2SetReal, fmi2DoStep and fmi2GetReal of `count` components, which have only
- * Real ports. A wrapper of FMUs then does its own work once and not three times. This saves much
- * time if the FMUs are small. `step`: without the components' start times. Ends at a component
- * whose call fails, or whose mode is not TL_MODE_STEPPING; the first one has that mode. Counts the
- * executions. */
+ * Real ports. The FMU guard then does its own work once and not three times, which saves much time
+ * if the FMUs are small. `step->now` counts from the start; each component adds its own start time.
+ * Stops at the first component that fails or is not in TL_MODE_STEPPING; component 0 must be in it.
+ * Increments the execution counter of each component. */
 typedef tl_fmi2_end tl_fmi2_step_reals(struct tl_component *components, size_t count, const tl_fmi2_step *step);
 
 /* Duration of one round (save, step and restore) by each of two rollback methods, ns. */
@@ -49,18 +49,17 @@ typedef struct tl_fmi2_times {
  * bits. */
 #define TL_EXPERIMENT_FAR (7300 * 86400.0)
 
-/* Not part of FMI: another rollback method for an FMU whose own states may be wrong.
- * `keep`:          makes a full copy of the FMU at the start of a proof and frees the earlier copy.
- * `restore_start`: restores the copy.
- * `next_method`:   restores the copy and rolls back by the next method from now on. `why`: cause
- *                  for the log; "" if it is not known.
- * `end_proof`:     frees the copy.
- * `size`:          bytes of a copy; 0: not known.
- * `has_choice`:    true if the FMU is rolled back by its own states and its memory can be copied.
- * `prefer_copy`:   only if has_choice() is true and no state is saved: rolls back by copies of the
- *                  memory from now on. `next_method` returns to the FMU's own states.
- * `note_memory`:   only if has_choice() is true: keeps a copy of the present memory for
- *                  `is_memory_same`, which returns true if the memory has the same bits again.
+/* Not part of FMI: tests and changes the rollback method of an FMU, whose own states may be wrong.
+ * The test before a run is the rollback proof (sync/proof.h). `keep`: makes a full copy of the FMU
+ * at the start of the proof and frees the earlier copy. `restore_start`: restores the copy.
+ * `next_method`: restores the copy, and from now on uses the next method (own states, copies,
+ * replay). `why`: cause for the log; "" if it is not known. `end_proof`: frees the copy. `size`:
+ * bytes of a copy; 0: not known. `has_choice`: true if the FMU is rolled back by its own states,
+ * and copies are possible instead. `prefer_copy`: only if has_choice() is true and no state is
+ * saved: rolls back by copies of the memory from now on; then `next_method` returns to the FMU's
+ * own states. `times`: for the log. `note_memory`: only if has_choice() is true: keeps a copy of
+ * the present memory for `is_memory_same`, which returns true if the memory has the same bits
+ * again.
  * Errors: fmi2Error if it is not possible; the reason was logged. */
 typedef struct tl_fmi2_fallback {
     fmi2Status (*keep)(fmi2Component instance);
@@ -77,16 +76,16 @@ typedef struct tl_fmi2_fallback {
 /* Not part of FMI: rollback by replay. The instance is reset, and its steps are executed again with
  * the same inputs. Zeroed: another method is used, or none. */
 typedef struct tl_fmi2_replay {
-    uint32_t most;     /* largest number of steps from its start to a restored instant; 0: no replay */
-    bool is_over;      /* its inputs did not fit into memory: no rollback any more */
-    bool differs;      /* the repeated steps gave other outputs: no rollback any more */
-    uint64_t steps;    /* number of steps that were executed again */
-    size_t bytes;      /* memory for its inputs */
+    uint32_t most;  /* limit of the steps from the start to a restored instant; 0: no replay */
+    bool is_over;   /* its inputs could not be recorded (memory, or other ports than announced): no rollback any more */
+    bool differs;   /* the repeated steps gave other outputs: no rollback any more */
+    uint64_t steps; /* number of steps that were executed again */
+    size_t bytes;   /* memory for its inputs */
     int64_t beginning; /* longest duration of a reset with initialisation so far, ns */
 } tl_fmi2_replay;
 
-/* Not part of FMI: tells an instance, before its first step, which ports are set and read in each
- * step. */
+/* Not part of FMI: announces to an instance, before its first step, which ports are set and read in
+ * each step. */
 typedef void tl_fmi2_note_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
 
 /* Not part of FMI: bytes that one more state would need; 0: not known. Does not call the FMU. */
